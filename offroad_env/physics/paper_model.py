@@ -1,0 +1,159 @@
+"""Preset ``paper``: half-car + bicycle exactly as Buzhardt & Tallapragada (ACC 2021) write it.
+
+Slip is a constant, the drive is a body force F_u, steering acts at once, gravity does nothing
+along a slope, and an inertial vertical speed stands in the body-frame equations (a parked,
+undamped, bouncing car is pumped; kept on purpose). Two departures, both outside what the paper
+defines: static axle loads from the CG instead of m g/2 each, and wheels that can leave the ground.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from offroad_env.physics import state as at
+from offroad_env.physics._jit import kernel
+from offroad_env.physics.vehicle_model import (
+    axle_contact,
+    axle_motion,
+    static_loads,
+    suspension_force,
+    suspension_load,
+)
+
+__all__ = ["paper_derivative", "paper_step", "simulate_paper"]
+
+
+@kernel
+def _paper_axle(plant, x, steer, arm, suspension, warm, readings, first):
+    """(status, F_x, F_y, F_s) of one axle in body axes; ``suspension`` = (N_static, k, c)."""
+    N_static, k, c = suspension
+    motion = axle_motion(
+        plant.ground,
+        (x[at.X], x[at.Y], x[at.YAW]),
+        (x[at.V_X], x[at.V_Y], x[at.YAW_RATE]),
+        arm,
+        steer,
+    )
+    wx, wy, H, H_dot, H_ddot, u_l, u_c, _, _ = motion
+    m_w = plant.vehicle.m_w
+    N_0 = N_static
+    if plant.half_car > 0.5:
+        sin, cos = math.sin(x[at.PITCH]), math.cos(x[at.PITCH])
+        z, z_dot = x[at.Z] + arm * sin, x[at.V_Z] + arm * cos * x[at.PITCH_RATE]
+        N_0 = suspension_load(N_static, k, c, m_w, (z, z_dot, H, H_dot, H_ddot))
+    else:
+        k = 0.0
+    # r omega from the constant slip: the paper's s when driving, referred to v when braking.
+    rim = u_l / (1.0 - plant.slip) if plant.slip >= 0.0 else u_l * (1.0 + plant.slip)
+    status, F_l, F_c, V, _ = axle_contact(
+        plant, (rim, u_l, u_c), (wx, wy, H, 0.0, 0.0), (N_0, k), warm, readings, first
+    )
+    cos_d, sin_d = math.cos(steer), math.sin(steer)
+    F_s = suspension_force(V, N_0, N_static, m_w, H_ddot)
+    return status, F_l * cos_d - F_c * sin_d, F_l * sin_d + F_c * cos_d, F_s
+
+
+@kernel
+def paper_derivative(x, inputs, plant, warm, d, readings):
+    """Time derivative of the state (BT bicycle 1-3, half-car 1-2) into ``d``.
+
+    ``inputs`` = (steer [rad], F_u [N], v_x_dot [m/s^2] or NaN): a number prescribes the
+    longitudinal speed instead of the force balance (BT section II-C, last experiment).
+    """
+    steer, F_u, prescribed = inputs
+    v = plant.vehicle
+    N_f, N_r = static_loads(v)
+    status_f, F_xf, F_yf, S_f = _paper_axle(
+        plant, x, steer, v.l_f, (N_f, v.k_f, v.c_f), warm[0], readings, 0
+    )
+    status_r, F_xr, F_yr, S_r = _paper_axle(
+        plant, x, 0.0, -v.l_r, (N_r, v.k_r, v.c_r), warm[1], readings, at.AXLE
+    )
+    cos, sin = math.cos(x[at.PITCH]), math.sin(x[at.PITCH])
+    a_x, a_y = (F_xf + F_xr + F_u) / v.m, (F_yf + F_yr) / v.m
+    a_z = pitch_acc = 0.0
+    if plant.half_car > 0.5:
+        a_z = (S_f + S_r) / v.m
+        pitch_acc = (S_f * v.l_f - S_r * v.l_r) * cos / v.I_y
+    yaw_acc = (F_yf * v.l_f - F_yr * v.l_r) / v.I_z
+
+    cos_yaw, sin_yaw = math.cos(x[at.YAW]), math.sin(x[at.YAW])
+    v_x, v_y, v_z, yaw_rate = x[at.V_X], x[at.V_Y], x[at.V_Z], x[at.YAW_RATE]
+    d[at.X] = v_x * cos_yaw - v_y * sin_yaw
+    d[at.Y] = v_x * sin_yaw + v_y * cos_yaw
+    d[at.YAW] = yaw_rate
+    d[at.Z] = v_z
+    d[at.PITCH] = x[at.PITCH_RATE]
+    d[at.V_X] = a_x + v_y * yaw_rate * cos + v_z * x[at.PITCH_RATE]
+    d[at.V_Y] = a_y + v_z * yaw_rate * sin - v_x * yaw_rate * cos
+    d[at.V_Z] = a_z
+    d[at.PITCH_RATE] = pitch_acc
+    d[at.YAW_RATE] = yaw_acc
+    d[10:] = 0.0
+    if not math.isnan(prescribed):
+        a_x += prescribed - d[at.V_X]
+        d[at.V_X] = prescribed
+    readings[at.A_X], readings[at.A_Y], readings[at.A_Z] = a_x, a_y, a_z
+    readings[at.YAW_ACC], readings[at.PITCH_ACC] = yaw_acc, pitch_acc
+    readings[at.STATUS] = max(status_f, status_r)
+
+
+@kernel
+def paper_step(x, warm, inputs, plant, dt, work, readings):
+    """One classical Runge-Kutta step of order 4, in place.
+
+    ``inputs`` (3, 3): rows are the inputs at t, t + dt/2 and t + dt. ``work`` (3, STATE_SIZE).
+    Returns the worst contact status of the four stages. ``readings`` are those of the first
+    stage, that is of the state at t.
+    """
+    k, total, stage = work[0], work[1], work[2]
+    size = x.shape[0]
+    later = np.empty(at.READINGS_SIZE)
+    u_0 = (inputs[0, 0], inputs[0, 1], inputs[0, 2])
+    u_1 = (inputs[1, 0], inputs[1, 1], inputs[1, 2])
+    u_2 = (inputs[2, 0], inputs[2, 1], inputs[2, 2])
+    paper_derivative(x, u_0, plant, warm, k, readings)
+    status = readings[at.STATUS]
+    for i in range(size):
+        total[i] = k[i]
+        stage[i] = x[i] + 0.5 * dt * k[i]
+    paper_derivative(stage, u_1, plant, warm, k, later)
+    status = max(status, later[at.STATUS])
+    for i in range(size):
+        total[i] += 2.0 * k[i]
+        stage[i] = x[i] + 0.5 * dt * k[i]
+    paper_derivative(stage, u_1, plant, warm, k, later)
+    status = max(status, later[at.STATUS])
+    for i in range(size):
+        total[i] += 2.0 * k[i]
+        stage[i] = x[i] + dt * k[i]
+    paper_derivative(stage, u_2, plant, warm, k, later)
+    status = max(status, later[at.STATUS])
+    for i in range(size):
+        x[i] += dt / 6.0 * (total[i] + k[i])
+    return status
+
+
+@kernel
+def simulate_paper(x, warm, inputs, plant, dt, states, readings):
+    """Run ``len(states) - 1`` steps from ``x``; returns (worst status, steps done).
+
+    ``inputs`` (2 steps + 1, 3) at every half step; ``states`` (steps + 1, STATE_SIZE) and
+    ``readings`` (steps + 1, READINGS_SIZE) are filled. Stops early at the first state that is not
+    finite or has no contact solution.
+    """
+    steps = states.shape[0] - 1
+    work = np.empty((3, x.shape[0]))
+    worst = 0.0
+    for i in range(steps):
+        states[i] = x
+        status = paper_step(x, warm, inputs[2 * i : 2 * i + 3], plant, dt, work, readings[i])
+        worst = max(worst, status)
+        if status >= 2.0 or not np.isfinite(x).all():
+            return worst, i
+    states[steps] = x
+    last = inputs[2 * steps]
+    paper_derivative(x, (last[0], last[1], last[2]), plant, warm, work[0], readings[steps])
+    return max(worst, readings[steps, at.STATUS]), steps

@@ -1,0 +1,26 @@
+"""Where each quantity sits in the arrays that the kernels pass around."""
+
+from __future__ import annotations
+
+__all__ = ["AXLE", "CONTACT_SIZE", "MOTION", "READINGS_SIZE", "STATE_NAMES", "STATE_SIZE"]
+
+# Vehicle state. The paper's ten states come first; `full` adds wheel spin and actuators.
+(X, Y, YAW, Z, PITCH, V_X, V_Y, V_Z, PITCH_RATE, YAW_RATE) = range(10)  # [m, rad, m/s, rad/s]
+(OMEGA_F, OMEGA_R, STEER, DRIVE, BRAKE) = range(10, 15)  # [rad/s, rad/s, rad, N m, N m]
+STATE_SIZE = 15
+STATE_NAMES = (
+    "X", "Y", "yaw", "z", "pitch", "v_x", "v_y", "v_z", "pitch_rate", "yaw_rate",
+    "omega_f", "omega_r", "steer", "drive_torque", "brake_torque",
+)  # fmt: skip
+
+# Warm start of the sinkage solve, per axle: part of the state, so that copies and sigma points
+# carry their own (sinkage [m], local exponent d ln F_z / d ln h [-], vertical force [N]).
+CONTACT_SIZE = 3
+
+# Readings of one evaluation. Front axle at 0, rear axle at AXLE.
+(N, F_L, F_C, TORQUE, SINKAGE, SLIP, R_OMEGA, V_L, V_C, EXPONENT, WHEEL_X, WHEEL_Y, HEIGHT) = range(13)
+AXLE = 13
+MOTION = 2 * AXLE
+#: Accelerations of the CG in heading axes (forward, left, up) [m/s^2], yaw and pitch [rad/s^2].
+(A_X, A_Y, A_Z, YAW_ACC, PITCH_ACC, STATUS) = range(MOTION, MOTION + 6)
+READINGS_SIZE = MOTION + 6

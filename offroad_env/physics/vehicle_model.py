@@ -1,0 +1,167 @@
+"""What the two vehicle models share: axles on uneven ground, and the record of a plant."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from offroad_env.physics import state as at
+from offroad_env.physics._jit import kernel
+from offroad_env.physics.contact import slope_frame, solve_contact
+from offroad_env.physics.ground import ground_readings, sinkage_exponent
+from offroad_env.physics.numerics import GRAVITY, smooth_step
+from offroad_env.physics.records import Ground, Soil, SoilMap, Vehicle, Wheel
+from offroad_env.physics.wheel_soil import slip_ratio
+
+__all__ = [
+    "Plant",
+    "axle_contact",
+    "axle_motion",
+    "static_loads",
+    "suspension_force",
+    "suspension_load",
+    "with_exponent",
+]
+
+
+class Plant(NamedTuple):
+    """Everything a model needs besides its state: truth and belief are two plants."""
+
+    vehicle: Vehicle
+    soil: Soil
+    ground: Ground
+    soil_map: SoilMap
+    slip: float  #: constant slip of the paper's model [-]
+    resultant: float  #: 1.0 = shear stresses share one strength
+    half_car: float  #: 1.0 = heave and pitch move, 0.0 = bicycle with static loads
+    v_eps: float  #: low-speed regularisation [m/s]
+    fine: bool  #: reference quadrature instead of the fast one
+
+
+@kernel
+def with_exponent(soil, n):
+    """The same soil with another sinkage exponent (numba knows no ``_replace``)."""
+    return Soil(
+        soil.k_c,
+        soil.k_phi,
+        n,
+        soil.c,
+        soil.phi,
+        soil.k_x,
+        soil.k_y,
+        soil.a_0,
+        soil.a_1,
+        soil.b_0,
+        soil.b_1,
+        soil.rigid,
+        soil.mu,
+        soil.C_alpha,
+    )
+
+
+@kernel
+def static_loads(vehicle):
+    """(front, rear) static axle loads m g l_r/L and m g l_f/L [N] (the paper writes m g/2)."""
+    total = vehicle.m * GRAVITY / (vehicle.l_f + vehicle.l_r)
+    return total * vehicle.l_r, total * vehicle.l_f
+
+
+@kernel
+def axle_motion(ground, pose, velocity, arm, steer):
+    """An axle over the ground.
+
+    Parameters
+    ----------
+    pose : (X, Y, yaw) of the CG
+    velocity : (forward, left, yaw rate) of the CG in heading axes
+    arm : distance ahead of the CG [m]
+
+    Returns
+    -------
+    (x, y, H, H_dot, H_ddot, u_l, u_c, g_l, g_c): wheel position [m], ground height [m], its first
+    and second time derivative along the wheel's path by gradient and Hessian (grad(H).a
+    neglected, the paper's contact assumption), horizontal velocity along and across the wheel
+    [m/s] (BT tan beta), ground slopes along and across the wheel [-].
+    """
+    X, Y, yaw = pose
+    forward, left, yaw_rate = velocity
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    x, y = X + arm * cos, Y + arm * sin
+    side = left + arm * yaw_rate
+    v_X, v_Y = forward * cos - side * sin, forward * sin + side * cos
+    H, H_X, H_Y, H_XX, H_XY, H_YY = ground_readings(ground, x, y)
+    H_dot = H_X * v_X + H_Y * v_Y
+    H_ddot = H_XX * v_X * v_X + 2.0 * H_XY * v_X * v_Y + H_YY * v_Y * v_Y
+    cos_d, sin_d = math.cos(steer), math.sin(steer)
+    g_x, g_y = H_X * cos + H_Y * sin, H_Y * cos - H_X * sin
+    return (
+        x,
+        y,
+        H,
+        H_dot,
+        H_ddot,
+        forward * cos_d + side * sin_d,
+        side * cos_d - forward * sin_d,
+        g_x * cos_d + g_y * sin_d,
+        g_y * cos_d - g_x * sin_d,
+    )
+
+
+@kernel
+def suspension_load(N_static, k, c, m_w, heights):
+    """N_0: load on ground that does not yield (BT N); ``heights`` = (z_axle, z_axle_dot, H, H_dot, H_ddot).
+
+    The load at sinkage h is N_0 - k h; the sinkage rate is neglected in the damper.
+    """
+    z, z_dot, H, H_dot, H_ddot = heights
+    return N_static - k * (z - H) - c * (z_dot - H_dot) + m_w * H_ddot
+
+
+@kernel
+def suspension_force(N, N_0, N_static, m_w, H_ddot):
+    """Force of the suspension on the body, relative to static equilibrium [N].
+
+    In contact N - N_static - m_w H_ddot, the paper's spring and damper. In the air the ground
+    never pulls: -N_static, and the inertia of the wheel on its imagined path fades out.
+    """
+    fade = 1.0 if N_0 > 0.0 else smooth_step(1.0 + N_0 / (0.2 * N_static))
+    return N - N_static - m_w * H_ddot * fade
+
+
+@kernel
+def axle_contact(plant, motion, place, support, warm, readings, first):
+    """Solve one axle's contact and note it in ``readings`` from index ``first`` on.
+
+    ``motion`` = (r omega, v_l, v_c), ``place`` = (x, y, H, g_l, g_c), ``support`` = (N_0, k).
+    Returns (status, F_l, F_c, V, torque) in the wheel's horizontal axes: along, across, up.
+    """
+    x, y, H, g_l, g_c = place
+    vehicle = plant.vehicle
+    n = sinkage_exponent(plant.soil_map, plant.soil.n, x, y)
+    soil = with_exponent(plant.soil, n)
+    frame = slope_frame(g_l, g_c)
+    status, F_x, F_y, F_n, T, h = solve_contact(
+        soil,
+        Wheel(vehicle.r, vehicle.b),
+        motion,
+        frame,
+        (support[0], support[1], vehicle.wheels_per_axle),
+        warm,
+        (plant.v_eps, plant.resultant, plant.fine),
+    )
+    l_x, l_z, c_x, c_y, c_z, n_x, n_y, n_z = frame
+    V = F_x * l_z + F_y * c_z + F_n * n_z
+    readings[first + at.N] = F_n
+    readings[first + at.F_L] = F_x
+    readings[first + at.F_C] = F_y
+    readings[first + at.TORQUE] = T
+    readings[first + at.SINKAGE] = h
+    readings[first + at.SLIP] = slip_ratio(motion[0], motion[1])
+    readings[first + at.R_OMEGA] = motion[0]
+    readings[first + at.V_L] = motion[1]
+    readings[first + at.V_C] = motion[2]
+    readings[first + at.EXPONENT] = n
+    readings[first + at.WHEEL_X] = x
+    readings[first + at.WHEEL_Y] = y
+    readings[first + at.HEIGHT] = H
+    return status, F_x * l_x + F_y * c_x + F_n * n_x, F_y * c_y + F_n * n_y, V, T
