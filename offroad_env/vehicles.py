@@ -372,9 +372,10 @@ def _paper() -> Entry[Vehicle]:
         title="round numbers of the MRZR D2 class, for the paper's model",
         source="Buzhardt & Tallapragada, ACC 2021 (arXiv 2202.04727) say only that the vehicle represents a"
         " Polaris MRZR D2 and print no number: every value here is a choice",
-        remark="The reason for every number stands beside it in `_paper` (offroad_env/vehicles.py): the two-seat "
-        "D2's mass and wheelbase (0.65 m shorter than the four-seat 2.72 m), bounce frequency and radii of "
-        "gyration of `mrzr`, and the CG in the middle, as the paper's m g/2 on each axle implies.",
+        remark="The reason for every number stands beside it in `_paper` (offroad_env/vehicles.py): the "
+        "two-seat D2's mass and wheelbase (0.65 m shorter than the four-seat 2.72 m), bounce frequency "
+        "and radii of gyration of `mrzr`, and the CG in the middle, as the paper's m g/2 on each axle "
+        "implies.",
     )
 
 
