@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 
 from offroad_env.errors import DataError, InvalidParameter
 
-__all__ = ["DATASETS", "Dataset", "cache_folder", "describe", "fetch", "locate"]
+__all__ = ["DATASETS", "Dataset", "cache_folder", "describe", "fetch", "locate", "verify"]
 
 #: Seconds without an answer or a byte after which a download is given up.
 _TIMEOUT = 30.0
@@ -177,17 +177,31 @@ def locate(name: str, *, registry: Mapping[str, Dataset] = DATASETS, folder: Pat
     places.append((cache_folder() if folder is None else Path(folder)) / name / dataset.file_name)
     for path in places:
         if path.is_file():
-            if _digest(path) != dataset.sha256:
-                raise DataError(
-                    f"{path} is not the published {dataset.file_name} ({path.stat().st_size} bytes, expected "
-                    f"{dataset.size}; its SHA-256 differs) - damaged, or another version? Delete it and run: "
-                    f"offroad data get {name}"
-                )
+            verify(name, path, registry=registry)
             return path
     raise DataError(
         f"{name} is not on this machine (looked for {', '.join(str(p) for p in places)}) - run: offroad data "
         f"get {name}, or set OFFROAD_DATA to the folder that holds {name}/"
     )
+
+
+def verify(name: str, path: Path, *, registry: Mapping[str, Dataset] = DATASETS) -> None:
+    """Refuse a file that is not, byte for byte, the published one.
+
+    Raises
+    ------
+    DataError
+        When the file is missing or its SHA-256 is not the registered one.
+    """
+    dataset = _known(name, registry)
+    if not path.is_file():
+        raise DataError(f"{path}: no such file - get it with: offroad data get {name}")
+    if _digest(path) != dataset.sha256:
+        raise DataError(
+            f"{path} is not the published {dataset.file_name} ({path.stat().st_size} bytes, expected "
+            f"{dataset.size}; its SHA-256 differs) - damaged, or another version? Delete it and run: "
+            f"offroad data get {name}"
+        )
 
 
 def describe(name: str, *, registry: Mapping[str, Dataset] = DATASETS) -> str:

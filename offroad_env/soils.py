@@ -369,8 +369,8 @@ def _clays() -> tuple[Entry[Soil], ...]:
 
 def _snows() -> tuple[Entry[Soil], ...]:
     return (
-        _tabled("snow", "snow, USA", (1.6, 4.37, 196.72, 1.03, 19.7), _SNOW),
-        _tabled("snow_harrison", "snow, USA (Harrison)", (1.6, 2.49, 245.90, 0.62, 23.2), _SNOW),
+        _tabled("snow", "snow, USA, first of two sites", (1.6, 4.37, 196.72, 1.03, 19.7), _SNOW),
+        _tabled("snow_harrison", "snow, USA, second site (Harrison)", (1.6, 2.49, 245.90, 0.62, 23.2), _SNOW),
         _tabled("snow_sweden", "snow, Sweden", (1.44, 10.55, 66.08, 6.0, 20.7), _SNOW),
     )
 

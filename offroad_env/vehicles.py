@@ -86,18 +86,18 @@ _RATIOS = MappingProxyType(
     {
         "split": _Ratio("front share of the static load l_r/(l_f + l_r)", 0.1, 0.9, "", ("l_f", "l_r")),
         "yaw": _Ratio(
-            "radius of gyration in yaw over the wheelbase", 0.1, 1.5, "", ("I_z", "m", "l_f", "l_r")
+            "radius of gyration in yaw over the wheelbase", 0.15, 1.0, "", ("I_z", "m", "l_f", "l_r")
         ),
         "pitch": _Ratio(
-            "radius of gyration in pitch over the wheelbase", 0.1, 1.5, "", ("I_y", "m", "l_f", "l_r")
+            "radius of gyration in pitch over the wheelbase", 0.15, 1.0, "", ("I_y", "m", "l_f", "l_r")
         ),
         "bounce": _Ratio("bounce frequency sqrt((k_f + k_r)/m)/(2 pi)", 0.3, 30.0, "Hz", ("k_f", "k_r", "m")),
         "damping": _Ratio("damping ratio of bounce", 0.0, 5.0, "", ("c_f", "c_r", "k_f", "k_r", "m")),
         "unsprung": _Ratio("unsprung share 2 m_w/m of the mass", 0.0, 0.6, "", ("m_w", "m")),
-        "wheel": _Ratio("wheel radius over the wheelbase", 0.01, 0.5, "", ("r", "l_f", "l_r")),
+        "wheel": _Ratio("wheel radius over the wheelbase", 0.03, 0.5, "", ("r", "l_f", "l_r")),
         "spin": _Ratio("radius of gyration of a wheel over its radius", 0.05, 5.0, "", ("I_w", "m_w", "r")),
         "width": _Ratio("wheel width over the track", 0.0, 0.8, "", ("b", "track")),
-        "height": _Ratio("CG height over the wheelbase", 0.02, 1.5, "", ("h_cg", "l_f", "l_r")),
+        "height": _Ratio("CG height over the wheelbase", 0.05, 1.2, "", ("h_cg", "l_f", "l_r")),
         "drive": _Ratio("largest drive force over the weight", 0.0, 10.0, "", ("drive_torque_max", "r", "m")),
         "brake": _Ratio("largest brake force over the weight", 0.0, 10.0, "", ("brake_torque_max", "r", "m")),
         "power": _Ratio("drive power per mass", 0.0, 2000.0, "W/kg", ("power_max", "m")),

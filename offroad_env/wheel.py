@@ -59,7 +59,7 @@ def _many_wheels(soil, wheel, values, by_load, resultant, out, status):
             out[i, 0], out[i, 1], out[i, 3] = rigid_forces(soil, wheel.r, 0.0, motion, 0.0)
         else:
             h = size
-            F = wheel_reaction(soil, wheel, h, motion, 0.0, resultant, True)
+            F = wheel_reaction(soil, wheel, h, motion, 0.0, (resultant, True))
             out[i, 0], out[i, 1], out[i, 2], out[i, 3] = F
         theta_f = entry_angle(h, wheel.r)
         out[i, 4], out[i, 5] = h, theta_f

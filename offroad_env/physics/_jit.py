@@ -16,7 +16,7 @@ from typing import TypeVar
 import numba
 from numba import njit
 
-__all__ = ["cache_folder", "kernel"]
+__all__ = ["cache_folder", "inline_kernel", "kernel"]
 
 F = TypeVar("F", bound=Callable)
 
@@ -28,7 +28,7 @@ def _kernel_sources() -> list[Path]:
     """Every source file that defines kernels, in a fixed order."""
     root = Path(__file__).resolve().parents[2]
     files = (f for package in _PACKAGES for f in (root / package).rglob("*.py"))
-    return sorted(f for f in files if b"@kernel" in f.read_bytes() or f.parent == Path(__file__).parent)
+    return sorted(f for f in files if b"kernel" in f.read_bytes() or f.parent == Path(__file__).parent)
 
 
 def _digest() -> str:
@@ -50,17 +50,30 @@ def cache_folder() -> Path:
 _FOLDER = _digest()
 
 
-def kernel(function: F) -> F:
-    """Compile a pure function of floats, records and arrays (no fastmath, no Python objects).
-
-    ``error_model="numpy"``: a division by zero gives inf or NaN, which the caller's status
-    reports, instead of raising from the middle of a step.
-    """
+def _compile(function: F, **options) -> F:
     if numba.config.DISABLE_JIT:
         return function
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(cache_folder())
     try:
-        return njit(function, cache=True, error_model="numpy", nogil=True)
+        return njit(
+            function, cache=True, error_model="numpy", nogil=True, fastmath={"contract"}, **options
+        )
     finally:
         numba.config.CACHE_DIR = before
+
+
+def kernel(function: F) -> F:
+    """Compile a pure function of floats, records and arrays (no Python objects).
+
+    Of the fastmath flags only ``contract`` is set (a multiplication and an addition may share one
+    rounding): none that assumes away NaN or reorders sums. ``error_model="numpy"``: a division by
+    zero gives inf or NaN, which the caller's status reports, instead of raising from the middle
+    of a step.
+    """
+    return _compile(function)
+
+
+def inline_kernel(function: F) -> F:
+    """A kernel that is always inlined: a loop that calls it can still become vector instructions."""
+    return _compile(function, forceinline=True)

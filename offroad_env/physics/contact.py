@@ -9,8 +9,18 @@ from __future__ import annotations
 
 import math
 
-from offroad_env.physics._jit import kernel
-from offroad_env.physics.wheel_soil import rigid_forces, wheel_reaction
+import numpy as np
+
+from offroad_env.physics._jit import inline_kernel, kernel
+from offroad_env.physics.wheel_soil import (
+    SCRATCH,
+    contact_angle_shares,
+    directed_reaction,
+    rigid_forces,
+    rolling_direction,
+    slip_ratio,
+    soil_constants,
+)
 
 __all__ = ["AIRBORNE", "CONTACT", "NO_ROOT", "SUNK", "slope_frame", "solve_contact"]
 
@@ -24,7 +34,7 @@ _TOLERANCE = 1e-11
 _ITERATIONS = 60
 
 
-@kernel
+@inline_kernel
 def slope_frame(g_l, g_c):
     """Unit vectors of the contact on ground with slopes ``g_l`` (along the wheel) and ``g_c`` (to its left).
 
@@ -45,7 +55,7 @@ def slope_frame(g_l, g_c):
     )
 
 
-@kernel
+@inline_kernel
 def _predict(h, exponent, force, N_0, k):
     """Root of force (x/h)^exponent = N_0 - k x: the last solution carried to the new load."""
     x = h
@@ -99,6 +109,11 @@ def solve_contact(soil, wheel, motion, frame, support, warm, options):
         F_x, F_y, F_z, T = _rigid_contact(soil, wheel.r, motion, v_eps, frame, support)
         return CONTACT, F_x, F_y, F_z, T, 0.0
 
+    constants = soil_constants(soil, wheel)
+    shares = contact_angle_shares(soil, slip_ratio(motion[0], motion[1]))
+    seam = (rolling_direction(motion, v_eps), v_eps)
+    scratch = np.empty(SCRATCH)
+    law = (resultant, fine)
     low, high = 0.0, _DEEPEST * wheel.r
     h, exponent = warm[0], warm[1]
     if h > 0.0:
@@ -110,7 +125,7 @@ def solve_contact(soil, wheel, motion, frame, support, warm, options):
     G_x = G_y = G_z = G_t = 0.0
     status = NO_ROOT
     for i in range(_ITERATIONS):
-        F_x, F_y, F_z, T = wheel_reaction(soil, wheel, h, motion, v_eps, resultant, fine)
+        F_x, F_y, F_z, T = directed_reaction(constants, shares, h, motion, seam, law, scratch)
         V = wheels * (F_x * l_z + F_y * c_z + F_z * n_z)
         target = N_0 - k * h
         if V > target:
@@ -123,7 +138,7 @@ def solve_contact(soil, wheel, motion, frame, support, warm, options):
                 exponent = min(max(math.log(V / V_old) / math.log(h / h_old), 0.2), 6.0)
         step = (target - V) / (exponent * abs(V) / h + k)
         error = abs(step) * (abs(change) if i > 0 else h)
-        if error <= _TOLERANCE * h * h:
+        if error <= _TOLERANCE * h * h and abs(step) <= 1e-4 * h:
             status = CONTACT
             if i > 0 and change != 0.0:
                 share = step / change

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import kernel
+from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.numerics import AIR_DENSITY, GRAVITY
 from offroad_env.physics.records import Wheel
 from offroad_env.physics.vehicle_model import (
@@ -34,7 +34,7 @@ __all__ = ["full_advance", "full_derivative", "full_step"]
 _GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
 
 
-@kernel
+@inline_kernel
 def _full_axle(plant, x, steer, arm, suspension, warm, readings, first):
     """(status, F_forward, F_left, F_s, V, arm) of one axle in heading axes, on its slope."""
     N_static, k, c = suspension
@@ -66,7 +66,7 @@ def _full_axle(plant, x, steer, arm, suspension, warm, readings, first):
     return status, F_l * cos_d - F_c * sin_d, F_l * sin_d + F_c * cos_d, F_s, V, reach
 
 
-@kernel
+@inline_kernel
 def _spin_acceleration(vehicle, omega, soil_torque, load, drive, brake, v_eps):
     """Angular acceleration of an axle's wheels [rad/s^2].
 
@@ -78,14 +78,14 @@ def _spin_acceleration(vehicle, omega, soil_torque, load, drive, brake, v_eps):
     return (drive - resisting - soil_torque) / (vehicle.wheels_per_axle * vehicle.I_w)
 
 
-@kernel
+@inline_kernel
 def _available_torque(vehicle, torque, omega):
     """Drive torque held below the power limit: T / sqrt(1 + (T omega / P)^2), smooth."""
     share = torque * omega / vehicle.power_max
     return torque / math.sqrt(1.0 + share * share)
 
 
-@kernel
+@inline_kernel
 def _axle_torques(vehicle, x):
     """(drive_f, brake_f, drive_r, brake_r) [N m] from the actuator states."""
     mean = vehicle.drive_front * x[at.OMEGA_F] + (1.0 - vehicle.drive_front) * x[at.OMEGA_R]
@@ -99,7 +99,7 @@ def _axle_torques(vehicle, x):
     )
 
 
-@kernel
+@inline_kernel
 def _actuators(vehicle, x, command, d):
     """First-order lags; the steering rate saturates smoothly at ``steer_rate``."""
     steer, drive, brake = command
@@ -179,8 +179,7 @@ def _spin_stiffness(plant, x, d, readings, first):
             readings[first + at.SINKAGE],
             motion,
             plant.v_eps,
-            plant.resultant,
-            plant.fine,
+            (plant.resultant, plant.fine),
         )
         torque *= v.wheels_per_axle
     drive_f, brake_f, drive_r, brake_r = _axle_torques(v, x)

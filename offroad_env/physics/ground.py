@@ -9,7 +9,7 @@ import numpy as np
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.numerics import smooth_step
 
-__all__ = ["ground_height", "ground_readings", "sin_cos", "sinkage_exponent"]
+__all__ = ["ground_height", "ground_heights", "ground_readings", "sin_cos", "sinkage_exponent"]
 
 # pi as a sum of three parts, the first two with 33 significant bits, so that k times either of
 # them is exact for |k| < 2^20 (W. J. Cody & W. Waite, Software Manual for the Elementary
@@ -52,17 +52,18 @@ def sin_cos(x):
 
 
 @kernel
-def _wave_phases(waves, X, Y, sines, cosines):
-    """Sine and cosine of every wave at (X, Y).
+def _wave_sines(waves, X, Y, out):
+    """Sines of all M waves at (X, Y) into ``out[:M]``, cosines into ``out[M:]``.
 
     Two loops: the first reads rows (strided), the second is contiguous and becomes vector code.
     """
-    for i in range(waves.shape[0]):
-        sines[i] = waves[i, 1] * X + waves[i, 2] * Y + waves[i, 3]
-    for i in range(waves.shape[0]):
-        s, c = sin_cos(sines[i])
-        sines[i] = s
-        cosines[i] = c
+    count = waves.shape[0]
+    for i in range(count):
+        out[i] = waves[i, 1] * X + waves[i, 2] * Y + waves[i, 3]
+    for i in range(count):
+        s, c = sin_cos(out[i])
+        out[i] = s
+        out[count + i] = c
 
 
 @kernel
@@ -71,10 +72,10 @@ def ground_height(ground, X, Y):
     H = 0.0
     count = ground.waves.shape[0]
     if count > 0:
-        trigonometric = np.empty(2 * count)
-        _wave_phases(ground.waves, X, Y, trigonometric[:count], trigonometric[count:])
+        sines = np.empty(2 * count)
+        _wave_sines(ground.waves, X, Y, sines)
         for i in range(count):
-            H += ground.waves[i, 0] * trigonometric[i]
+            H += ground.waves[i, 0] * sines[i]
     return H + (ground.H_0 + ground.S_x * X + ground.S_y * Y)
 
 
@@ -95,11 +96,11 @@ def ground_readings(ground, X, Y):
     waves = ground.waves
     count = waves.shape[0]
     if count > 0:
-        trigonometric = np.empty(2 * count)
-        _wave_phases(waves, X, Y, trigonometric[:count], trigonometric[count:])
+        sines = np.empty(2 * count)
+        _wave_sines(waves, X, Y, sines)
         for i in range(count):
             A, p, q = waves[i, 0], waves[i, 1], waves[i, 2]
-            s, c = A * trigonometric[i], A * trigonometric[count + i]
+            s, c = A * sines[i], A * sines[count + i]
             H += s
             H_X += c * p
             H_Y += c * q
@@ -125,3 +126,10 @@ def sinkage_exponent(soil_map, n_base, X, Y):
         if squared < outer * outer:
             n += smooth_step((outer - math.sqrt(squared)) / soil_map.edge) * (soil_map.patches[i, 3] - n)
     return n
+
+
+@kernel
+def ground_heights(ground, X, Y, out):
+    """``ground_height`` at every point of the flat arrays ``X, Y`` [m] into ``out`` [m]."""
+    for i in range(out.shape[0]):
+        out[i] = ground_height(ground, X[i], Y[i])

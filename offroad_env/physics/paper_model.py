@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import kernel
+from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.vehicle_model import (
     axle_contact,
     axle_motion,
@@ -25,7 +25,7 @@ from offroad_env.physics.vehicle_model import (
 __all__ = ["paper_derivative", "paper_step", "simulate_paper"]
 
 
-@kernel
+@inline_kernel
 def _paper_axle(plant, x, steer, arm, suspension, warm, readings, first):
     """(status, F_x, F_y, F_s) of one axle in body axes; ``suspension`` = (N_static, k, c)."""
     N_static, k, c = suspension

@@ -9,22 +9,26 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["COARSE", "FINE", "MEDIUM", "Rule"]
+__all__ = ["COARSE", "FINE", "Rule"]
 
 
 class Rule:
-    """Nodes and weights on [0, 1]: clustered at 0 (``u = t^p``) and plain Gauss-Legendre."""
+    """Nodes and weights for both segments of the patch at once, on the share u in [0, 1].
+
+    ``clustered`` has u = t^p, for the piece that touches the ends of the patch; ``plain`` has
+    u = t. Rows: u, weight, 1 for the front and 0 for the rear segment. Both segments stand in one
+    row so that a loop over it fills whole vector registers.
+    """
 
     def __init__(self, nodes: int, p: int) -> None:
         x, w = np.polynomial.legendre.leggauss(nodes)
         t, w = 0.5 * (x + 1.0), 0.5 * w
-        self.clustered = np.stack([t**p, w * p * t ** (p - 1)])
-        self.plain = np.stack([t, w])
+        front = np.repeat([1.0, 0.0], nodes)
+        self.clustered = np.stack([np.tile(t**p, 2), np.tile(w * p * t ** (p - 1), 2), front])
+        self.plain = np.stack([np.tile(t, 2), np.tile(w, 2), front])
 
 
-#: One piece, gentle shear: 8 nodes.
+#: Gentle shear: 8 nodes a segment.
 COARSE = Rule(8, 3)
-#: Pieces of a patch that was cut.
-MEDIUM = Rule(10, 3)
-#: Reference accuracy for the public function.
+#: Steep shear, and reference accuracy for the public function.
 FINE = Rule(16, 4)

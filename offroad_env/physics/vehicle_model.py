@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import kernel
+from offroad_env.physics._jit import inline_kernel
 from offroad_env.physics.contact import slope_frame, solve_contact
 from offroad_env.physics.ground import ground_readings, sinkage_exponent
 from offroad_env.physics.numerics import GRAVITY, smooth_step
@@ -38,7 +38,7 @@ class Plant(NamedTuple):
     fine: bool  #: reference quadrature instead of the fast one
 
 
-@kernel
+@inline_kernel
 def with_exponent(soil, n):
     """The same soil with another sinkage exponent (numba knows no ``_replace``)."""
     return Soil(
@@ -59,14 +59,14 @@ def with_exponent(soil, n):
     )
 
 
-@kernel
+@inline_kernel
 def static_loads(vehicle):
     """(front, rear) static axle loads m g l_r/L and m g l_f/L [N] (the paper writes m g/2)."""
     total = vehicle.m * GRAVITY / (vehicle.l_f + vehicle.l_r)
     return total * vehicle.l_r, total * vehicle.l_f
 
 
-@kernel
+@inline_kernel
 def axle_motion(ground, pose, velocity, arm, steer):
     """An axle over the ground.
 
@@ -107,7 +107,7 @@ def axle_motion(ground, pose, velocity, arm, steer):
     )
 
 
-@kernel
+@inline_kernel
 def suspension_load(N_static, k, c, m_w, heights):
     """N_0: load on ground that does not yield (BT N); ``heights`` = (z_axle, z_axle_dot, H, H_dot, H_ddot).
 
@@ -117,7 +117,7 @@ def suspension_load(N_static, k, c, m_w, heights):
     return N_static - k * (z - H) - c * (z_dot - H_dot) + m_w * H_ddot
 
 
-@kernel
+@inline_kernel
 def suspension_force(N, N_0, N_static, m_w, H_ddot):
     """Force of the suspension on the body, relative to static equilibrium [N].
 
@@ -128,7 +128,7 @@ def suspension_force(N, N_0, N_static, m_w, H_ddot):
     return N - N_static - m_w * H_ddot * fade
 
 
-@kernel
+@inline_kernel
 def axle_contact(plant, motion, place, support, warm, readings, first):
     """Solve one axle's contact and note it in ``readings`` from index ``first`` on.
 

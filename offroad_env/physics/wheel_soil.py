@@ -13,31 +13,39 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from offroad_env.physics import quadrature
-from offroad_env.physics._jit import kernel
-from offroad_env.physics.numerics import half_angle, smooth_clamp, smooth_step
+from offroad_env.physics._jit import inline_kernel, kernel
+from offroad_env.physics.numerics import fast_exp, fast_log, half_angle, smooth_clamp, smooth_step
 
 __all__ = [
+    "SCRATCH",
     "contact_angle_shares",
+    "directed_reaction",
     "entry_angle",
     "integrate_stresses",
     "rigid_forces",
+    "rolling_direction",
     "shear_kinematics",
     "slip_ratio",
+    "soil_constants",
     "wheel_reaction",
 ]
 
 _COARSE = quadrature.COARSE.clustered
-_MEDIUM = quadrature.MEDIUM.clustered
-_MEDIUM_PLAIN = quadrature.MEDIUM.plain
+_COARSE_PLAIN = quadrature.COARSE.plain
 _FINE = quadrature.FINE.clustered
 _FINE_PLAIN = quadrature.FINE.plain
+#: Room for the nodes of the longest rule; four integrands of them make a scratch array.
+_ROW = 32
+SCRATCH = 4 * _ROW
 
 #: Rim speed below which a perfectly locked wheel is treated as turning (public function only) [-]
 _TINY = 1e-12
 
 
-@kernel
+@inline_kernel
 def slip_ratio(r_omega, v_l):
     """(r omega - v) / max(|r omega|, |v|), held in [-1, 1]; 0 at rest.
 
@@ -49,7 +57,7 @@ def slip_ratio(r_omega, v_l):
     return min(max((r_omega - v_l) / largest, -1.0), 1.0)
 
 
-@kernel
+@inline_kernel
 def shear_kinematics(r_omega, v_l, v_c, v_eps):
     """Velocities over the regularised rim speed: ``(a, kappa, ct)``.
 
@@ -60,7 +68,7 @@ def shear_kinematics(r_omega, v_l, v_c, v_eps):
     return r_omega / D, v_l / D, v_c / D
 
 
-@kernel
+@inline_kernel
 def entry_angle(h, r):
     """theta_f = arccos(1 - h/r) [rad] (BT, contact angles), written without cancellation."""
     return 2.0 * math.asin(math.sqrt(min(max(0.5 * h / r, 0.0), 1.0)))
@@ -69,73 +77,86 @@ def entry_angle(h, r):
 @kernel
 def contact_angle_shares(soil, s):
     """(theta_m/theta_f, theta_r/theta_f) at slip s, kept in order theta_r < theta_m < theta_f."""
-    share_m = smooth_clamp(soil.a_0 + soil.a_1 * s, 0.02, 0.98, 0.01)
+    share_m = smooth_clamp(soil.a_0 + soil.a_1 * s, -0.01, 0.98, 0.01)
     share_r = smooth_clamp(soil.b_0 + soil.b_1 * s, -0.98, share_m - 0.01, 0.005)
     return share_m, share_r
 
 
-@kernel
-def _mobilised(j):
-    """1 - exp(-j), odd in j (Janosi & Hanamoto 1961)."""
-    if j >= 0.0:
-        return 1.0 - math.exp(-j)
-    return math.exp(j) - 1.0
+@inline_kernel
+def _independent(stress, sigma, d, rise):
+    """(tau_x, tau_y), each with the whole strength (the paper); Janosi & Hanamoto 1961, odd in j."""
+    _, _, c, tan_phi, A_x, B_x, C_y, _ = stress
+    j_x, j_y = A_x * d - B_x * rise, C_y * d
+    strength = c + sigma * tan_phi
+    return (
+        strength * math.copysign(1.0 - fast_exp(-min(abs(j_x), 700.0)), j_x),
+        strength * math.copysign(1.0 - fast_exp(-min(abs(j_y), 700.0)), j_y),
+    )
 
 
-@kernel
-def _shear_stress(strength, j_x, j_y, resultant):
-    """(tau_x, tau_y) for shear displacements already divided by their moduli.
-
-    Independent: the paper's pair, each with the whole strength. Resultant: one strength,
-    directed along the displacement, so that the Mohr-Coulomb limit holds for the vector.
-    """
-    if resultant > 0.5:
-        j = math.sqrt(j_x * j_x + j_y * j_y)
-        share = (1.0 - math.exp(-j)) / j if j > 1e-6 else 1.0 - 0.5 * j
-        return strength * share * j_x, strength * share * j_y
-    if j_y == 0.0:
-        return strength * _mobilised(j_x), 0.0
-    return strength * _mobilised(j_x), strength * _mobilised(j_y)
+@inline_kernel
+def _resultant(stress, sigma, d, rise):
+    """(tau_x, tau_y): one strength along the displacement, so Mohr-Coulomb holds for the vector."""
+    _, _, c, tan_phi, A_x, B_x, C_y, _ = stress
+    j_x, j_y = A_x * d - B_x * rise, C_y * d
+    j = math.sqrt(j_x * j_x + j_y * j_y)
+    share = (c + sigma * tan_phi) * (1.0 - fast_exp(-min(j, 700.0))) / max(j, 1e-150)
+    return share * j_x, share * j_y
 
 
-@kernel
-def _add_piece(patch, stress, u_0, u_1, rule):
-    """Integrals over the share u_0 ... u_1 of both segments of the patch.
+@inline_kernel
+def _node(patch, stress, u, front):
+    """Geometry of a node: (d, sigma, sin theta, cos theta, sin theta_f - sin theta, length).
 
-    Front and rear nodes with the same share of their segment have the same sinkage (theta_e in
-    BT), so one power serves two nodes.
+    d = theta_f - theta. Nodes of the front and rear segment with the same share u have the same
+    sinkage (theta_e in BT), that of the front node.
     """
     theta_f, sin_f, cos_f, length_f, length_r, theta_r = patch
-    pressure, n, c, tan_phi, A_x, B_x, C_y, resultant = stress
-    i_x = i_y = i_z = i_t = 0.0
+    pressure, n, _, _, _, _, _, _ = stress
+    sin_d, vers_d = half_angle(u * length_f)
+    drop = sin_f * sin_d - cos_f * vers_d  # cos(theta_e) - cos(theta_f)
+    sigma = pressure * fast_exp(n * fast_log(max(drop, 1e-300)))
+    d = front * (u * length_f) + (1.0 - front) * (theta_f - theta_r - u * length_r)
+    sin_d, vers_d = half_angle(d)
+    rise = sin_f * vers_d + cos_f * sin_d
+    length = front * length_f + (1.0 - front) * length_r
+    return d, sigma, sin_f - rise, cos_f + (sin_f * sin_d - cos_f * vers_d), rise, length
+
+
+@kernel
+def _add_piece(patch, stress, u_0, u_1, rule, scratch):
+    """Integrals of F_x, F_y, F_z and torque over the share u_0 ... u_1 of both segments.
+
+    The integrands go to ``scratch`` first: a loop without a sum becomes vector instructions,
+    while reordering a sum would change the result from machine to machine.
+    """
+    nodes = rule.shape[1]
     span = u_1 - u_0
-    for i in range(rule.shape[1]):
-        u = u_0 + span * rule[0, i]
-        d = u * length_f
-        sin_d, vers_d = half_angle(d)
-        drop = sin_f * sin_d - cos_f * vers_d  # cos(theta) - cos(theta_f)
-        sigma = pressure * max(drop, 0.0) ** n
-        strength = c + sigma * tan_phi
-        weight_f, weight_r = rule[1, i] * length_f, rule[1, i] * length_r
-
-        rise = sin_f * vers_d + cos_f * sin_d  # sin(theta_f) - sin(theta)
-        tau_x, tau_y = _shear_stress(strength, A_x * d - B_x * rise, C_y * d, resultant)
-        sin_t, cos_t = sin_f - rise, cos_f + drop
-        i_x += weight_f * (tau_x * cos_t - sigma * sin_t)
-        i_z += weight_f * (tau_x * sin_t + sigma * cos_t)
-        i_y += weight_f * tau_y
-        i_t += weight_f * tau_x
-
-        d = theta_f - theta_r - u * length_r
-        sin_d, vers_d = half_angle(d)
-        rise = sin_f * vers_d + cos_f * sin_d
-        tau_x, tau_y = _shear_stress(strength, A_x * d - B_x * rise, C_y * d, resultant)
-        sin_t, cos_t = sin_f - rise, cos_f + sin_f * sin_d - cos_f * vers_d
-        i_x += weight_r * (tau_x * cos_t - sigma * sin_t)
-        i_z += weight_r * (tau_x * sin_t + sigma * cos_t)
-        i_y += weight_r * tau_y
-        i_t += weight_r * tau_x
-    return i_x * span, i_y * span, i_z * span, i_t * span
+    if stress[7] > 0.5:
+        for i in range(nodes):
+            d, sigma, sin, cos, rise, length = _node(patch, stress, u_0 + span * rule[0, i], rule[2, i])
+            tau_x, tau_y = _resultant(stress, sigma, d, rise)
+            weight = rule[1, i] * length
+            scratch[i] = weight * (tau_x * cos - sigma * sin)
+            scratch[_ROW + i] = weight * tau_y
+            scratch[2 * _ROW + i] = weight * (tau_x * sin + sigma * cos)
+            scratch[3 * _ROW + i] = weight * tau_x
+    else:
+        for i in range(nodes):
+            d, sigma, sin, cos, rise, length = _node(patch, stress, u_0 + span * rule[0, i], rule[2, i])
+            tau_x, tau_y = _independent(stress, sigma, d, rise)
+            weight = rule[1, i] * length
+            scratch[i] = weight * (tau_x * cos - sigma * sin)
+            scratch[_ROW + i] = weight * tau_y
+            scratch[2 * _ROW + i] = weight * (tau_x * sin + sigma * cos)
+            scratch[3 * _ROW + i] = weight * tau_x
+    i_x = i_y = i_z = i_t = 0.0
+    for i in range(nodes):
+        i_x += scratch[i]
+        i_y += scratch[_ROW + i]
+        i_z += scratch[2 * _ROW + i]
+        i_t += scratch[3 * _ROW + i]
+    return span * i_x, span * i_y, span * i_z, span * i_t
 
 
 @kernel
@@ -151,13 +172,17 @@ def _sign_change(patch, a, kappa):
     sin_d, vers_d = half_angle(full)
     if not (a > kappa * cos_f and a * full < kappa * (sin_f * vers_d + cos_f * sin_d)):
         return 2.0
+    # Start: root of the two-term series of (sin(theta_f) - sin(theta_f - d)) / d - a / kappa.
+    gap = a / kappa - cos_f
+    d = 2.0 * gap / sin_f
+    d = min(2.0 * gap / (sin_f - cos_f * min(d, full) / 3.0 + 1e-12), 0.9 * full)
     low, high = 0.0, full
-    d = 0.5 * full
     for _ in range(60):
         sin_d, vers_d = half_angle(d)
+        mean = (sin_f * vers_d + cos_f * sin_d) / d
         # The trivial root d = 0 is divided out.
-        value = a - kappa * (sin_f * vers_d + cos_f * sin_d) / d
-        slope = -kappa * ((sin_f * sin_d + cos_f * (1.0 - vers_d)) - (sin_f * vers_d + cos_f * sin_d) / d) / d
+        value = a - kappa * mean
+        slope = -kappa * (sin_f * sin_d + cos_f * (1.0 - vers_d) - mean) / d
         if value > 0.0:
             low = d
         else:
@@ -165,31 +190,38 @@ def _sign_change(patch, a, kappa):
         step = d - value / slope if slope != 0.0 else -1.0
         if not low < step < high:
             step = 0.5 * (low + high)
-        if abs(step - d) < 1e-9 * full:
-            d = step
-            break
+        done = abs(step - d) < 1e-3 * full  # Newton leaves 1e-6, and only a curvature jumps there
         d = step
+        if done:
+            break
     if d <= length_f:
         return d / length_f
     return (full - d) / length_r
 
 
-@kernel
-def _add_cut_pieces(patch, stress, cut, gradient, fine):
-    """The patch in pieces: cut where j_x changes sign, and geometrically where shear grows fast."""
-    clustered, plain = (_FINE, _FINE_PLAIN) if fine else (_MEDIUM, _MEDIUM_PLAIN)
-    ratio = 4.0 if fine else 5.0
+@inline_kernel
+def _add_pieces(patch, stress, cut, gradient, fine, scratch):
+    """The patch in pieces: cut where j_x changes sign, and geometrically where shear grows fast.
+
+    ``gradient`` is the growth of j/k over the front segment: up to 1, eight nodes a segment
+    resolve exp(-j/k) in one piece.
+    """
+    gentle = gradient <= 1.0 and not fine
+    clustered, plain = (_COARSE, _COARSE_PLAIN) if gentle else (_FINE, _FINE_PLAIN)
+    if cut > 1.0 and gentle:
+        return _add_piece(patch, stress, 0.0, 1.0, clustered, scratch)
+    resolved, ratio = (3.0, 4.0) if fine else (8.0, 8.0)
     i_x = i_y = i_z = i_t = 0.0
     u_0 = 0.0
     u_1 = 1.0
-    while u_1 * gradient > 3.0 and u_1 > 1e-12:
+    while u_1 * gradient > resolved and u_1 > 1e-12:
         u_1 /= ratio
     while True:
         end = min(u_1, 1.0)
         if u_0 < cut < end:
             end = cut
         rule = clustered if u_0 == 0.0 else plain
-        p_x, p_y, p_z, p_t = _add_piece(patch, stress, u_0, end, rule)
+        p_x, p_y, p_z, p_t = _add_piece(patch, stress, u_0, end, rule, scratch)
         i_x += p_x
         i_y += p_y
         i_z += p_z
@@ -202,69 +234,97 @@ def _add_cut_pieces(patch, stress, cut, gradient, fine):
 
 
 @kernel
-def integrate_stresses(soil, wheel, h, kinematics, resultant, fine):
+def soil_constants(soil, wheel):
+    """What a soil and a wheel contribute to every evaluation: computed once per solve.
+
+    (pressure at h = r [Pa], n, c, tan phi, r/k_x, r/k_y, r [m], r b [m^2]).
+    """
+    return (
+        (soil.k_c / wheel.b + soil.k_phi) * wheel.r**soil.n,
+        soil.n,
+        soil.c,
+        math.tan(soil.phi),
+        wheel.r / soil.k_x,
+        wheel.r / soil.k_y,
+        wheel.r,
+        wheel.r * wheel.b,
+    )
+
+
+@inline_kernel
+def integrate_stresses(constants, shares, h, kinematics, law, scratch):
     """(F_x, F_y, F_z, torque) of a wheel that rolls forward at sinkage ``h`` [m], (BT Fx, Fy, Fz).
 
-    ``kinematics`` = (a, kappa, ct) of `shear_kinematics`; ``resultant`` 1.0 couples the shear
-    stresses; ``fine`` chooses the reference rule. Forces in [N], torque in [N m].
+    ``constants`` of `soil_constants`, ``shares`` of `contact_angle_shares`, ``kinematics`` =
+    (a, kappa, ct) of `shear_kinematics`, ``law`` = (resultant 0/1, fine). Forces in [N], torque
+    in [N m].
     """
     if h <= 0.0:
         return 0.0, 0.0, 0.0, 0.0
+    pressure, n, c, tan_phi, per_k_x, per_k_y, r, area = constants
+    share_m, share_r = shares
     a, kappa, ct = kinematics
-    r = wheel.r
     theta_f = entry_angle(h, r)
-    share_m, share_r = contact_angle_shares(soil, slip_ratio(a, kappa))
     sin_f, vers_f = half_angle(theta_f)
     cos_f = 1.0 - vers_f
     length_f = theta_f * (1.0 - share_m)
     patch = (theta_f, sin_f, cos_f, length_f, theta_f * (share_m - share_r), theta_f * share_r)
-    stress = (
-        (soil.k_c / wheel.b + soil.k_phi) * r**soil.n,
-        soil.n,
-        soil.c,
-        math.tan(soil.phi),
-        a * r / soil.k_x,
-        kappa * r / soil.k_x,
-        ct * r / soil.k_y,
-        resultant,
-    )
+    stress = (pressure, n, c, tan_phi, a * per_k_x, kappa * per_k_x, ct * per_k_y, law[0])
     # Largest growth of j/k over the front segment: decides whether one piece resolves exp(-j/k).
-    growth_x = max(abs(a - kappa * cos_f), abs(a - kappa)) / soil.k_x
-    gradient = max(growth_x, abs(ct) / soil.k_y) * r * length_f
+    growth_x = max(abs(a - kappa * cos_f), abs(a - kappa)) * per_k_x
+    gradient = max(growth_x, abs(ct) * per_k_y) * length_f
     cut = _sign_change(patch, a, kappa)
-    if gradient <= 1.0 and cut > 1.0 and not fine:
-        i_x, i_y, i_z, i_t = _add_piece(patch, stress, 0.0, 1.0, _COARSE)
-    else:
-        i_x, i_y, i_z, i_t = _add_cut_pieces(patch, stress, cut, gradient, fine)
-    area = r * wheel.b
+    i_x, i_y, i_z, i_t = _add_pieces(patch, stress, cut, gradient, law[1], scratch)
     return area * i_x, -area * i_y, area * i_z, area * r * i_t
 
 
-@kernel
-def wheel_reaction(soil, wheel, h, motion, v_eps, resultant, fine):
-    """(F_x, F_y, F_z, torque) for ``motion`` = (r omega, v_l, v_c) [m/s] in either direction.
+@inline_kernel
+def rolling_direction(motion, v_eps):
+    """Share of the forward-rolling pattern: 1 forward, 0 in reverse, C2 between.
 
-    A reversing wheel is the mirror image of a forward one. Which side leads is decided by
-    r omega + v_l; within ``v_eps`` of zero the two are blended, so nothing jumps at standstill.
+    Which side of the wheel leads is decided by r omega + v_l, over ``v_eps`` either way.
+    """
+    if v_eps <= 0.0:
+        return 1.0
+    return smooth_step(0.5 * (1.0 + (motion[0] + motion[1]) / v_eps))
+
+
+@kernel
+def directed_reaction(constants, shares, h, motion, seam, law, scratch):
+    """(F_x, F_y, F_z, torque) in either direction; ``seam`` = (forward share, v_eps).
+
+    A reversing wheel is the mirror image of a forward one; near standstill the two are blended,
+    so nothing jumps.
     """
     r_omega, v_l, v_c = motion
-    forward = 1.0
-    if v_eps > 0.0:
-        forward = smooth_step(0.5 * (1.0 + (r_omega + v_l) / v_eps))
+    forward, v_eps = seam
     F_x = F_y = F_z = T = 0.0
     if forward > 0.0:
         kinematics = shear_kinematics(r_omega, v_l, v_c, v_eps)
-        p_x, p_y, p_z, p_t = integrate_stresses(soil, wheel, h, kinematics, resultant, fine)
+        p_x, p_y, p_z, p_t = integrate_stresses(constants, shares, h, kinematics, law, scratch)
         F_x, F_y, F_z, T = forward * p_x, forward * p_y, forward * p_z, forward * p_t
     if forward < 1.0:
         back = 1.0 - forward
         kinematics = shear_kinematics(-r_omega, -v_l, v_c, v_eps)
-        p_x, p_y, p_z, p_t = integrate_stresses(soil, wheel, h, kinematics, resultant, fine)
+        p_x, p_y, p_z, p_t = integrate_stresses(constants, shares, h, kinematics, law, scratch)
         F_x -= back * p_x
         F_y += back * p_y
         F_z += back * p_z
         T -= back * p_t
     return F_x, F_y, F_z, T
+
+
+@kernel
+def wheel_reaction(soil, wheel, h, motion, v_eps, law):
+    """(F_x, F_y, F_z, torque) of a wheel at sinkage ``h`` [m] for ``motion`` = (r omega, v_l, v_c) [m/s].
+
+    ``v_eps`` [m/s] regularises standstill (0 for the plain law); ``law`` = (resultant 0/1, fine).
+    The slip ratio is the same in both directions: both speeds change their sign.
+    """
+    shares = contact_angle_shares(soil, slip_ratio(motion[0], motion[1]))
+    seam = (rolling_direction(motion, v_eps), v_eps)
+    scratch = np.empty(SCRATCH)
+    return directed_reaction(soil_constants(soil, wheel), shares, h, motion, seam, law, scratch)
 
 
 @kernel

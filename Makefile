@@ -1,0 +1,96 @@
+# Set-up and the main jobs; `make` alone lists them. Every target may be repeated: what is done already is skipped.
+
+VENV ?= .venv
+PYTHONS = $(or $(PYTHON),python3.13 python3.12 python3.11 python3)
+PYTEST_ARGS ?=
+BIN = $(VENV)/bin
+
+# The filters and policies multiply small matrices, where BLAS threads only wait for each other.
+export OPENBLAS_NUM_THREADS = 1
+export OMP_NUM_THREADS = 1
+export PIP_DISABLE_PIP_VERSION_CHECK = 1
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.NOTPARALLEL:
+.PHONY: help venv install demo test lint study-wheel study-soak speed clean
+
+help:  ## list the targets
+	@echo "make TARGET [PYTHON=python3.12] [VENV=.venv] [PYTEST_ARGS=...]"
+	@sed -n 's/^\([a-z-]*\):.*##  *\(.*\)/  \1|\2/p' $(MAKEFILE_LIST) | awk -F'|' '{ printf "%-14s %s\n", $$1, $$2 }'
+
+venv: $(VENV)/.created  ## create the virtual environment (needs Python 3.11 or newer)
+
+install: $(VENV)/.installed-test  ## install the project with everything that its tests need
+
+demo: $(VENV)/.installed-demo  ## set up, run the main job and write its page into demo/
+	@echo "== running the demo"
+	$(BIN)/offroad demo --out demo
+
+test: lint  ## set up, check style and floors, run the tests
+	@echo "== running the tests"
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+lint: $(VENV)/.installed-test  ## check style, format and the floors of imports
+	@echo "== checking style and the floors of imports"
+	$(BIN)/python -m ruff check .
+	$(BIN)/python -m ruff format --check .
+	$(BIN)/lint-imports --no-logo
+
+study-wheel: $(VENV)/.installed-test  ## long: wheel forces against an independent evaluation, 2,000 inputs
+	$(BIN)/python -m pytest -m study -k wheel $(PYTEST_ARGS)
+
+study-soak: $(VENV)/.installed-test  ## long: a million random steps
+	$(BIN)/python -m pytest -m study -k soak $(PYTEST_ARGS)
+
+speed: $(VENV)/.installed-test  ## speed, as ratios to other environments in the same run
+	$(BIN)/python benchmarks/speed.py
+
+clean:  ## delete caches and what the commands wrote (for a fresh set-up, delete .venv as well)
+	rm -rf demo out build dist .hypothesis .import_linter_cache .pytest_cache .ruff_cache *.egg-info
+	find agents benchmarks estimators offroad_env tests -type d -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true
+
+# An environment that works is kept. Otherwise the first Python that is new enough and can make one wins.
+$(VENV)/.created:
+	@probe='import sys; print("%d.%d" % sys.version_info[:2])'; \
+	too_old() { [ "$${1%%.*}" -lt 3 ] || { [ "$${1%%.*}" -eq 3 ] && [ "$${1#*.}" -lt 11 ]; }; }; \
+	fail() { echo "OffroadBekker $$*" >&2; exit 1; }; \
+	if [ -e "$(VENV)" ] && [ ! -e "$(VENV)/pyvenv.cfg" ]; then \
+	    fail "will not overwrite $(VENV), which is no virtual environment: move it, or set VENV"; \
+	fi; \
+	version=$$("$(BIN)/python" -c "import pip; $$probe" 2>/dev/null) || version=0.0; \
+	if ! too_old "$$version"; then echo "== keeping $(VENV) (Python $$version)"; exit 0; fi; \
+	chosen=; old=; bare=; \
+	for name in $(PYTHONS); do \
+	    version=$$("$$name" -c "$$probe" 2>/dev/null) || continue; \
+	    if too_old "$$version"; then old="$${old:+$$old, }$$name is $$version"; continue; fi; \
+	    if ! "$$name" -c 'import ensurepip, venv' 2>/dev/null; then bare="$$name ($$version)"; continue; fi; \
+	    chosen=$$name; break; \
+	done; \
+	if [ -z "$$chosen" ] && [ -n "$$bare" ]; then \
+	    fail "cannot create a virtual environment with $$bare: install its venv package" \
+	        "(python3-venv on Debian and Ubuntu), or name another Python: make PYTHON=/path/to/python3"; \
+	elif [ -z "$$chosen" ]; then \
+	    fail "needs Python 3.11 or newer, but found $${old:-none (tried $(PYTHONS))}:" \
+	        "install a newer Python, or name one: make PYTHON=/path/to/python3"; \
+	fi; \
+	echo "== creating $(VENV) with $$chosen (Python $$version)"; \
+	"$$chosen" -m venv --clear "$(VENV)"
+	@# pip before 23.2 downloads a whole wheel to learn what it needs: gigabytes in the case of torch.
+	$(BIN)/python -m pip install --quiet "pip>=23.2"
+	@touch $@
+
+$(VENV)/.torch: .ci/install_torch.py $(VENV)/.created
+	@echo "== installing torch"
+	$(BIN)/python .ci/install_torch.py
+	@touch $@
+
+$(VENV)/.installed-demo: pyproject.toml $(VENV)/.torch
+	@echo "== installing OffroadBekker with learning and viewing"
+	$(BIN)/python -m pip install --editable ".[rl,view]"
+	@touch $@
+
+$(VENV)/.installed-test: pyproject.toml $(VENV)/.torch
+	@echo "== installing OffroadBekker with everything"
+	$(BIN)/python -m pip install --editable ".[all,dev]"
+	@touch $(VENV)/.installed-demo $@

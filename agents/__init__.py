@@ -1,0 +1,1 @@
+"""Controllers, policies, the benchmark and the command line."""

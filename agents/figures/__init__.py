@@ -1,0 +1,1 @@
+"""Figures: functions that turn results into matplotlib figures, without pyplot or files."""

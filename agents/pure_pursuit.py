@@ -1,0 +1,112 @@
+"""Pure pursuit: steer onto the circle through a point of the path ahead.
+
+R. C. Coulter, Implementation of the Pure Pursuit Path Tracking Algorithm, CMU-RI-TR-92-01, 1992.
+Here the goal point is built from what the vehicle senses - cross-track error, heading error and
+the curvature ahead - so no position in a global frame is needed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from agents.protocol import Observation, read_senses, to_action
+from agents.speed_control import SpeedController
+
+__all__ = ["PurePursuitAgent", "PursuitGains", "goal_point", "pursuit_curvature"]
+
+#: Spacing of the points by which the path ahead is integrated [m].
+_STEP = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class PursuitGains:
+    """The look-ahead distance grows with speed, which keeps the look-ahead time bounded."""
+
+    time: float = 0.6  #: look-ahead per speed [s]
+    shortest: float = 3.0  #: [m]
+    longest: float = 15.0  #: [m]
+
+    def distance(self, speed: float) -> float:
+        """Look-ahead distance along the path [m]."""
+        return min(max(self.time * speed, self.shortest), self.longest)
+
+
+def goal_point(curvature: np.ndarray, preview: np.ndarray, distance: float) -> tuple[float, float, float]:
+    """(x, y, yaw) of the path at an arc length ahead, in axes along the path at its nearest point.
+
+    Yaw is the integral of the curvature, linear between the preview points; position is the
+    integral of (cos yaw, sin yaw), both by the trapezoidal rule.
+
+    Parameters
+    ----------
+    curvature : array (P,)
+        [1/m], left positive.
+    preview : array (P,)
+        Arc lengths of the curvature values [m], ascending from 0.
+    distance : float
+        Arc length ahead [m].
+    """
+    cells = max(math.ceil(distance / _STEP), 1)
+    ds = distance / cells
+    kappa = np.interp(ds * np.arange(cells + 1), preview, curvature)
+    yaw = np.concatenate(([0.0], np.cumsum(0.5 * ds * (kappa[1:] + kappa[:-1]))))
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    x = ds * (cos.sum() - 0.5 * (cos[0] + cos[-1]))
+    y = ds * (sin.sum() - 0.5 * (sin[0] + sin[-1]))
+    return float(x), float(y), float(yaw[-1])
+
+
+def pursuit_curvature(cross_track: float, course_error: float, goal: tuple[float, float, float]) -> float:
+    """Curvature [1/m] of the circle that leaves along the course and passes the goal point.
+
+    With y' the goal point's distance to the left of the course and D its distance,
+    curvature = 2 y' / D^2 (Coulter 1992, section 2).
+
+    Parameters
+    ----------
+    cross_track
+        Distance left of the path [m].
+    course_error
+        Direction in which the vehicle points or moves, less the path's [rad].
+    goal
+        From `goal_point`.
+    """
+    dx, dy = goal[0], goal[1] - cross_track
+    left = dy * math.cos(course_error) - dx * math.sin(course_error)
+    return 2.0 * left / (dx * dx + dy * dy)
+
+
+class PurePursuitAgent:
+    """Pure pursuit with a speed PI: knows nothing of the soil.
+
+    Parameters
+    ----------
+    speed
+        Speed to hold where the task gives none [m/s].
+    gains
+    """
+
+    def __init__(self, *, speed: float = 4.0, gains: PursuitGains | None = None) -> None:
+        self.speed = speed
+        self.gains = gains or PursuitGains()
+
+    def reset(self, briefing: Any) -> None:
+        """Take vehicle, preview distances and control interval from the briefing."""
+        self._wheelbase = briefing.vehicle.l_f + briefing.vehicle.l_r
+        self._steer_range = briefing.steer_range
+        self._preview = np.asarray(briefing.preview, dtype=np.float64)
+        self._speed_control = SpeedController(briefing.vehicle, briefing.dt)
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Action (2,)."""
+        senses = read_senses(observation)
+        goal = goal_point(senses.curvature, self._preview, self.gains.distance(senses.speed))
+        kappa = pursuit_curvature(senses.cross_track, senses.heading_error, goal)
+        drive = self._speed_control.command(
+            senses.target_speed or self.speed, senses.speed, rim_speed=max(senses.rim_speed)
+        )
+        return to_action(math.atan(self._wheelbase * kappa), drive, self._steer_range)

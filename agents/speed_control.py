@@ -1,0 +1,95 @@
+"""Longitudinal control: PI with feed-forward, anti-windup, drive/brake split and slip limit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from offroad_env.physics.numerics import AIR_DENSITY, GRAVITY
+from offroad_env.physics.records import Vehicle
+
+__all__ = ["SpeedController", "SpeedGains"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedGains:
+    """Gains in units of acceleration, so that one set serves vehicles of any mass."""
+
+    k_p: float = 2.0  #: acceleration per speed error [1/s]
+    k_i: float = 0.5  #: acceleration per integrated speed error [1/s^2]
+    integral_max: float = 2.0  #: largest acceleration of the integral part [m/s^2]
+    slip_limit: float = 0.4  #: drive slip at which the drive torque begins to be cut [-]
+    slip_band: float = 0.2  #: slip over the limit at which no drive torque is left [-]
+    low_speed: float = 1.0  #: rim speed below which slip is referred to this speed [m/s]
+
+
+class SpeedController:
+    """Speed PI around a feed-forward of inertia, motion resistance and drag.
+
+    The demand is a force at the wheels, F = m (a_ff + k_p e + k_i int e) + resistance + drag,
+    turned into a share of the largest drive torque when it pushes, of the largest brake torque
+    when it pulls. The integral stops where the command saturates in the direction of the error
+    (conditional integration; Astrom & Hagglund, Advanced PID Control, 2006, section 3.5).
+
+    Parameters
+    ----------
+    vehicle
+        What the controller believes to drive.
+    dt
+        Control interval [s].
+    gains
+    """
+
+    def __init__(self, vehicle: Vehicle, dt: float, gains: SpeedGains | None = None) -> None:
+        self.vehicle = vehicle
+        self.dt = dt
+        self.gains = gains or SpeedGains()
+        self._integral = 0.0
+
+    def reset(self) -> None:
+        """Forget the integral."""
+        self._integral = 0.0
+
+    def command(
+        self,
+        target: float,
+        speed: float,
+        *,
+        acceleration: float = 0.0,
+        resistance: float = 0.0,
+        rim_speed: float | None = None,
+    ) -> float:
+        """Drive command in [-1, 1], negative brakes.
+
+        Parameters
+        ----------
+        target, speed
+            Wanted and estimated speed [m/s].
+        acceleration
+            Wanted acceleration along the plan [m/s^2].
+        resistance
+            Believed motion resistance [N].
+        rim_speed
+            Fastest rim speed r omega [m/s]; without it slip is not limited.
+        """
+        v, gains = self.vehicle, self.gains
+        error = target - speed
+        drag = 0.5 * AIR_DENSITY * v.drag_area * speed * abs(speed)
+        rolling = v.rolling_resistance * v.m * GRAVITY
+        force = v.m * (acceleration + gains.k_p * error + self._integral) + resistance + rolling + drag
+        most = v.drive_torque_max if force >= 0.0 else v.brake_torque_max
+        wanted = force * v.r / most
+        command = min(max(wanted, -1.0), 1.0)
+        if command == wanted or command * error < 0.0:
+            step = gains.k_i * error * self.dt
+            self._integral = min(max(self._integral + step, -gains.integral_max), gains.integral_max)
+        if command > 0.0 and rim_speed is not None:
+            command *= self._slip_share(speed, rim_speed)
+        return command
+
+    def _slip_share(self, speed: float, rim_speed: float) -> float:
+        """1 below the slip limit, falling smoothly to 0 across the band."""
+        gains = self.gains
+        slip = (rim_speed - speed) / max(abs(rim_speed), gains.low_speed)
+        over = min(max((slip - gains.slip_limit) / gains.slip_band, 0.0), 1.0)
+        return 0.5 * (1.0 + math.cos(math.pi * over))

@@ -1,0 +1,1 @@
+"""Terrain estimation: filters, their references, and measured data against the model."""

@@ -1,0 +1,50 @@
+"""OffroadBekker: vehicles on soil whose properties they do not know.
+
+Importing this package registers the environment ``OffroadBekker-v0``; the public names load on
+first use, so that the import stays fast and ``estimators`` can be imported on its own.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from gymnasium.envs.registration import register, registry
+
+__version__ = "0.1.0"
+
+#: Public name -> module that defines it.
+_EXPORTS = {
+    "SCENARIOS": "offroad_env.scenarios",
+    "SOILS": "offroad_env.soils",
+    "VEHICLES": "offroad_env.vehicles",
+    "OffroadBekkerEnv": "offroad_env.env",
+    "WheelForces": "offroad_env.wheel",
+    "make_plant": "offroad_env.simulator",
+    "make_soil": "offroad_env.soils",
+    "make_vehicle": "offroad_env.vehicles",
+    "make_wheel": "offroad_env.vehicles",
+    "settled_state": "offroad_env.simulator",
+    "simulate": "offroad_env.simulator",
+    "simulate_commands": "offroad_env.simulator",
+    "wheel_forces": "offroad_env.wheel",
+}
+
+__all__ = ["__version__", *_EXPORTS]
+
+ENV_ID = "OffroadBekker-v0"
+
+if ENV_ID not in registry:
+    register(id=ENV_ID, entry_point="offroad_env.env:OffroadBekkerEnv", max_episode_steps=6000)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _EXPORTS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(_EXPORTS[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_EXPORTS})

@@ -1,0 +1,32 @@
+"""Fixtures and settings of all tests."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+from helpers import data_root, measured_data
+
+# Tests open no window, whatever the machine has. Set before anything imports pygame or matplotlib.
+os.environ["MPLBACKEND"] = "Agg"
+os.environ["SDL_VIDEODRIVER"] = "dummy"
+os.environ["SDL_AUDIODRIVER"] = "dummy"
+os.environ["PYGAME_HIDE_SUPPORT_PROMPT"] = "1"
+
+# The code under test, in this process or a new one, finds the data where the tests do.
+if data_root().is_dir():
+    os.environ["OFFROAD_DATA"] = str(data_root())
+
+# The same examples in every run. No deadline: the first call of a kernel compiles it.
+settings.register_profile("offroad", derandomize=True, deadline=None, print_blob=True)
+settings.load_profile("offroad")
+
+
+@pytest.fixture(scope="session")
+def offroad_data() -> Callable[[str], Path]:
+    """``offroad_data(name)`` is the folder of a measured data set, or skips the test."""
+    return measured_data
