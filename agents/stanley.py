@@ -27,33 +27,28 @@ class StanleyGains:
     k_yaw: float = 0.1  #: damping of the yaw rate against the path's [s]
 
 
-def stanley_steer(
-    senses: Senses, yaw_rate: float, arms: tuple[float, float], gains: StanleyGains
-) -> float:
+def stanley_steer(senses: Senses, yaw_rate: float, l_f: float, gains: StanleyGains) -> float:
     """Road-wheel angle [rad], left positive.
 
-    The cross-track error is sensed at the CG and the law needs it at the front axle, l_f ahead:
-    e_f = e + l_f sin(heading error) - kappa l_f^2 / 2. On a curve the wheels also point along the
-    path's circle, atan(L kappa) for small slip angles.
+    The errors are sensed at the CG and the law needs them at the front axle, l_f ahead, where the
+    path has turned by kappa l_f and moved by kappa l_f^2 / 2. The front axle then follows the
+    path; the CG runs inside of it by about kappa (l_f l_r + l_f^2 / 2).
 
     Parameters
     ----------
     senses
     yaw_rate
         Measured [rad/s].
-    arms
-        (l_f, l_r): CG to the axles [m].
+    l_f
+        CG to the front axle [m].
     gains
     """
-    l_f, l_r = arms
     kappa = float(senses.curvature[0])
-    # Path yaw at the front axle; the vehicle's yaw is the same at both.
     heading = senses.heading_error - kappa * l_f
     front = senses.cross_track + l_f * math.sin(senses.heading_error) - 0.5 * kappa * l_f * l_f
     pull = math.atan2(gains.k * front, gains.k_soft + max(senses.speed, 0.0))
     damping = gains.k_yaw * (senses.speed * kappa - yaw_rate)
-    # The body of a vehicle on a circle points outward of the front axle's course by L kappa.
-    return -heading - pull + damping + math.atan((l_f + l_r) * kappa) - kappa * l_f
+    return -heading - pull + damping
 
 
 class StanleyAgent:
@@ -72,14 +67,14 @@ class StanleyAgent:
 
     def reset(self, briefing: Any) -> None:
         """Take vehicle and control interval from the briefing."""
-        self._arms = (briefing.vehicle.l_f, briefing.vehicle.l_r)
+        self._l_f = briefing.vehicle.l_f
         self._steer_range = briefing.steer_range
         self._speed_control = SpeedController(briefing.vehicle, briefing.dt)
 
     def act(self, observation: Observation) -> np.ndarray:
         """Action (2,)."""
         senses = read_senses(observation)
-        steer = stanley_steer(senses, float(observation["imu"][4]), self._arms, self.gains)
+        steer = stanley_steer(senses, float(observation["imu"][4]), self._l_f, self.gains)
         drive = self._speed_control.command(
             senses.target_speed or self.speed, senses.speed, rim_speed=max(senses.rim_speed)
         )

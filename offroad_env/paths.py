@@ -249,7 +249,7 @@ def winding_corridor(
     Parameters
     ----------
     rng
-        Source of the road; the same state gives the same road.
+        Source of the road; how much is drawn depends on the other arguments only.
     length
         Length of the road [m].
     radius_range, straight_range
@@ -278,24 +278,30 @@ def winding_corridor(
     max_heading = _TURN.check("max_heading", max_heading)
 
     steps, values, heading = [max(_STRAIGHT.check("lead_in", lead_in), 1e-3)], [0.0, 0.0], 0.0
-    while sum(steps) < length:
-        turn = _draw_turn(rng, heading, max_heading)
-        radius = rng.uniform(*radii)
+    # As many draws as the shortest possible bends need: the state of rng afterwards does not depend on luck.
+    bends = math.ceil(length / (0.5 * max_heading * radii[0] + straights[0]))
+    for draws in rng.random((bends, 3)):
+        turn = _turn(draws[0], heading, max_heading)
+        radius = radii[0] + draws[1] * (radii[1] - radii[0])
         clothoid = min(transition, 0.5 * radius * abs(turn))
         curvature = math.copysign(1.0 / radius, turn)
         # The two clothoids turn by curvature * clothoid together, the arc by the rest.
-        steps += [clothoid, radius * abs(turn) - clothoid, clothoid, max(rng.uniform(*straights), 1e-3)]
+        gap = max(straights[0] + draws[2] * (straights[1] - straights[0]), 1e-3)
+        steps += [clothoid, radius * abs(turn) - clothoid, clothoid, gap]
         values += [curvature, curvature, 0.0, 0.0]
         heading += turn
     breaks = np.concatenate([[0.0], np.cumsum(steps)])
     return _integrate(breaks, np.array(values), length)
 
 
-def _draw_turn(rng: np.random.Generator, heading: float, limit: float) -> float:
-    """Angle to a new heading, uniform over those in +-limit that differ by at least limit/2 [rad]."""
+def _turn(share: float, heading: float, limit: float) -> float:
+    """Angle to a new heading, uniform over those in +-limit that differ by at least limit/2 [rad].
+
+    ``share`` in [0, 1) picks one of them; positive angles turn left.
+    """
     least = 0.5 * limit
     right, left = max(heading - least + limit, 0.0), max(limit - heading - least, 0.0)
-    place = rng.uniform(0.0, right + left)
+    place = share * (right + left)
     return place - right - least if place < right else place - right + least
 
 

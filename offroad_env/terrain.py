@@ -180,9 +180,9 @@ def _draw_frequencies(edges: np.ndarray, rng: np.random.Generator) -> np.ndarray
 
 
 def rough_terrain(
-    iso_class: str | None = None,
-    *,
+    iso_class: str | None,
     rng: np.random.Generator,
+    *,
     roughness: float | None = None,
     waves: int = 64,
     band: tuple[float, float] = (0.05, 1.5),
@@ -192,7 +192,7 @@ def rough_terrain(
     Parameters
     ----------
     iso_class
-        Class "A" (very good) ... "H" (very rough) of ISO 8608; or give ``roughness``.
+        Class "A" (very good) ... "H" (very rough) of ISO 8608; None where ``roughness`` is given.
     rng
         Source of frequencies, directions and phases; always ``2 waves + 1`` draws.
     roughness
@@ -363,8 +363,18 @@ def soil_patches_along(
                 f"sections[{i}] must lie in 0 ... {path.length:g} m and be at least {2.0 * radius:g} m long "
                 f"(3 half_width + edge), got {start:g} ... {end:g} m"
             )
-        count = math.ceil((end - start - 2.0 * radius) / half_width) + 1
-        for s in np.linspace(start + radius, end - radius, count):
+        first, last = _centre(path, start, radius), _centre(path, end, -radius)
+        for s in np.linspace(first, last, max(math.ceil((last - first) / half_width), 0) + 1):
             x, y, _, _ = path_point(path, float(s))
             rows.append((x, y, radius, row[2]))
     return soil_map(rows, edge)
+
+
+def _centre(path: PathTable, mark: float, radius: float) -> float:
+    """Arc length [m] of the disc whose rim crosses the path at ``mark``; ahead of it for radius > 0."""
+    x_0, y_0, _, _ = path_point(path, mark)
+    s = mark + radius
+    for _ in range(30):  # a chord is a little shorter than its arc: the rest shrinks tenfold each time
+        x, y, _, _ = path_point(path, s)
+        s += math.copysign(abs(radius) - math.hypot(x - x_0, y - y_0), radius)
+    return s

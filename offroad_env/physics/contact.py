@@ -14,11 +14,9 @@ import numpy as np
 from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.wheel_soil import (
     SCRATCH,
-    contact_angle_shares,
     directed_reaction,
     rigid_forces,
     rolling_direction,
-    slip_ratio,
     soil_constants,
 )
 
@@ -110,7 +108,6 @@ def solve_contact(soil, wheel, motion, frame, support, warm, options):
         return CONTACT, F_x, F_y, F_z, T, 0.0
 
     constants = soil_constants(soil, wheel)
-    shares = contact_angle_shares(soil, slip_ratio(motion[0], motion[1]))
     seam = (rolling_direction(motion, v_eps), v_eps)
     scratch = np.empty(SCRATCH)
     law = (resultant, fine)
@@ -125,7 +122,7 @@ def solve_contact(soil, wheel, motion, frame, support, warm, options):
     G_x = G_y = G_z = G_t = 0.0
     status = NO_ROOT
     for i in range(_ITERATIONS):
-        F_x, F_y, F_z, T = directed_reaction(constants, shares, h, motion, seam, law, scratch)
+        F_x, F_y, F_z, T = directed_reaction(soil, constants, h, motion, seam, law, scratch)
         V = wheels * (F_x * l_z + F_y * c_z + F_z * n_z)
         target = N_0 - k * h
         if V > target:

@@ -16,6 +16,7 @@ import numpy as np
 
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel
+from offroad_env.physics.contact import NO_ROOT
 from offroad_env.physics.numerics import AIR_DENSITY, GRAVITY
 from offroad_env.physics.records import Wheel
 from offroad_env.physics.vehicle_model import (
@@ -101,12 +102,16 @@ def _axle_torques(vehicle, x):
 
 @inline_kernel
 def _actuators(vehicle, x, command, d):
-    """First-order lags; the steering rate saturates smoothly at ``steer_rate``."""
+    """First-order lags; the steering rate saturates smoothly at ``steer_rate``.
+
+    A lag of zero is carried out as 5 ms, two steps.
+    """
     steer, drive, brake = command
-    reach = vehicle.steer_lag * vehicle.steer_rate
+    reach = max(vehicle.steer_lag, 0.005) * vehicle.steer_rate
     d[at.STEER] = vehicle.steer_rate * math.tanh((steer - x[at.STEER]) / reach)
-    d[at.DRIVE] = (drive - x[at.DRIVE]) / vehicle.torque_lag
-    d[at.BRAKE] = (brake - x[at.BRAKE]) / vehicle.torque_lag
+    lag = max(vehicle.torque_lag, 0.005)
+    d[at.DRIVE] = (drive - x[at.DRIVE]) / lag
+    d[at.BRAKE] = (brake - x[at.BRAKE]) / lag
 
 
 @kernel
@@ -160,21 +165,17 @@ def full_derivative(x, command, plant, warm, d, readings):
 
 
 @kernel
-def _spin_stiffness(plant, x, d, readings, first):
-    """d(spin acceleration)/d(omega) of one axle [1/s] by one more force evaluation at fixed sinkage."""
+def _soil_spin_stiffness(plant, omega, readings, first):
+    """-d(soil torque)/d(omega) / inertia of an axle [1/s], by one more evaluation at fixed sinkage."""
     v = plant.vehicle
-    omega = x[at.OMEGA_F] if first == 0 else x[at.OMEGA_R]
-    now = d[at.OMEGA_F] if first == 0 else d[at.OMEGA_R]
     # A step well inside the regularised band, large against rounding.
     change = 1e-4 * (abs(omega) + plant.v_eps / v.r)
     motion = (v.r * (omega + change), readings[first + at.V_L], readings[first + at.V_C])
-    load = readings[first + at.N]
     if plant.soil.rigid > 0.5:
-        _, _, torque = rigid_forces(plant.soil, v.r, load, motion, plant.v_eps)
+        _, _, torque = rigid_forces(plant.soil, v.r, readings[first + at.N], motion, plant.v_eps)
     else:
-        soil = with_exponent(plant.soil, readings[first + at.EXPONENT])
         _, _, _, torque = wheel_reaction(
-            soil,
+            with_exponent(plant.soil, readings[first + at.EXPONENT]),
             Wheel(v.r, v.b),
             readings[first + at.SINKAGE],
             motion,
@@ -182,9 +183,37 @@ def _spin_stiffness(plant, x, d, readings, first):
             (plant.resultant, plant.fine),
         )
         torque *= v.wheels_per_axle
-    drive_f, brake_f, drive_r, brake_r = _axle_torques(v, x)
-    drive, brake = (drive_f, brake_f) if first == 0 else (drive_r, brake_r)
-    return min((_spin_acceleration(v, omega + change, torque, load, drive, brake, plant.v_eps) - now) / change, 0.0)
+    inertia = v.wheels_per_axle * v.I_w
+    return min((readings[first + at.TORQUE] - torque) / (change * inertia), 0.0)
+
+
+@inline_kernel
+def _held_spin_stiffness(vehicle, omega, load, brake, v_eps):
+    """Secant of the brake and rolling-resistance torque from omega to rest / inertia [1/s], negative.
+
+    The tangent vanishes outside the narrow band around rest, and a braked wheel would jump across
+    it at every step; the secant brings it to rest.
+    """
+    scale = vehicle.r / (0.5 * v_eps)
+    x = abs(scale * omega)
+    secant = math.tanh(x) / x if x > 1e-6 else 1.0
+    resisting = brake + vehicle.rolling_resistance * load * vehicle.r
+    return -resisting * secant * scale / (vehicle.wheels_per_axle * vehicle.I_w)
+
+
+@inline_kernel
+def _implicit_spins(vehicle, steer, stiffness, gamma_dt, k):
+    """Solve the two stiff rows of (1 - gamma dt J) k = right side, in place.
+
+    The soil torque depends on the slip speed r omega - v_l, so its row holds -J/r for v_l beside J
+    for omega; without it the spin would trail the vehicle's acceleration at first order.
+    """
+    soil_f, held_f, soil_r, held_r = stiffness
+    cos, sin = math.cos(steer), math.sin(steer)
+    v_l_f = k[at.V_X] * cos + (k[at.V_Y] + vehicle.l_f * k[at.YAW_RATE]) * sin
+    front, rear = gamma_dt * soil_f, gamma_dt * soil_r
+    k[at.OMEGA_F] = (k[at.OMEGA_F] - front * v_l_f / vehicle.r) / (1.0 - front - gamma_dt * held_f)
+    k[at.OMEGA_R] = (k[at.OMEGA_R] - rear * k[at.V_X] / vehicle.r) / (1.0 - rear - gamma_dt * held_r)
 
 
 @kernel
@@ -192,25 +221,30 @@ def full_step(x, warm, command, plant, dt, work, readings):
     """One step of a two-stage Rosenbrock W-method of order 2, implicit in the wheel spins, in place.
 
     Verwer, Spee, Blom & Hundsdorfer, SIAM J. Sci. Comput. 20 (1999), eq. 2.4: order 2 for any
-    approximate Jacobian, so it may hold nothing but the two stiff diagonal entries. The spin rate
-    constant reaches 1e4 1/s at walking pace, where an explicit method needs steps of 0.2 ms.
-    Returns the worst contact status; ``readings`` belong to the state before the step.
+    approximate Jacobian, so it may hold nothing but the two stiff rows. The spin rate constant
+    reaches 1e4 1/s at walking pace, where an explicit method needs steps of 0.2 ms. Returns the
+    worst contact status; ``readings`` belong to the state before the step.
     """
-    k_1, k_2, stage = work[0], work[1], work[2]
-    later = work[3]
+    k_1, k_2, stage, later = work[0], work[1], work[2], work[3]
     size = x.shape[0]
+    v = plant.vehicle
     full_derivative(x, command, plant, warm, k_1, readings)
-    J_f = _spin_stiffness(plant, x, k_1, readings, 0)
-    J_r = _spin_stiffness(plant, x, k_1, readings, at.AXLE)
-    k_1[at.OMEGA_F] /= 1.0 - _GAMMA * dt * J_f
-    k_1[at.OMEGA_R] /= 1.0 - _GAMMA * dt * J_r
+    _, brake_f, _, brake_r = _axle_torques(v, x)
+    omega_f, omega_r = x[at.OMEGA_F], x[at.OMEGA_R]
+    stiffness = (
+        _soil_spin_stiffness(plant, omega_f, readings, 0),
+        _held_spin_stiffness(v, omega_f, readings[at.N], brake_f, plant.v_eps),
+        _soil_spin_stiffness(plant, omega_r, readings, at.AXLE),
+        _held_spin_stiffness(v, omega_r, readings[at.AXLE + at.N], brake_r, plant.v_eps),
+    )
+    steer = x[at.STEER]
+    _implicit_spins(v, steer, stiffness, _GAMMA * dt, k_1)
     for i in range(size):
         stage[i] = x[i] + dt * k_1[i]
     full_derivative(stage, command, plant, warm, k_2, later)
     for i in range(size):
         k_2[i] -= 2.0 * k_1[i]
-    k_2[at.OMEGA_F] /= 1.0 - _GAMMA * dt * J_f
-    k_2[at.OMEGA_R] /= 1.0 - _GAMMA * dt * J_r
+    _implicit_spins(v, steer, stiffness, _GAMMA * dt, k_2)
     for i in range(size):
         x[i] += dt * (1.5 * k_1[i] + 0.5 * k_2[i])
     return max(readings[at.STATUS], later[at.STATUS])
@@ -220,12 +254,14 @@ def full_step(x, warm, command, plant, dt, work, readings):
 def full_advance(x, warm, command, plant, dt, steps, readings):
     """``steps`` steps of ``dt`` under a held command, in place; returns the worst contact status.
 
-    ``readings`` are those of the state before the last step. Stops at a state that is not finite.
+    ``readings`` become those of the state reached, so a sensor sees no lag. Stops at a state that
+    is not finite or has no contact solution, with status NO_ROOT.
     """
     work = np.empty((4, max(at.STATE_SIZE, at.READINGS_SIZE)))
     worst = 0.0
     for _ in range(steps):
         worst = max(worst, full_step(x, warm, command, plant, dt, work, readings))
-        if worst >= 3.0 or not np.isfinite(x).all():
-            return 3.0
-    return worst
+        if worst >= NO_ROOT or not np.isfinite(x).all():
+            return NO_ROOT
+    full_derivative(x, command, plant, warm, work[0], readings)
+    return max(worst, readings[at.STATUS])

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from offroad_env.physics._jit import kernel
+from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.numerics import smooth_step
 
 __all__ = ["ground_height", "ground_heights", "ground_readings", "sin_cos", "sinkage_exponent"]
@@ -30,7 +30,7 @@ _C2, _C4, _C6, _C8, _C10, _C12, _C14, _C16, _C18, _C20 = (
 )
 
 
-@kernel
+@inline_kernel
 def sin_cos(x):
     """``(sin x, cos x)`` for ``|x| <= 1e5`` rad, within 1e-15.
 
@@ -124,7 +124,8 @@ def sinkage_exponent(soil_map, n_base, X, Y):
         outer = soil_map.patches[i, 2] + 0.5 * soil_map.edge
         squared = x * x + y * y
         if squared < outer * outer:
-            n += smooth_step((outer - math.sqrt(squared)) / soil_map.edge) * (soil_map.patches[i, 3] - n)
+            inside = smooth_step((outer - math.sqrt(squared)) / soil_map.edge)
+            n = (1.0 - inside) * n + inside * soil_map.patches[i, 3]
     return n
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel
+from offroad_env.physics.contact import NO_ROOT, SUNK
 from offroad_env.physics.vehicle_model import (
     axle_contact,
     axle_motion,
@@ -22,7 +23,7 @@ from offroad_env.physics.vehicle_model import (
     suspension_load,
 )
 
-__all__ = ["paper_derivative", "paper_step", "simulate_paper"]
+__all__ = ["paper_advance", "paper_derivative", "paper_step", "simulate_paper"]
 
 
 @inline_kernel
@@ -137,6 +138,25 @@ def paper_step(x, warm, inputs, plant, dt, work, readings):
 
 
 @kernel
+def paper_advance(x, warm, held, plant, dt, steps, readings):
+    """``steps`` steps of ``dt`` under held inputs, in place; returns the worst contact status.
+
+    ``readings`` become those of the state reached. Stops at a state that is not finite or has no
+    contact solution, with status NO_ROOT.
+    """
+    work, inputs = np.empty((3, x.shape[0])), np.empty((3, 3))
+    for i in range(3):
+        inputs[i, 0], inputs[i, 1], inputs[i, 2] = held
+    worst = 0.0
+    for _ in range(steps):
+        worst = max(worst, paper_step(x, warm, inputs, plant, dt, work, readings))
+        if worst >= NO_ROOT or not np.isfinite(x).all():
+            return NO_ROOT
+    paper_derivative(x, held, plant, warm, work[0], readings)
+    return max(worst, readings[at.STATUS])
+
+
+@kernel
 def simulate_paper(x, warm, inputs, plant, dt, states, readings):
     """Run ``len(states) - 1`` steps from ``x``; returns (worst status, steps done).
 
@@ -151,7 +171,7 @@ def simulate_paper(x, warm, inputs, plant, dt, states, readings):
         states[i] = x
         status = paper_step(x, warm, inputs[2 * i : 2 * i + 3], plant, dt, work, readings[i])
         worst = max(worst, status)
-        if status >= 2.0 or not np.isfinite(x).all():
+        if status >= SUNK or not np.isfinite(x).all():
             return worst, i
     states[steps] = x
     last = inputs[2 * steps]

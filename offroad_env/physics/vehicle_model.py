@@ -156,7 +156,7 @@ def axle_contact(plant, motion, place, support, warm, readings, first):
     readings[first + at.F_C] = F_y
     readings[first + at.TORQUE] = T
     readings[first + at.SINKAGE] = h
-    readings[first + at.SLIP] = slip_ratio(motion[0], motion[1])
+    readings[first + at.SLIP] = slip_ratio(motion[0], motion[1], plant.v_eps)
     readings[first + at.R_OMEGA] = motion[0]
     readings[first + at.V_L] = motion[1]
     readings[first + at.V_C] = motion[2]

@@ -46,14 +46,17 @@ _TINY = 1e-12
 
 
 @inline_kernel
-def slip_ratio(r_omega, v_l):
-    """(r omega - v) / max(|r omega|, |v|), held in [-1, 1]; 0 at rest.
+def slip_ratio(r_omega, v_l, v_eps):
+    """(r omega - v) / max(|r omega|, |v|), held in [-1, 1]; fades to 0 below ``v_eps`` [m/s].
 
-    Driving it is the paper's s, braking it refers to v. Continuous with its slope at r omega = v.
+    Driving it is the paper's s, braking it refers to v. Continuous with its slope at r omega = v;
+    at standstill the plain ratio would jump between -1 and 1 with every rounding error.
     """
     largest = max(abs(r_omega), abs(v_l))
     if largest <= 0.0:
         return 0.0
+    if v_eps > 0.0:
+        largest = math.sqrt(largest * largest + v_eps * v_eps)
     return min(max((r_omega - v_l) / largest, -1.0), 1.0)
 
 
@@ -290,21 +293,24 @@ def rolling_direction(motion, v_eps):
 
 
 @kernel
-def directed_reaction(constants, shares, h, motion, seam, law, scratch):
+def directed_reaction(soil, constants, h, motion, seam, law, scratch):
     """(F_x, F_y, F_z, torque) in either direction; ``seam`` = (forward share, v_eps).
 
-    A reversing wheel is the mirror image of a forward one; near standstill the two are blended,
-    so nothing jumps.
+    A reversing wheel is the mirror image of a forward one (both speeds and the slip change sign);
+    near standstill the two are blended, so nothing jumps.
     """
     r_omega, v_l, v_c = motion
     forward, v_eps = seam
+    s = slip_ratio(r_omega, v_l, v_eps)
     F_x = F_y = F_z = T = 0.0
     if forward > 0.0:
+        shares = contact_angle_shares(soil, s)
         kinematics = shear_kinematics(r_omega, v_l, v_c, v_eps)
         p_x, p_y, p_z, p_t = integrate_stresses(constants, shares, h, kinematics, law, scratch)
         F_x, F_y, F_z, T = forward * p_x, forward * p_y, forward * p_z, forward * p_t
     if forward < 1.0:
         back = 1.0 - forward
+        shares = contact_angle_shares(soil, -s)
         kinematics = shear_kinematics(-r_omega, -v_l, v_c, v_eps)
         p_x, p_y, p_z, p_t = integrate_stresses(constants, shares, h, kinematics, law, scratch)
         F_x -= back * p_x
@@ -319,12 +325,10 @@ def wheel_reaction(soil, wheel, h, motion, v_eps, law):
     """(F_x, F_y, F_z, torque) of a wheel at sinkage ``h`` [m] for ``motion`` = (r omega, v_l, v_c) [m/s].
 
     ``v_eps`` [m/s] regularises standstill (0 for the plain law); ``law`` = (resultant 0/1, fine).
-    The slip ratio is the same in both directions: both speeds change their sign.
     """
-    shares = contact_angle_shares(soil, slip_ratio(motion[0], motion[1]))
     seam = (rolling_direction(motion, v_eps), v_eps)
-    scratch = np.empty(SCRATCH)
-    return directed_reaction(soil_constants(soil, wheel), shares, h, motion, seam, law, scratch)
+    constants = soil_constants(soil, wheel)
+    return directed_reaction(soil, constants, h, motion, seam, law, np.empty(SCRATCH))
 
 
 @kernel

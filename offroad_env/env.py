@@ -1,0 +1,431 @@
+"""The environment ``OffroadBekker-v0``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from estimators.embedded import EmbeddedParameterUKF
+from estimators.navigation import NavigationFilter
+from estimators.protocol import Estimate
+from offroad_env.errors import InvalidParameter
+from offroad_env.physics import state as at
+from offroad_env.physics.contact import NO_ROOT, SUNK
+from offroad_env.physics.full_model import full_advance
+from offroad_env.physics.numerics import GRAVITY
+from offroad_env.physics.paper_model import paper_advance
+from offroad_env.physics.path_kernels import nearest_index, preview, project
+from offroad_env.physics.records import Soil, Vehicle
+from offroad_env.rewards import Outcome, RewardWeights, reward_terms
+from offroad_env.scenarios import Course, Scenario, find_scenario
+from offroad_env.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
+from offroad_env.simulator import FULL_STEP, MODELS, VEHICLE_MODELS, make_plant, settled_state
+from offroad_env.soils import SOILS, make_soil
+from offroad_env.vehicles import VEHICLES
+
+__all__ = ["CONTROL_PERIOD", "PREVIEW", "TERRAIN_INFO", "Briefing", "OffroadBekkerEnv"]
+
+CONTROL_PERIOD = 0.02  #: time between actions [s]
+PREVIEW = (0.0, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0)  #: where the path ahead is observed [m]
+TERRAIN_INFO = ("none", "estimate", "truth")
+ESTIMATORS = ("parameter", "none")
+
+_SAMPLES = 2  # IMU samples per control period
+_PAPER_FORCE = 3.0  # body force at full drive, per unit of mass [m/s^2]: above the paper's largest, 2.4
+_PAPER_SLIP = {"clay": 0.03}  # constant slip of the paper's model where it is not zero
+_STUCK_TIME, _STUCK_SPEED, _STUCK_DRIVE = 4.0, 0.1, 0.3  # [s], [m/s], [-]
+_ROLLOVER_TIME = 0.2  # [s]
+
+# Bounds of the observation: what the sensors saturate at, and what a drive can bring.
+_IMU_HIGH = np.array([100.0, 100.0, 100.0, 10.0, 10.0])
+_SPEED_RANGE = (-60.0, 60.0)
+_PATH_HIGH = np.array([50.0, math.pi, 60.0] + [2.0] * len(PREVIEW))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Briefing:
+    """What a controller may know before it starts; the same whatever the true soil is."""
+
+    scenario: str
+    vehicle: Vehicle  #: nominal vehicle
+    soil: Soil  #: believed soil, with n at the middle of ``n_range``
+    n_range: tuple[float, float]  #: prior of the sinkage exponent: uniform [-]
+    corridor: float  #: half width [m]
+    target_speed: float  #: [m/s], 0 = as fast as possible
+    preview: tuple[float, ...] = PREVIEW  #: distances of the observed curvatures [m]
+    dt: float = CONTROL_PERIOD  #: [s]
+    shear: str = "resultant"  #: shear law of the model, for `wheel_forces`
+
+
+class OffroadBekkerEnv(gym.Env):
+    """Drive a vehicle along a path over soil whose sinkage exponent n nobody tells you.
+
+    ## Action: Box(-1, 1, (2,), float32)
+    | index | meaning | in SI |
+    |---|---|---|
+    | 0 | steering, left positive | times ``vehicle.steer_max`` [rad] |
+    | 1 | drive (positive), brake (negative) | times ``drive_torque_max`` or ``brake_torque_max`` [N m] |
+
+    Values outside [-1, 1] are clipped; NaN or infinity raises `InvalidParameter`. With
+    ``model="paper"`` steering acts at once and index 1 is a body force of up to 3 m [N] either way.
+
+    ## Observation: Dict, float32
+    | key | shape | content |
+    |---|---|---|
+    | ``imu`` | (5,) | a_x, a_y, a_z [m/s^2], pitch rate, yaw rate [rad/s]: mean of the period's two samples |
+    | ``motion`` | (5,) | speed [m/s], rim speed front, rear [m/s], last steering command [rad], last drive [-] |
+    | ``path`` | (11,) | cross-track error [m] (left positive), heading error [rad], target speed [m/s] (0 = as fast as possible), curvature [1/m] at 0, 3, 6, 10, 15, 20, 30, 40 m ahead |
+    | ``terrain`` | (3,) | n, its standard deviation, valid (0/1); absent with ``terrain_info="none"`` |
+
+    Everything comes from simulated sensors (IMU 100 Hz, wheel speeds 50 Hz, GNSS 10 Hz, with the
+    paper's IMU noise) through a navigation filter, never from the simulator's state; ``terrain`` with
+    ``terrain_info="truth"`` is the exception it says it is. Values are clipped to the space.
+
+    ## Reward
+    0.1 per metre of progress along the path, less the cost of time, of distance from the path, of
+    missing the target speed and of restless actions; 10 on arrival, -20 on failure. ``info
+    ["reward_terms"]`` names the terms, which add up to the reward.
+
+    ## Start and end
+    Settled on the soil, on the path, rolling. n is drawn uniformly from ``n_range``;
+    ``reset(options={"n": 0.7})`` sets it. Terminates at the goal (``info["success"]``) or with
+    ``info["failure"]``: "left_corridor", "rollover" (the lateral acceleration holds the inner wheels off
+    the ground for 0.2 s), "immobilised" (no motion for 4 s of drive, or sunk beyond the wheel),
+    "diverged". Truncates after ``max_episode_steps`` (6000 = 120 s).
+
+    ## Arguments
+    scenario : "track" or "speed" (`offroad_env.SCENARIOS`)
+    terrain_info : "none", "estimate" or "truth"
+    model : "full" (wheel spin, slopes) or "paper" (Buzhardt & Tallapragada, ACC 2021)
+    vehicle_model : "half_car" or "bicycle"
+    estimator : "parameter" or "none"; None runs the parameter UKF when ``terrain_info="estimate"``
+    n_range : (low, high) of the sinkage exponent, default the scenario's
+    soil, vehicle : names in `SOILS` and `VEHICLES`, default the scenario's
+
+    ## Info
+    The same keys at every step: true soil (``n, n_front, n_rear``), ``sinkage`` [m] and ``slip`` (front,
+    rear), ``cross_track_error`` [m], ``heading_error`` [rad], ``progress`` and ``path_length`` [m],
+    ``speed`` [m/s], ``time`` [s], the estimator's ``n_estimate``, ``n_estimate_sd``, ``nis``
+    (NaN when none runs) and ``filter_repairs``, ``reward_terms``, ``success``, ``failure``.
+
+    ## Versions
+    v0: first version.
+    """
+
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012 - Gymnasium's form
+
+    def __init__(  # noqa: PLR0913 - the environment's arguments are its interface
+        self,
+        *,
+        scenario: str = "track",
+        terrain_info: str = "none",
+        model: str = "full",
+        vehicle_model: str = "half_car",
+        estimator: str | None = None,
+        n_range: tuple[float, float] | None = None,
+        soil: str | None = None,
+        vehicle: str | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        self.scenario: Scenario = find_scenario(scenario)
+        if estimator is None:
+            estimator = "parameter" if terrain_info == "estimate" else "none"
+        for name, value, allowed in (
+            ("terrain_info", terrain_info, TERRAIN_INFO),
+            ("model", model, MODELS),
+            ("vehicle_model", vehicle_model, VEHICLE_MODELS),
+            ("estimator", estimator, ESTIMATORS),
+            ("render_mode", render_mode, (None, *self.metadata["render_modes"])),
+        ):
+            if value not in allowed:
+                raise InvalidParameter(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}")
+        if terrain_info == "estimate" and estimator == "none":
+            raise InvalidParameter('terrain_info="estimate" needs an estimator, got estimator="none"')
+        self.terrain_info, self.model, self.vehicle_model = terrain_info, model, vehicle_model
+        self.render_mode = render_mode
+        self.soil_name = self.scenario.soil if soil is None else soil
+        self.n_range = self._checked_range(self.scenario.n_range if n_range is None else n_range)
+        self.vehicle: Vehicle = VEHICLES[self.scenario.vehicle if vehicle is None else vehicle]
+        low, high = self.n_range
+        self.prior = (0.5 * (low + high), max((high - low) / math.sqrt(12.0), 1e-3))
+        self._believed_soil = make_soil(SOILS[self.soil_name], n=self.prior[0])
+        self.weights = RewardWeights()
+        self.sensors = SensorSuite(
+            imu=ImuConfig(body_axes=model == "full"), wheel=WheelSpeedConfig(), gnss=GnssConfig()
+        )
+        self._navigation = NavigationFilter(self.vehicle)
+        self._estimator_name = estimator
+        self.estimator: EmbeddedParameterUKF | None = None
+        self._preview = np.array(PREVIEW)
+        self._renderer: Any = None
+        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.observation_space = self._space()
+
+    def _checked_range(self, limits: tuple[float, float]) -> tuple[float, float]:
+        try:
+            low, high = (float(value) for value in limits)
+        except (TypeError, ValueError) as error:
+            raise InvalidParameter(f"n_range must be (low, high), got {limits!r}") from error
+        if not low <= high:
+            raise InvalidParameter(f"n_range must be (low, high) with low <= high, got {limits!r}")
+        for n in (low, high):
+            make_soil(SOILS[self.soil_name], n=n)
+        return low, high
+
+    def _space(self) -> spaces.Dict:
+        def box(low: Any, high: Any) -> spaces.Box:
+            return spaces.Box(np.asarray(low, np.float32), np.asarray(high, np.float32), dtype=np.float32)
+
+        low, high = _SPEED_RANGE
+        steer = self.vehicle.steer_max
+        parts = {
+            "imu": box(-_IMU_HIGH, _IMU_HIGH),
+            "motion": box([low, low, low, -steer, -1.0], [high, high, high, steer, 1.0]),
+            "path": box(np.where(np.arange(len(_PATH_HIGH)) == 2, 0.0, -_PATH_HIGH), _PATH_HIGH),
+        }
+        if self.terrain_info != "none":
+            parts["terrain"] = box([0.0, 0.0, 0.0], [3.0, 1.0, 1.0])
+        self._bounds = {key: (part.low, part.high) for key, part in parts.items()}
+        return spaces.Dict(parts)
+
+    @property
+    def briefing(self) -> Briefing:
+        """What a controller may know before it starts."""
+        return Briefing(
+            scenario=self.scenario.name,
+            vehicle=self.vehicle,
+            soil=self._believed_soil,
+            n_range=self.n_range,
+            corridor=self.scenario.corridor,
+            target_speed=self.scenario.target_speed,
+            shear="resultant" if self.model == "full" else "independent",
+        )
+
+    # ------------------------------------------------------------------ episode
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Start an episode. ``options={"n": value}`` sets the sinkage exponent of the true soil.
+
+        The draws happen in the same order whatever is observed: same seed, same episode.
+        """
+        super().reset(seed=seed)
+        n = self._chosen_exponent(options, drawn=float(self.np_random.uniform(*self.n_range)))
+        self.course: Course = self.scenario.draw(self.np_random)
+        self.sensors.reset(self.np_random)
+        slip = _PAPER_SLIP.get(self.soil_name, 0.0)
+        kinds = {"model": self.model, "vehicle_model": self.vehicle_model, "slip": slip}
+        truth = make_soil(self._believed_soil, n=n)
+        self.plant = make_plant(self.vehicle, truth, self.course.ground, **kinds)
+        X, Y, yaw = (float(value) for value in self.course.path.nodes[0, :3])
+        start = self.scenario.start_speed
+        self.state, self.warm = settled_state(self.plant, x=X, y=Y, yaw=yaw, v_x=start)
+        self.readings = np.zeros(at.READINGS_SIZE)
+        self._time = 0.0
+        self._last_action = np.zeros(2)
+        self._stuck_for = self._tilting_for = 0.0
+        self._navigation.reset(X, Y, yaw, start)
+        self._pose = (X, Y, yaw, start)
+        self._rims = np.full(2, start)
+        self._true_index = nearest_index(self.course.path, X, Y)
+        self._seen_index = self._true_index
+        self._estimate = Estimate(*self.prior, math.nan, False, 0)
+        if self._estimator_name == "parameter":
+            belief = make_plant(self.vehicle, self._believed_soil, self.course.ground, **kinds)
+            self.estimator = EmbeddedParameterUKF(belief, self.n_range, dt=CONTROL_PERIOD / _SAMPLES)
+            self.estimator.reset(*self.prior, self._pose)
+        # The start is a state, not an interval: readings of the state itself, one sample of the sensors.
+        self._advance((0.0, 0.0), 0)
+        imu = self._sense((0.0, 0.0))
+        self._progress = self._locate_truth()[0]
+        terms = dict.fromkeys(self._terms(0.0, 0.0, False, False), 0.0)
+        observation = self._observe(imu)
+        info = self._info(terms, success=False, failure="")
+        if self.render_mode == "human":
+            self.render()
+        return observation, info
+
+    def _chosen_exponent(self, options: dict[str, Any] | None, drawn: float) -> float:
+        unknown = set(options or {}) - {"n"}
+        if unknown:
+            raise InvalidParameter(f'options may hold "n", got {", ".join(sorted(unknown))}')
+        if not options or options.get("n") is None:
+            return drawn
+        return make_soil(self._believed_soil, n=float(options["n"])).n
+
+    def step(
+        self, action: np.ndarray
+    ) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+        """Hold ``action`` for 0.02 s. See the class for its meaning and the results."""
+        steer, drive = self._checked_action(action)
+        imu = np.zeros(5)
+        status = 0.0
+        for _ in range(_SAMPLES):
+            status = max(status, self._advance((steer, drive), 1))
+            if status >= SUNK:
+                break
+            imu += self._sense((steer, drive)) / _SAMPLES
+        self._time += CONTROL_PERIOD
+        failure = self._failure(status, drive)
+        diverged = status >= NO_ROOT
+        progress = self._progress if diverged else self._locate_truth()[0]
+        success = not failure and progress >= self.course.path.length
+        change = float((steer - self._last_action[0]) ** 2 + (drive - self._last_action[1]) ** 2)
+        self._last_action[:] = steer, drive
+        terms = self._terms(progress - self._progress, change, success, bool(failure))
+        self._progress = progress
+        observation = self._last_observation() if status >= SUNK else self._observe(imu)
+        info = self._info(terms, success=success, failure=failure)
+        if self.render_mode == "human":
+            self.render()
+        return observation, float(sum(terms.values())), success or bool(failure), False, info
+
+    def _checked_action(self, action: np.ndarray) -> tuple[float, float]:
+        values = np.asarray(action, dtype=np.float64)
+        if values.shape != (2,) or not np.isfinite(values).all():
+            raise InvalidParameter(f"action must be 2 finite numbers (steer, drive), got {action!r}")
+        return min(max(float(values[0]), -1.0), 1.0), min(max(float(values[1]), -1.0), 1.0)
+
+    # ------------------------------------------------------------------ physics and sensors
+
+    def _command(self, action: tuple[float, float]) -> tuple[float, float, float]:
+        steer, drive = action
+        angle = steer * self.vehicle.steer_max
+        if self.model == "paper":
+            return angle, drive * _PAPER_FORCE * self.vehicle.m, math.nan
+        return (
+            angle,
+            max(drive, 0.0) * self.vehicle.drive_torque_max,
+            max(-drive, 0.0) * self.vehicle.brake_torque_max,
+        )
+
+    def _advance(self, action: tuple[float, float], samples: int) -> float:
+        """Advance the truth by ``samples`` IMU periods; returns the worst contact status."""
+        advance = full_advance if self.model == "full" else paper_advance
+        dt = FULL_STEP if self.model == "full" else 2.0 * FULL_STEP
+        steps = samples * round(CONTROL_PERIOD / _SAMPLES / dt)
+        return advance(self.state, self.warm, self._command(action), self.plant, dt, steps, self.readings)
+
+    def _sense(self, action: tuple[float, float]) -> np.ndarray:
+        """One sample of all sensors; filters and observations see this and nothing else of the truth."""
+        sample = self.sensors.sample(self.state, self.readings)
+        if sample.wheel_valid:
+            self._rims = sample.wheel
+        command = self._command(action)
+        dt = CONTROL_PERIOD / _SAMPLES
+        self._pose = self._navigation.update(sample.imu, self._rims, command[0], sample.gnss, dt)
+        if self.estimator is not None:
+            self._estimate = self.estimator.update(command, sample.imu, self._rims, sample.gnss)
+        return sample.imu
+
+    def _locate_truth(self) -> tuple[float, float, float]:
+        """(distance along the path, cross-track error, heading error) of the true vehicle."""
+        X, Y, yaw = float(self.state[at.X]), float(self.state[at.Y]), float(self.state[at.YAW])
+        s, error, path_yaw, _, self._true_index = project(self.course.path, X, Y, self._true_index)
+        self._where = (s, error, _wrapped(yaw - path_yaw))
+        return self._where
+
+    def _failure(self, status: float, drive: float) -> str:
+        if status >= NO_ROOT:
+            return "diverged"
+        if status >= SUNK:
+            return "immobilised"
+        _, error, _ = self._locate_truth()
+        if abs(error) > self.scenario.corridor:
+            return "left_corridor"
+        lateral = abs(self.readings[at.A_Y]) * self.vehicle.h_cg
+        tilting = lateral > 0.5 * GRAVITY * self.vehicle.track
+        self._tilting_for = self._tilting_for + CONTROL_PERIOD if tilting else 0.0
+        if self._tilting_for > _ROLLOVER_TIME:
+            return "rollover"
+        stuck = drive > _STUCK_DRIVE and self._speed() < _STUCK_SPEED
+        self._stuck_for = self._stuck_for + CONTROL_PERIOD if stuck else 0.0
+        return "immobilised" if self._stuck_for > _STUCK_TIME else ""
+
+    def _speed(self) -> float:
+        return math.hypot(self.state[at.V_X], self.state[at.V_Y])
+
+    # ------------------------------------------------------------------ what is returned
+
+    def _terms(self, advance: float, change: float, success: bool, failed: bool) -> dict[str, float]:
+        outcome = Outcome(advance, self._where[1], self._speed(), change, success, failed)
+        return reward_terms(self.scenario, self.weights, outcome, CONTROL_PERIOD)
+
+    def _observe(self, imu: np.ndarray) -> dict[str, np.ndarray]:
+        X, Y, yaw, speed = self._pose
+        path = self.course.path
+        s, error, path_yaw, _, self._seen_index = project(path, X, Y, self._seen_index)
+        ahead = np.empty((len(PREVIEW), 2))
+        preview(path, s, self._preview, ahead)
+        steer, drive = self._last_action
+        values = {
+            "imu": imu,
+            "motion": (speed, self._rims[0], self._rims[1], steer * self.vehicle.steer_max, drive),
+            "path": (error, _wrapped(yaw - path_yaw), self.scenario.target_speed, *ahead[:, 0]),
+        }
+        if self.terrain_info == "truth":
+            values["terrain"] = (self.plant.soil.n, 0.0, 1.0)
+        elif self.terrain_info == "estimate":
+            values["terrain"] = (self._estimate.mean, self._estimate.sd, float(self._estimate.valid))
+        self._observation = {
+            key: np.clip(np.array(value, dtype=np.float32), *self._bounds[key]) for key, value in values.items()
+        }
+        return self._last_observation()
+
+    def _last_observation(self) -> dict[str, np.ndarray]:
+        return {key: value.copy() for key, value in self._observation.items()}
+
+    def _info(self, terms: dict[str, float], *, success: bool, failure: str) -> dict[str, Any]:
+        s, error, heading_error = self._where
+        front, rear = self.readings[: at.AXLE], self.readings[at.AXLE : at.MOTION]
+        runs = self.estimator is not None
+        return {
+            "n": self.plant.soil.n,
+            "n_front": float(front[at.EXPONENT]),
+            "n_rear": float(rear[at.EXPONENT]),
+            "sinkage": np.array([front[at.SINKAGE], rear[at.SINKAGE]]),
+            "slip": np.array([front[at.SLIP], rear[at.SLIP]]),
+            "cross_track_error": error,
+            "heading_error": heading_error,
+            "progress": s,
+            "path_length": self.course.path.length,
+            "speed": self._speed(),
+            "time": self._time,
+            "n_estimate": self._estimate.mean if runs else math.nan,
+            "n_estimate_sd": self._estimate.sd if runs else math.nan,
+            "nis": self._estimate.nis if runs else math.nan,
+            "filter_repairs": self._estimate.repairs,
+            "reward_terms": terms,
+            "success": success,
+            "failure": failure,
+        }
+
+    # ------------------------------------------------------------------ pictures
+
+    def render(self) -> np.ndarray | None:
+        """Draw the vehicle from above and from the side, and n over time; needs the extra ``view``."""
+        if self.render_mode is None:
+            gym.logger.warn('render() does nothing without render_mode="human" or "rgb_array"')
+            return None
+        if self._renderer is None:
+            from offroad_env.rendering import Renderer
+
+            self._renderer = Renderer(self.render_mode, fps=self.metadata["render_fps"])
+        return self._renderer.draw(self)
+
+    def close(self) -> None:
+        """Close the window, if one is open."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+
+def _wrapped(angle: float) -> float:
+    """The same angle in [-pi, pi]."""
+    return math.remainder(angle, 2.0 * math.pi)
