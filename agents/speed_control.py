@@ -13,11 +13,15 @@ __all__ = ["SpeedController", "SpeedGains"]
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedGains:
-    """Gains in units of acceleration, so that one set serves vehicles of any mass."""
+    """Gains in units of acceleration, so that one set serves vehicles of any mass.
 
-    k_p: float = 2.0  #: acceleration per speed error [1/s]
-    k_i: float = 0.5  #: acceleration per integrated speed error [1/s^2]
-    integral_max: float = 2.0  #: largest acceleration of the integral part [m/s^2]
+    ``k_p`` is 1/(2 T) of a torque lag T of 0.2 s, which damps the loop at 0.7; ``k_i`` acts an order
+    of magnitude slower.
+    """
+
+    k_p: float = 2.5  #: acceleration per speed error [1/s]
+    k_i: float = 1.0  #: acceleration per integrated speed error [1/s^2]
+    integral_max: float = 3.0  #: largest acceleration of the integral part [m/s^2]
     slip_limit: float = 0.4  #: drive slip at which the drive torque begins to be cut [-]
     slip_band: float = 0.2  #: slip over the limit at which no drive torque is left [-]
     low_speed: float = 1.0  #: rim speed below which slip is referred to this speed [m/s]

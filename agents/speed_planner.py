@@ -44,6 +44,7 @@ class PlannerGains:
     margin: float = 0.8  #: share of the soil's lateral acceleration that is used [-]
     slip_angle: float = 0.2  #: largest slip angle that the plan allows either axle [rad]
     brake_share: float = 0.5  #: share of the soil's braking that is used [-]
+    feed_forward: float = 1.0  #: share of the believed slip angles that the steering anticipates [-]
     lag: float = 0.25  #: time between a command and its effect [s]
     speed_max: float = 15.0  #: highest speed on any path [m/s]
     pursuit: PursuitGains = field(default_factory=PursuitGains)
@@ -130,7 +131,7 @@ class SoilTracker:
         speed = max(senses.speed, 0.0)
         kappa = float(np.interp(gains.lag * speed, self._preview, senses.curvature))
         a = min(max(speed * speed * kappa, -lateral), lateral)
-        front, rear = self._capability.slip_angles(n, a)
+        front, rear = (gains.feed_forward * angle for angle in self._capability.slip_angles(n, a))
         course_error = senses.heading_error - (rear - vehicle.l_r * kappa)
         goal = goal_point(senses.curvature, self._preview, gains.pursuit.distance(speed))
         wanted = pursuit_curvature(senses.cross_track, course_error, goal)

@@ -110,8 +110,8 @@ class OffroadBekkerEnv(gym.Env):
     ## Info
     The same keys at every step: true soil (``n, n_front, n_rear``), ``sinkage`` [m] and ``slip`` (front,
     rear), ``cross_track_error`` [m], ``heading_error`` [rad], ``progress`` and ``path_length`` [m],
-    ``speed`` [m/s], ``time`` [s], the estimator's ``n_estimate``, ``n_estimate_sd``, ``nis``
-    (NaN when none runs) and ``filter_repairs``, ``reward_terms``, ``success``, ``failure``.
+    ``speed`` [m/s], ``time`` [s], the estimator's ``n_estimate``, ``n_estimate_sd``, ``nis`` and
+    ``filter_repairs`` (the prior and zeros when none runs), ``reward_terms``, ``success``, ``failure``.
 
     ## Versions
     v0: first version.
@@ -235,7 +235,7 @@ class OffroadBekkerEnv(gym.Env):
         self._rims = np.full(2, start)
         self._true_index = nearest_index(self.course.path, X, Y)
         self._seen_index = self._true_index
-        self._estimate = Estimate(*self.prior, math.nan, False, 0)
+        self._estimate = Estimate(*self.prior, 0.0, False, 0)
         if self._estimator_name == "parameter":
             belief = make_plant(self.vehicle, self._believed_soil, self.course.ground, **kinds)
             self.estimator = EmbeddedParameterUKF(belief, self.n_range, dt=CONTROL_PERIOD / _SAMPLES)
@@ -308,9 +308,8 @@ class OffroadBekkerEnv(gym.Env):
     def _advance(self, action: tuple[float, float], samples: int) -> float:
         """Advance the truth by ``samples`` IMU periods; returns the worst contact status."""
         advance = full_advance if self.model == "full" else paper_advance
-        dt = FULL_STEP if self.model == "full" else 2.0 * FULL_STEP
-        steps = samples * round(CONTROL_PERIOD / _SAMPLES / dt)
-        return advance(self.state, self.warm, self._command(action), self.plant, dt, steps, self.readings)
+        steps = samples * round(CONTROL_PERIOD / _SAMPLES / FULL_STEP)
+        return advance(self.state, self.warm, self._command(action), self.plant, FULL_STEP, steps, self.readings)
 
     def _sense(self, action: tuple[float, float]) -> np.ndarray:
         """One sample of all sensors; filters and observations see this and nothing else of the truth."""
@@ -384,7 +383,6 @@ class OffroadBekkerEnv(gym.Env):
     def _info(self, terms: dict[str, float], *, success: bool, failure: str) -> dict[str, Any]:
         s, error, heading_error = self._where
         front, rear = self.readings[: at.AXLE], self.readings[at.AXLE : at.MOTION]
-        runs = self.estimator is not None
         return {
             "n": self.plant.soil.n,
             "n_front": float(front[at.EXPONENT]),
@@ -397,9 +395,9 @@ class OffroadBekkerEnv(gym.Env):
             "path_length": self.course.path.length,
             "speed": self._speed(),
             "time": self._time,
-            "n_estimate": self._estimate.mean if runs else math.nan,
-            "n_estimate_sd": self._estimate.sd if runs else math.nan,
-            "nis": self._estimate.nis if runs else math.nan,
+            "n_estimate": self._estimate.mean,
+            "n_estimate_sd": self._estimate.sd,
+            "nis": self._estimate.nis,
             "filter_repairs": self._estimate.repairs,
             "reward_terms": terms,
             "success": success,

@@ -33,7 +33,7 @@ __all__ = [
 ]
 
 #: Step of the full model [s]; what halving it changes is tested and stated in the tests.
-FULL_STEP = 0.0025
+FULL_STEP = 0.005
 
 MODELS = ("full", "paper")
 VEHICLE_MODELS = ("half_car", "bicycle")

@@ -104,12 +104,15 @@ def test_a_level_imu_does_not_notice_the_pitch():
 
 
 def test_a_misaligned_imu_sees_the_motion_in_turned_axes():
-    motion = ((1.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, 0.0)
+    motion = ((1.0, 2.0, 3.0), 0.0, 0.0, 0.0, 0.0, 0.0)
+    c, s = math.cos(0.1), math.sin(0.1)
     turned_left = imu_reading(*motion, ImuConfig().mount((0.0, 0.0, 0.1)))
-    assert turned_left[:3] == pytest.approx((math.cos(0.1), -math.sin(0.1), 0.0))
+    assert turned_left[:3] == pytest.approx((c + 2.0 * s, 2.0 * c - s, 3.0))
     nose_up = imu_reading(*motion, ImuConfig().mount((0.0, 0.1, 0.0)))
-    assert nose_up[:3] == pytest.approx((math.cos(0.1), 0.0, -math.sin(0.1)))
-    # Rolled by a quarter turn (right side down) the left axis points up and the gyros trade places.
+    assert nose_up[:3] == pytest.approx((c + 3.0 * s, 2.0, 3.0 * c - s))
+    right_down = imu_reading(*motion, ImuConfig().mount((0.1, 0.0, 0.0)))
+    assert right_down[:3] == pytest.approx((1.0, 2.0 * c + 3.0 * s, 3.0 * c - 2.0 * s))
+    # Rolled by a quarter turn the left axis points up and the gyros trade places.
     yawing = imu_reading(
         (0.0, 0.0, 0.0), 0.5, 0.0, 0.0, 0.0, 0.0, ImuConfig().mount((0.5 * math.pi, 0.0, 0.0))
     )

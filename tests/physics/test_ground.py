@@ -147,6 +147,7 @@ def test_each_iso_class_is_twice_as_high_as_the_one_before():
     assert np.array_equal(same.waves, waves[1])
 
 
+@compiled_only
 def test_the_height_varies_as_much_as_the_described_standard_deviation():
     terrain = Terrain(ground=rough_terrain("C", np.random.default_rng(2)))
     axis = np.linspace(-400.0, 400.0, 150)
@@ -199,7 +200,7 @@ def test_patches_along_a_path_fill_its_corridor_from_start_to_end(path):
         for offset in (-2.0, -1.0, 0.0, 1.0, 2.0):
             n = sinkage_exponent(soils, 0.5, x - offset * math.sin(yaw), y + offset * math.cos(yaw))
             if 11.1 < s < 28.9:  # the discs are round: 0.4 half_width plus the edge, wider outside a bend
-                assert n == 0.9
+                assert n == pytest.approx(0.9, rel=1e-14)  # overlapping discs round
             elif s < 9.0 or s > 31.0:
                 assert n == 0.5
     assert sinkage_exponent(soils, 0.5, *path_point(path, 10.0)[:2]) == pytest.approx(0.7, abs=0.01)
