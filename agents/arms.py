@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,16 @@ from agents.speed_planner import Belief, PlannerGains, SoilTracker
 from agents.tuned import SETTINGS
 from offroad_env.errors import InvalidParameter
 
-__all__ = ["ARMS", "Arm", "ArmSettings", "believe_estimate", "believe_fixed", "believe_truth", "believe_worst", "make_arm"]
+__all__ = [
+    "ARMS",
+    "Arm",
+    "ArmSettings",
+    "believe_estimate",
+    "believe_fixed",
+    "believe_truth",
+    "believe_worst",
+    "make_arm",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +43,7 @@ class ArmSettings:
 
     margin: float  #: share of the believed lateral limit that is used [-]
     slip_angle: float  #: largest slip angle that the plan allows [rad]
+    feed_forward: float  #: share of the believed slip angles that the steering anticipates [-]
     n: float = 0.5  #: nominal: believed place in the prior, 0 = lowest n, 1 = highest [-]
     z: float = 1.0  #: aware: how many standard deviations the insured interval reaches [-]
 
@@ -123,8 +133,14 @@ def make_arm(name: str, *, scenario: str = "speed", settings: ArmSettings | None
     if settings is None:
         if (scenario, name) not in SETTINGS:
             tuned = ", ".join(sorted({key[0] for key in SETTINGS}))
-            raise InvalidParameter(f"no tuned settings for scenario {scenario!r}; tuned: {tuned} - agents.tune makes them")
+            raise InvalidParameter(
+                f"no tuned settings for scenario {scenario!r}; tuned: {tuned} - agents.tune makes them"
+            )
         settings = ArmSettings(**SETTINGS[scenario, name])
     terrain_info, informed, belief = ARMS[name]
-    gains = replace(PlannerGains(), margin=settings.margin, slip_angle=settings.slip_angle)
-    return Arm(name=name, terrain_info=terrain_info, informed=informed, agent=SoilTracker(belief(settings), gains))
+    gains = PlannerGains(
+        margin=settings.margin, slip_angle=settings.slip_angle, feed_forward=settings.feed_forward
+    )
+    return Arm(
+        name=name, terrain_info=terrain_info, informed=informed, agent=SoilTracker(belief(settings), gains)
+    )

@@ -112,7 +112,7 @@ def soil_capability(
     vehicle, soil
         What the controller believes; ``soil.n`` is ignored.
     n_range
-        (lowest, highest) exponent of the table, lowest < highest.
+        (lowest, highest) exponent of the table; a single n is widened by 0.001.
     shear
         Shear law of `wheel_forces`.
 
@@ -121,10 +121,10 @@ def soil_capability(
     SolverFailure
         When the soil cannot carry the vehicle somewhere in ``n_range``.
     """
-    soil = soil._replace(n=n_range[0])
-    nodes = np.linspace(*n_range, _N_NODES)
+    low, high = n_range[0], max(n_range[1], n_range[0] + 1e-3)
+    nodes = np.linspace(low, high, _N_NODES)
     rows = [_one_exponent(vehicle, make_soil(soil, n=float(n)), shear) for n in nodes]
-    dense = np.linspace(*n_range, _DENSE)
+    dense = np.linspace(low, high, _DENSE)
     scalars = PchipInterpolator(nodes, np.array([row[0] for row in rows]))(dense)
     side = PchipInterpolator(nodes, np.array([row[1] for row in rows]))(dense)
     side = np.maximum.accumulate(np.maximum(side, 0.0), axis=2)

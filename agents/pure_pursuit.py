@@ -97,7 +97,7 @@ class PurePursuitAgent:
     def reset(self, briefing: Any) -> None:
         """Take vehicle, preview distances and control interval from the briefing."""
         self._wheelbase = briefing.vehicle.l_f + briefing.vehicle.l_r
-        self._steer_range = briefing.steer_range
+        self._steer_range = briefing.vehicle.steer_max
         self._preview = np.asarray(briefing.preview, dtype=np.float64)
         self._speed_control = SpeedController(briefing.vehicle, briefing.dt)
 

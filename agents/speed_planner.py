@@ -124,7 +124,7 @@ class SoilTracker:
         lateral = self._capability.lateral_limit(belief.low, belief.high, self.gains.slip_angle)
         steer = self._steer(senses, belief.mean, lateral)
         drive = self._drive(senses, belief, lateral)
-        return to_action(steer, drive, self._briefing.steer_range)
+        return to_action(steer, drive, self._briefing.vehicle.steer_max)
 
     def _steer(self, senses: Senses, n: float, lateral: float) -> float:
         vehicle, gains = self._briefing.vehicle, self.gains

@@ -68,7 +68,7 @@ class StanleyAgent:
     def reset(self, briefing: Any) -> None:
         """Take vehicle and control interval from the briefing."""
         self._l_f = briefing.vehicle.l_f
-        self._steer_range = briefing.steer_range
+        self._steer_range = briefing.vehicle.steer_max
         self._speed_control = SpeedController(briefing.vehicle, briefing.dt)
 
     def act(self, observation: Observation) -> np.ndarray:

@@ -14,12 +14,12 @@ from estimators.embedded import EmbeddedParameterUKF
 from estimators.navigation import NavigationFilter
 from estimators.protocol import Estimate
 from offroad_env.errors import InvalidParameter
+from offroad_env.observation import PREVIEW, Layout, write_observation
 from offroad_env.physics import state as at
+from offroad_env.physics.advance import advance, pack
 from offroad_env.physics.contact import NO_ROOT, SUNK
-from offroad_env.physics.full_model import full_advance
 from offroad_env.physics.numerics import GRAVITY
-from offroad_env.physics.paper_model import paper_advance
-from offroad_env.physics.path_kernels import nearest_index, preview, project
+from offroad_env.physics.path_kernels import nearest_index, project
 from offroad_env.physics.records import Soil, Vehicle
 from offroad_env.rewards import Outcome, RewardWeights, reward_terms
 from offroad_env.scenarios import Course, Scenario, find_scenario
@@ -31,20 +31,15 @@ from offroad_env.vehicles import VEHICLES
 __all__ = ["CONTROL_PERIOD", "PREVIEW", "TERRAIN_INFO", "Briefing", "OffroadBekkerEnv"]
 
 CONTROL_PERIOD = 0.02  #: time between actions [s]
-PREVIEW = (0.0, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0)  #: where the path ahead is observed [m]
 TERRAIN_INFO = ("none", "estimate", "truth")
 ESTIMATORS = ("parameter", "none")
 
 _SAMPLES = 2  # IMU samples per control period
+_STEPS = round(CONTROL_PERIOD / _SAMPLES / FULL_STEP)  # steps of the plant per IMU sample
 _PAPER_FORCE = 3.0  # body force at full drive, per unit of mass [m/s^2]: above the paper's largest, 2.4
 _PAPER_SLIP = {"clay": 0.03}  # constant slip of the paper's model where it is not zero
 _STUCK_TIME, _STUCK_SPEED, _STUCK_DRIVE = 4.0, 0.1, 0.3  # [s], [m/s], [-]
 _ROLLOVER_TIME = 0.2  # [s]
-
-# Bounds of the observation: what the sensors saturate at, and what a drive can bring.
-_IMU_HIGH = np.array([100.0, 100.0, 100.0, 10.0, 10.0])
-_SPEED_RANGE = (-60.0, 60.0)
-_PATH_HIGH = np.array([50.0, math.pi, 60.0] + [2.0] * len(PREVIEW))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,8 +73,9 @@ class OffroadBekkerEnv(gym.Env):
     | key | shape | content |
     |---|---|---|
     | ``imu`` | (5,) | a_x, a_y, a_z [m/s^2], pitch rate, yaw rate [rad/s]: mean of the period's two samples |
-    | ``motion`` | (5,) | speed [m/s], rim speed front, rear [m/s], last steering command [rad], last drive [-] |
-    | ``path`` | (11,) | cross-track error [m] (left positive), heading error [rad], target speed [m/s] (0 = as fast as possible), curvature [1/m] at 0, 3, 6, 10, 15, 20, 30, 40 m ahead |
+    | ``motion`` | (5,) | speed [m/s], rim speed front, rear [m/s], last steering [rad], last drive [-] |
+    | ``path`` | (11,) | cross-track error [m] (left positive), heading error [rad], target speed [m/s] |
+    | | | (0 = as fast as possible), curvature [1/m] at 0, 3, 6, 10, 15, 20, 30, 40 m ahead |
     | ``terrain`` | (3,) | n, its standard deviation, valid (0/1); absent with ``terrain_info="none"`` |
 
     Everything comes from simulated sensors (IMU 100 Hz, wheel speeds 50 Hz, GNSS 10 Hz, with the
@@ -161,10 +157,11 @@ class OffroadBekkerEnv(gym.Env):
         self._navigation = NavigationFilter(self.vehicle)
         self._estimator_name = estimator
         self.estimator: EmbeddedParameterUKF | None = None
-        self._preview = np.array(PREVIEW)
+        self._layout = Layout(self.vehicle.steer_max, terrain=terrain_info != "none")
+        self._flat, self._measured = self._layout.empty(), np.zeros(10)
         self._renderer: Any = None
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
-        self.observation_space = self._space()
+        self.observation_space = self._layout.space()
 
     def _checked_range(self, limits: tuple[float, float]) -> tuple[float, float]:
         try:
@@ -176,22 +173,6 @@ class OffroadBekkerEnv(gym.Env):
         for n in (low, high):
             make_soil(SOILS[self.soil_name], n=n)
         return low, high
-
-    def _space(self) -> spaces.Dict:
-        def box(low: Any, high: Any) -> spaces.Box:
-            return spaces.Box(np.asarray(low, np.float32), np.asarray(high, np.float32), dtype=np.float32)
-
-        low, high = _SPEED_RANGE
-        steer = self.vehicle.steer_max
-        parts = {
-            "imu": box(-_IMU_HIGH, _IMU_HIGH),
-            "motion": box([low, low, low, -steer, -1.0], [high, high, high, steer, 1.0]),
-            "path": box(np.where(np.arange(len(_PATH_HIGH)) == 2, 0.0, -_PATH_HIGH), _PATH_HIGH),
-        }
-        if self.terrain_info != "none":
-            parts["terrain"] = box([0.0, 0.0, 0.0], [3.0, 1.0, 1.0])
-        self._bounds = {key: (part.low, part.high) for key, part in parts.items()}
-        return spaces.Dict(parts)
 
     @property
     def briefing(self) -> Briefing:
@@ -223,6 +204,7 @@ class OffroadBekkerEnv(gym.Env):
         kinds = {"model": self.model, "vehicle_model": self.vehicle_model, "slip": slip}
         truth = make_soil(self._believed_soil, n=n)
         self.plant = make_plant(self.vehicle, truth, self.course.ground, **kinds)
+        self._packed = pack(self.plant)
         X, Y, yaw = (float(value) for value in self.course.path.nodes[0, :3])
         start = self.scenario.start_speed
         self.state, self.warm = settled_state(self.plant, x=X, y=Y, yaw=yaw, v_x=start)
@@ -259,9 +241,7 @@ class OffroadBekkerEnv(gym.Env):
             return drawn
         return make_soil(self._believed_soil, n=float(options["n"])).n
 
-    def step(
-        self, action: np.ndarray
-    ) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Hold ``action`` for 0.02 s. See the class for its meaning and the results."""
         steer, drive = self._checked_action(action)
         imu = np.zeros(5)
@@ -272,15 +252,14 @@ class OffroadBekkerEnv(gym.Env):
                 break
             imu += self._sense((steer, drive)) / _SAMPLES
         self._time += CONTROL_PERIOD
+        progress = self._progress if status >= NO_ROOT else self._locate_truth()[0]
         failure = self._failure(status, drive)
-        diverged = status >= NO_ROOT
-        progress = self._progress if diverged else self._locate_truth()[0]
         success = not failure and progress >= self.course.path.length
         change = float((steer - self._last_action[0]) ** 2 + (drive - self._last_action[1]) ** 2)
         self._last_action[:] = steer, drive
         terms = self._terms(progress - self._progress, change, success, bool(failure))
         self._progress = progress
-        observation = self._last_observation() if status >= SUNK else self._observe(imu)
+        observation = self._layout.split(self._flat) if status >= SUNK else self._observe(imu)
         info = self._info(terms, success=success, failure=failure)
         if self.render_mode == "human":
             self.render()
@@ -307,9 +286,16 @@ class OffroadBekkerEnv(gym.Env):
 
     def _advance(self, action: tuple[float, float], samples: int) -> float:
         """Advance the truth by ``samples`` IMU periods; returns the worst contact status."""
-        advance = full_advance if self.model == "full" else paper_advance
-        steps = samples * round(CONTROL_PERIOD / _SAMPLES / FULL_STEP)
-        return advance(self.state, self.warm, self._command(action), self.plant, FULL_STEP, steps, self.readings)
+        return advance(
+            self.state,
+            self.warm,
+            self._command(action),
+            self._packed,
+            self.model == "full",
+            FULL_STEP,
+            samples * _STEPS,
+            self.readings,
+        )
 
     def _sense(self, action: tuple[float, float]) -> np.ndarray:
         """One sample of all sensors; filters and observations see this and nothing else of the truth."""
@@ -335,8 +321,7 @@ class OffroadBekkerEnv(gym.Env):
             return "diverged"
         if status >= SUNK:
             return "immobilised"
-        _, error, _ = self._locate_truth()
-        if abs(error) > self.scenario.corridor:
+        if abs(self._where[1]) > self.scenario.corridor:
             return "left_corridor"
         lateral = abs(self.readings[at.A_Y]) * self.vehicle.h_cg
         tilting = lateral > 0.5 * GRAVITY * self.vehicle.track
@@ -357,28 +342,24 @@ class OffroadBekkerEnv(gym.Env):
         return reward_terms(self.scenario, self.weights, outcome, CONTROL_PERIOD)
 
     def _observe(self, imu: np.ndarray) -> dict[str, np.ndarray]:
-        X, Y, yaw, speed = self._pose
-        path = self.course.path
-        s, error, path_yaw, _, self._seen_index = project(path, X, Y, self._seen_index)
-        ahead = np.empty((len(PREVIEW), 2))
-        preview(path, s, self._preview, ahead)
-        steer, drive = self._last_action
-        values = {
-            "imu": imu,
-            "motion": (speed, self._rims[0], self._rims[1], steer * self.vehicle.steer_max, drive),
-            "path": (error, _wrapped(yaw - path_yaw), self.scenario.target_speed, *ahead[:, 0]),
-        }
+        measured = self._measured
+        measured[:5], measured[5:7] = imu, self._rims
+        measured[7], measured[8] = self._last_action[0] * self.vehicle.steer_max, self._last_action[1]
+        measured[9] = self.scenario.target_speed
+        estimate = self._estimate
+        terrain = (float(estimate.mean), float(estimate.sd), float(estimate.valid))
         if self.terrain_info == "truth":
-            values["terrain"] = (self.plant.soil.n, 0.0, 1.0)
-        elif self.terrain_info == "estimate":
-            values["terrain"] = (self._estimate.mean, self._estimate.sd, float(self._estimate.valid))
-        self._observation = {
-            key: np.clip(np.array(value, dtype=np.float32), *self._bounds[key]) for key, value in values.items()
-        }
-        return self._last_observation()
-
-    def _last_observation(self) -> dict[str, np.ndarray]:
-        return {key: value.copy() for key, value in self._observation.items()}
+            terrain = (self.plant.soil.n, 0.0, 1.0)
+        self._seen_index = write_observation(
+            self.course.path,
+            (*self._pose, self._seen_index),
+            measured,
+            terrain,
+            self._layout.distances,
+            self._layout.bounds,
+            self._flat,
+        )
+        return self._layout.split(self._flat)
 
     def _info(self, terms: dict[str, float], *, success: bool, failure: str) -> dict[str, Any]:
         s, error, heading_error = self._where

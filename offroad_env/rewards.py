@@ -39,9 +39,7 @@ class Outcome(NamedTuple):
     failed: bool
 
 
-def reward_terms(
-    scenario: Scenario, weights: RewardWeights, outcome: Outcome, dt: float
-) -> dict[str, float]:
+def reward_terms(scenario: Scenario, weights: RewardWeights, outcome: Outcome, dt: float) -> dict[str, float]:
     """Named terms that add up to the reward of one control interval of ``dt`` [s]."""
     off = min(abs(outcome.cross_track) / scenario.corridor, 1.0)
     error = 0.0

@@ -192,7 +192,10 @@ def simulate_commands(
     """
     steps = round(interval / dt)
     x, warm = state.copy(), warm.copy()
-    states, readings = np.empty((len(commands) + 1, at.STATE_SIZE)), np.zeros((len(commands) + 1, at.READINGS_SIZE))
+    states, readings = (
+        np.empty((len(commands) + 1, at.STATE_SIZE)),
+        np.zeros((len(commands) + 1, at.READINGS_SIZE)),
+    )
     states[0] = x
     worst = 0.0
     for i, row in enumerate(np.asarray(commands, dtype=np.float64)):
@@ -200,7 +203,9 @@ def simulate_commands(
         status = full_advance(x, warm, command, plant, float(dt), steps, readings[i + 1])
         worst = max(worst, status)
         if status > SUNK:
-            raise SolverFailure(f"the simulation failed at t = {i * interval:.3f} s (contact status {status:g})")
+            raise SolverFailure(
+                f"the simulation failed at t = {i * interval:.3f} s (contact status {status:g})"
+            )
         states[i + 1] = x
     if len(commands):
         readings[0] = readings[1]

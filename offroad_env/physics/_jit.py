@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -20,45 +21,51 @@ __all__ = ["cache_folder", "inline_kernel", "kernel"]
 
 F = TypeVar("F", bound=Callable)
 
-#: Folders (beside this one's package) whose sources are compiled or call compiled code.
+_PHYSICS = Path(__file__).resolve().parent
+_ROOT = _PHYSICS.parents[1]
+#: Packages whose modules may define kernels.
 _PACKAGES = ("offroad_env", "estimators", "agents")
 
 
-def _kernel_sources() -> list[Path]:
-    """Every source file that defines kernels, in a fixed order."""
-    root = Path(__file__).resolve().parents[2]
-    files = (f for package in _PACKAGES for f in (root / package).rglob("*.py"))
-    return sorted(f for f in files if b"kernel" in f.read_bytes() or f.parent == Path(__file__).parent)
-
-
-def _digest() -> str:
+def _digest(files: Iterable[Path]) -> str:
     text = hashlib.sha256(numba.__version__.encode())
-    for file in _kernel_sources():
-        text.update(file.name.encode())
+    for file in sorted(files):
+        text.update(str(file.relative_to(_ROOT)).encode())
         text.update(file.read_bytes())
     return text.hexdigest()[:16]
 
 
-def cache_folder() -> Path:
-    """Folder of the compiled kernels of exactly these sources."""
+@cache
+def _physics_digest() -> str:
+    return _digest(_PHYSICS.rglob("*.py"))
+
+
+@cache
+def _whole_digest() -> str:
+    files = (file for package in _PACKAGES for file in (_ROOT / package).rglob("*.py"))
+    return _digest(file for file in files if file.parent == _PHYSICS or b"kernel" in file.read_bytes())
+
+
+def cache_folder(module: str) -> Path:
+    """Folder of the compiled kernels of ``module``, for exactly these sources.
+
+    Kernels of the physics call only each other, so an edit above them leaves their folder alone;
+    any other kernel may call any of them all.
+    """
     base = os.environ.get("OFFROAD_CACHE") or os.path.join(
         os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "offroad-bekker"
     )
-    return Path(base) / "kernels" / _FOLDER
-
-
-_FOLDER = _digest()
+    physics = module.startswith("offroad_env.physics.")
+    return Path(base) / "kernels" / (_physics_digest() if physics else _whole_digest())
 
 
 def _compile(function: F, **options) -> F:
     if numba.config.DISABLE_JIT:
         return function
     before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_folder())
+    numba.config.CACHE_DIR = str(cache_folder(function.__module__))
     try:
-        return njit(
-            function, cache=True, error_model="numpy", nogil=True, fastmath={"contract"}, **options
-        )
+        return njit(function, cache=True, error_model="numpy", nogil=True, fastmath={"contract"}, **options)
     finally:
         numba.config.CACHE_DIR = before
 

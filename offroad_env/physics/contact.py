@@ -125,14 +125,13 @@ def solve_contact(soil, wheel, motion, frame, support, warm, options):
         F_x, F_y, F_z, T = directed_reaction(soil, constants, h, motion, seam, law, scratch)
         V = wheels * (F_x * l_z + F_y * c_z + F_z * n_z)
         target = N_0 - k * h
-        if V > target:
+        if target < V:
             high = h
         else:
             low = h
         change = h - h_old
-        if i > 0 and change != 0.0:
-            if abs(change) > 1e-5 * h and V > 0.0 and V_old > 0.0:
-                exponent = min(max(math.log(V / V_old) / math.log(h / h_old), 0.2), 6.0)
+        if i > 0 and abs(change) > 1e-5 * h and V > 0.0 and V_old > 0.0:
+            exponent = min(max(math.log(V / V_old) / math.log(h / h_old), 0.2), 6.0)
         step = (target - V) / (exponent * abs(V) / h + k)
         error = abs(step) * (abs(change) if i > 0 else h)
         if error <= _TOLERANCE * h * h and abs(step) <= 1e-4 * h:

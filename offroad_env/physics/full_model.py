@@ -17,7 +17,7 @@ import numpy as np
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.contact import NO_ROOT
-from offroad_env.physics.numerics import AIR_DENSITY, GRAVITY
+from offroad_env.physics.numerics import AIR_DENSITY
 from offroad_env.physics.records import Wheel
 from offroad_env.physics.vehicle_model import (
     axle_contact,
@@ -135,7 +135,7 @@ def full_derivative(x, command, plant, warm, d, readings):
     a_x, a_y = (traction - drag * v_x) / v.m, (F_yf + F_yr - drag * v_y) / v.m
     a_z = pitch_acc = 0.0
     if plant.half_car > 0.5:
-        cos, sin = math.cos(x[at.PITCH]), math.sin(x[at.PITCH])
+        cos = math.cos(x[at.PITCH])
         a_z = (S_f + S_r) / v.m
         pitch_acc = ((S_f * v.l_f - S_r * v.l_r) * cos + traction * v.h_cg * cos) / v.I_y
     yaw_acc = (F_yf * l_f + F_yr * l_r) / v.I_z

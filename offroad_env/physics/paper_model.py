@@ -66,9 +66,7 @@ def paper_derivative(x, inputs, plant, warm, d, readings):
     steer, F_u, prescribed = inputs
     v = plant.vehicle
     N_f, N_r = static_loads(v)
-    status_f, F_xf, F_yf, S_f = _paper_axle(
-        plant, x, steer, v.l_f, (N_f, v.k_f, v.c_f), warm[0], readings, 0
-    )
+    status_f, F_xf, F_yf, S_f = _paper_axle(plant, x, steer, v.l_f, (N_f, v.k_f, v.c_f), warm[0], readings, 0)
     status_r, F_xr, F_yr, S_r = _paper_axle(
         plant, x, 0.0, -v.l_r, (N_r, v.k_r, v.c_r), warm[1], readings, at.AXLE
     )

@@ -1,8 +1,9 @@
 """Quadrature rules of the contact patch, as tables.
 
 The pressure (theta_f - theta)^n has an infinite slope at the ends of the patch for n < 1, where
-plain Gauss-Legendre loses its order; the nodes are therefore placed at u = t^p. Where the shear
-displacement grows fast against the shear modulus, or changes its sign, the patch is cut.
+plain Gauss-Legendre loses its order. The nodes are therefore placed at u = t^p, which turns the
+end into a high power of t. Where the patch is cut into pieces, they are pieces of t, so that a
+piece that begins close to the end is smooth as well.
 """
 
 from __future__ import annotations
@@ -13,19 +14,17 @@ __all__ = ["COARSE", "FINE", "Rule"]
 
 
 class Rule:
-    """Nodes and weights for both segments of the patch at once, on the share u in [0, 1].
+    """Gauss-Legendre nodes in t on [0, 1] for both segments of the patch at once; u = t^p, p = 3 or 4.
 
-    ``clustered`` has u = t^p, for the piece that touches the ends of the patch; ``plain`` has
-    u = t. Rows: u, weight, 1 for the front and 0 for the rear segment. Both segments stand in one
-    row so that a loop over it fills whole vector registers.
+    Rows of ``table``: t, weight, 1 for the front and 0 for the rear segment. Both segments stand
+    in one row so that a loop over it fills whole vector registers. ``quartic`` is 1.0 for p = 4.
     """
 
     def __init__(self, nodes: int, p: int) -> None:
         x, w = np.polynomial.legendre.leggauss(nodes)
-        t, w = 0.5 * (x + 1.0), 0.5 * w
         front = np.repeat([1.0, 0.0], nodes)
-        self.clustered = np.stack([np.tile(t**p, 2), np.tile(w * p * t ** (p - 1), 2), front])
-        self.plain = np.stack([np.tile(t, 2), np.tile(w, 2), front])
+        self.table = np.stack([np.tile(0.5 * (x + 1.0), 2), np.tile(0.5 * w, 2), front])
+        self.quartic = float(p - 3)
 
 
 #: Gentle shear: 8 nodes a segment.

@@ -73,7 +73,7 @@ def settle(plant, pose, v_x, torque_free):
         arm = v.l_f if i == 0 else -v.l_r
         first = i * at.AXLE
         motion = axle_motion(plant.ground, pose, (v_x, 0.0, 0.0), arm, 0.0)
-        wx, wy, H, H_dot, H_ddot, u_l, u_c, g_l, g_c = motion
+        wx, wy, H, H_dot, H_ddot, u_l, u_c, _, _ = motion
         if torque_free:
             status, rim = _rolling_contact(plant, motion, loads[i], warm[i], readings, first)
         else:

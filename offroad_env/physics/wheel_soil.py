@@ -33,10 +33,8 @@ __all__ = [
     "wheel_reaction",
 ]
 
-_COARSE = quadrature.COARSE.clustered
-_COARSE_PLAIN = quadrature.COARSE.plain
-_FINE = quadrature.FINE.clustered
-_FINE_PLAIN = quadrature.FINE.plain
+_COARSE, _COARSE_QUARTIC = quadrature.COARSE.table, quadrature.COARSE.quartic
+_FINE, _FINE_QUARTIC = quadrature.FINE.table, quadrature.FINE.quartic
 #: Room for the nodes of the longest rule; four integrands of them make a scratch array.
 _ROW = 32
 SCRATCH = 4 * _ROW
@@ -127,28 +125,32 @@ def _node(patch, stress, u, front):
 
 
 @kernel
-def _add_piece(patch, stress, u_0, u_1, rule, scratch):
-    """Integrals of F_x, F_y, F_z and torque over the share u_0 ... u_1 of both segments.
+def _add_piece(patch, stress, t_0, t_1, rule, quartic, scratch):
+    """Integrals of F_x, F_y, F_z and torque over the piece t_0 ... t_1 of both segments, u = t^p.
 
     The integrands go to ``scratch`` first: a loop without a sum becomes vector instructions,
     while reordering a sum would change the result from machine to machine.
     """
     nodes = rule.shape[1]
-    span = u_1 - u_0
+    span = t_1 - t_0
     if stress[7] > 0.5:
         for i in range(nodes):
-            d, sigma, sin, cos, rise, length = _node(patch, stress, u_0 + span * rule[0, i], rule[2, i])
+            t = t_0 + span * rule[0, i]
+            u = t * t * t * (1.0 - quartic + quartic * t)
+            d, sigma, sin, cos, rise, length = _node(patch, stress, u, rule[2, i])
             tau_x, tau_y = _resultant(stress, sigma, d, rise)
-            weight = rule[1, i] * length
+            weight = rule[1, i] * length * t * t * (3.0 - 3.0 * quartic + 4.0 * quartic * t)
             scratch[i] = weight * (tau_x * cos - sigma * sin)
             scratch[_ROW + i] = weight * tau_y
             scratch[2 * _ROW + i] = weight * (tau_x * sin + sigma * cos)
             scratch[3 * _ROW + i] = weight * tau_x
     else:
         for i in range(nodes):
-            d, sigma, sin, cos, rise, length = _node(patch, stress, u_0 + span * rule[0, i], rule[2, i])
+            t = t_0 + span * rule[0, i]
+            u = t * t * t * (1.0 - quartic + quartic * t)
+            d, sigma, sin, cos, rise, length = _node(patch, stress, u, rule[2, i])
             tau_x, tau_y = _independent(stress, sigma, d, rise)
-            weight = rule[1, i] * length
+            weight = rule[1, i] * length * t * t * (3.0 - 3.0 * quartic + 4.0 * quartic * t)
             scratch[i] = weight * (tau_x * cos - sigma * sin)
             scratch[_ROW + i] = weight * tau_y
             scratch[2 * _ROW + i] = weight * (tau_x * sin + sigma * cos)
@@ -171,6 +173,8 @@ def _sign_change(patch, a, kappa):
     kappa (sin(theta_f) - sin(theta)).
     """
     theta_f, sin_f, cos_f, length_f, length_r, theta_r = patch
+    if a < kappa * cos_f:  # a wheel that turns backwards, in the forward half of the blend at standstill
+        a, kappa = -a, -kappa
     full = theta_f - theta_r
     sin_d, vers_d = half_angle(full)
     if not (a > kappa * cos_f and a * full < kappa * (sin_f * vers_d + cos_f * sin_d)):
@@ -203,37 +207,49 @@ def _sign_change(patch, a, kappa):
 
 
 @inline_kernel
-def _add_pieces(patch, stress, cut, gradient, fine, scratch):
+def _piece_end(u_0, growth_f, growth_r, resolved, ratio):
+    """Where the piece of the patch that begins at the share ``u_0`` may end.
+
+    exp(-j/k) falls from u = 0 over 1/``growth_f`` in the front segment, and from u = 1 (theta_m)
+    backwards over 1/``growth_r`` in the rear one: pieces grow geometrically away from both. Where
+    the front segment has sheared the soil fully, nothing is left to fall in the rear one.
+    """
+    end = max(ratio * u_0, resolved / growth_f) if growth_f > resolved else 1.0
+    if growth_r * (1.0 - u_0) > resolved and growth_f < 40.0:
+        end = min(end, 1.0 - (1.0 - u_0) / ratio)
+    return min(end, 1.0)
+
+
+@inline_kernel
+def _add_pieces(patch, stress, cut, growths, fine, scratch):
     """The patch in pieces: cut where j_x changes sign, and geometrically where shear grows fast.
 
-    ``gradient`` is the growth of j/k over the front segment: up to 1, eight nodes a segment
-    resolve exp(-j/k) in one piece.
+    ``growths`` are the largest growths of j/k over the front and the rear segment: up to 1, eight
+    nodes a segment resolve exp(-j/k) in one piece.
     """
-    gentle = gradient <= 1.0 and not fine
-    clustered, plain = (_COARSE, _COARSE_PLAIN) if gentle else (_FINE, _FINE_PLAIN)
-    if cut > 1.0 and gentle:
-        return _add_piece(patch, stress, 0.0, 1.0, clustered, scratch)
-    resolved, ratio = (3.0, 4.0) if fine else (8.0, 8.0)
+    growth_f, growth_r = growths
+    # Where j_x crosses zero beside a small j_y, the resultant |j| turns within |j_y|: take more nodes.
+    turns = cut < 1.0 and stress[7] > 0.5
+    gentle = max(growth_f, growth_r) <= (0.3 if turns else 1.0) and not fine
+    rule, quartic = (_COARSE, _COARSE_QUARTIC) if gentle else (_FINE, _FINE_QUARTIC)
+    if gentle and cut > 1.0:
+        return _add_piece(patch, stress, 0.0, 1.0, rule, quartic, scratch)
+    resolved, ratio = (3.0, 4.0) if fine or turns else (8.0, 8.0)
+    power = 1.0 / (3.0 + quartic)
     i_x = i_y = i_z = i_t = 0.0
-    u_0 = 0.0
-    u_1 = 1.0
-    while u_1 * gradient > resolved and u_1 > 1e-12:
-        u_1 /= ratio
-    while True:
-        end = min(u_1, 1.0)
-        if u_0 < cut < end:
-            end = cut
-        rule = clustered if u_0 == 0.0 else plain
-        p_x, p_y, p_z, p_t = _add_piece(patch, stress, u_0, end, rule, scratch)
+    u_0 = t_0 = 0.0
+    while u_0 < 1.0:
+        u_1 = _piece_end(u_0, growth_f, growth_r, resolved, ratio)
+        if u_0 < cut < u_1:
+            u_1 = cut
+        t_1 = fast_exp(power * fast_log(u_1)) if u_1 < 1.0 else 1.0
+        p_x, p_y, p_z, p_t = _add_piece(patch, stress, t_0, t_1, rule, quartic, scratch)
         i_x += p_x
         i_y += p_y
         i_z += p_z
         i_t += p_t
-        if end >= 1.0:
-            return i_x, i_y, i_z, i_t
-        u_0 = end
-        if end != cut:
-            u_1 *= ratio
+        u_0, t_0 = u_1, t_1
+    return i_x, i_y, i_z, i_t
 
 
 @kernel
@@ -273,11 +289,11 @@ def integrate_stresses(constants, shares, h, kinematics, law, scratch):
     length_f = theta_f * (1.0 - share_m)
     patch = (theta_f, sin_f, cos_f, length_f, theta_f * (share_m - share_r), theta_f * share_r)
     stress = (pressure, n, c, tan_phi, a * per_k_x, kappa * per_k_x, ct * per_k_y, law[0])
-    # Largest growth of j/k over the front segment: decides whether one piece resolves exp(-j/k).
-    growth_x = max(abs(a - kappa * cos_f), abs(a - kappa)) * per_k_x
-    gradient = max(growth_x, abs(ct) * per_k_y) * length_f
+    # Largest growth of j/k over each segment: decides whether one piece resolves exp(-j/k).
+    growth = max(max(abs(a - kappa * cos_f), abs(a - kappa)) * per_k_x, abs(ct) * per_k_y)
+    growths = (growth * length_f, growth * patch[4])
     cut = _sign_change(patch, a, kappa)
-    i_x, i_y, i_z, i_t = _add_pieces(patch, stress, cut, gradient, law[1], scratch)
+    i_x, i_y, i_z, i_t = _add_pieces(patch, stress, cut, growths, law[1], scratch)
     return area * i_x, -area * i_y, area * i_z, area * r * i_t
 
 
@@ -285,11 +301,12 @@ def integrate_stresses(constants, shares, h, kinematics, law, scratch):
 def rolling_direction(motion, v_eps):
     """Share of the forward-rolling pattern: 1 forward, 0 in reverse, C2 between.
 
-    Which side of the wheel leads is decided by r omega + v_l, over ``v_eps`` either way.
+    The side that leads is the one the wheel travels to, over ``v_eps`` either way. The rim must not
+    decide: the resistance of the soil ahead would push a wheel that spins on the spot backwards.
     """
     if v_eps <= 0.0:
         return 1.0
-    return smooth_step(0.5 * (1.0 + (motion[0] + motion[1]) / v_eps))
+    return smooth_step(0.5 * (1.0 + motion[1] / v_eps))
 
 
 @kernel

@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 from offroad_env.physics.records import Soil, Wheel
 from offroad_env.wheel import wheel_forces
 
-__all__ = ["CHANNELS", "Case", "Forces", "ask_kernel", "ask_reference", "draw_case", "errors", "forces_at"]
+__all__ = ["CHANNELS", "Case", "Forces", "ask_kernel", "ask_reference", "draw_case", "draw_soil", "errors", "forces_at"]
 
 #: What is compared, in the order of `errors`.
 CHANNELS = ("F_x", "F_y", "F_z", "torque", "sinkage")
@@ -200,7 +200,7 @@ def _drawn_slip(rng: np.random.Generator) -> float:
     return rng.uniform(-1.0, 1.0)
 
 
-def _drawn_soil(rng: np.random.Generator) -> Soil:
+def draw_soil(rng: np.random.Generator) -> Soil:
     """Any soil between snow and heavy clay, any contact angles that the factory would accept."""
     while True:
         a_0, b_0 = rng.uniform(0.15, 0.6), rng.uniform(-0.4, 0.0)
@@ -234,7 +234,7 @@ def draw_case(rng: np.random.Generator) -> Case:
     adhesion of a braked wheel, and no longer the sinkage, would carry it or pull it down.
     """
     while True:
-        soil = _drawn_soil(rng)
+        soil = draw_soil(rng)
         r = 10.0 ** rng.uniform(math.log10(0.05), math.log10(0.6))
         wheel = Wheel(r=r, b=r * rng.uniform(0.3, 1.5))
         slip_angle = rng.uniform(-0.5, 0.5) * math.pi if rng.random() < 0.9 else rng.choice([-0.5, 0.0, 0.5]) * math.pi

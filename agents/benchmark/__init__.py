@@ -1,0 +1,1 @@
+"""Arms on paired episodes, and what may be said about them."""

@@ -1,0 +1,118 @@
+"""What all commands share: where results go, and how they get there whole."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from offroad_env.errors import OffroadError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import Console
+
+__all__ = ["OutputError", "Results", "console", "plain", "write_bytes", "write_json"]
+
+
+class OutputError(OffroadError, OSError):
+    """A result cannot be written where it was asked for."""
+
+    # OSError shows its arguments in its own way; the message of this project is a sentence.
+    __str__ = Exception.__str__
+
+
+def console() -> Console:
+    """Standard output: tables and colours on a terminal, plain text elsewhere."""
+    from rich.console import Console
+
+    return Console(highlight=False, soft_wrap=True)
+
+
+def plain(value: Any) -> Any:
+    """``value`` as what JSON can hold: records and arrays opened, numbers that are not finite None."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if hasattr(value, "_asdict"):
+        return plain(value._asdict())
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(item) for item in value]
+    if hasattr(value, "tolist"):  # NumPy arrays and scalars, without importing NumPy
+        return plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
+
+
+def write_bytes(path: Path, content: bytes) -> Path:
+    """Write a file whole or not at all: into a temporary neighbour, then renamed.
+
+    Raises
+    ------
+    OutputError
+        When the folder cannot be made or written to.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+            os.chmod(name, 0o666 & ~_umask())
+            os.replace(name, path)
+        except BaseException:
+            os.unlink(name)
+            raise
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+    return path
+
+
+def _umask() -> int:
+    """The mask that a file opened in the usual way would get; a temporary file is private instead."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def write_json(path: Path, content: Any) -> Path:
+    """Write ``content`` as JSON; what is not finite becomes null.
+
+    Raises
+    ------
+    OutputError
+        As `write_bytes`.
+    """
+    text = json.dumps(plain(content), indent=1, allow_nan=False)
+    return write_bytes(path, f"{text}\n".encode())
+
+
+@dataclass(kw_only=True)
+class Results:
+    """Arguments of every command that writes something."""
+
+    out: Path = Path("out")  #: folder for what the command writes
+    json: Path | None = None  #: also write the numbers to this file
+
+    def save_figure(self, figure: Figure, name: str) -> Path:
+        """Write a figure as ``<out>/<name>.png`` and say so."""
+        import io
+
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=130)
+        path = write_bytes(self.out / f"{name}.png", buffer.getvalue())
+        console().print(f"figure: {path}", markup=False)
+        return path
+
+    def save_numbers(self, numbers: Any) -> None:
+        """Write the numbers to ``--json``, if asked for, and say so."""
+        if self.json is not None:
+            console().print(f"numbers: {write_json(self.json, numbers)}", markup=False)

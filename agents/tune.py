@@ -1,0 +1,182 @@
+"""Tune the knobs of every arm with one budget: ``python -m agents.tune``.
+
+The same search for each arm, over the same training episodes (never those of a benchmark): a
+low-discrepancy sample of the box of its knobs, then rounds in which the best survive, change a
+little, and drive more episodes. The lowest mean score wins (`agents.benchmark.runner`). The result
+is the module `agents.tuned`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import qmc
+
+from agents.arms import ARMS, ArmSettings, make_arm
+from agents.benchmark.runner import draw_episodes, run_jobs
+
+__all__ = ["KNOBS", "Round", "TuneArgs", "Tuned", "tune_arm", "tune_scenario", "write_settings"]
+
+_COMMON = {"margin": (0.5, 1.1), "slip_angle": (0.10, 0.45), "feed_forward": (0.0, 1.0)}
+
+#: Knobs of each arm with the ranges that are searched.
+KNOBS: dict[str, dict[str, tuple[float, float]]] = {
+    "nominal": {**_COMMON, "n": (0.0, 1.0)},
+    "conservative": _COMMON,
+    "aware": {**_COMMON, "z": (0.0, 2.5)},
+    "oracle": _COMMON,
+}
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round of the search."""
+
+    parents: int  #: best candidates of the last round that stay in
+    children: int  #: changed copies of each; in the first round: candidates in all
+    episodes: int  #: training episodes of each candidate
+
+
+@dataclass(frozen=True, kw_only=True)
+class TuneArgs:
+    """Arguments of the search; the budget is the same for every arm."""
+
+    scenario: str = "speed"  #: scenario to tune for
+    seed: int = 0  #: of the candidates and the training episodes
+    n_jobs: int = 2  #: local processes
+    rounds: tuple[Round, ...] = (Round(0, 32, 6), Round(4, 4, 12), Round(3, 4, 24))  #: the budget
+    spread: float = 0.1  #: standard deviation of a change, as a share of the knob's range [-]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tuned:
+    """The winner of a search."""
+
+    settings: ArmSettings
+    score: float  #: mean score on the training episodes of the last round [s]
+    episodes: int  #: episodes driven by the whole search
+
+
+def tune_arm(name: str, args: TuneArgs, *, progress: Callable[[str, int, int], None] | None = None) -> Tuned:
+    """Search the knobs of one arm.
+
+    Parameters
+    ----------
+    name
+        In `ARMS`.
+    args
+    progress
+        Called with (arm, episodes done, episodes in all of this round).
+    """
+    box = KNOBS[name]
+    low, high = (np.array([limits[i] for limits in box.values()]) for i in (0, 1))
+    rng = np.random.default_rng(args.seed)
+    population = qmc.Halton(len(box), rng=rng).random(args.rounds[0].children)
+    driven = 0
+    for index, stage in enumerate(args.rounds):
+        if index > 0:
+            parents = population[: stage.parents]
+            noise = rng.standard_normal((stage.children, *parents.shape))
+            children = np.clip(parents + args.spread * noise, 0.0, 1.0)
+            population = np.concatenate((parents, children.reshape(-1, len(box))))
+        candidates = [_settings(box, low + row * (high - low)) for row in population]
+        scores = _scores(name, candidates, args, stage.episodes, progress)
+        driven += stage.episodes * len(candidates)
+        order = np.argsort(scores, kind="stable")
+        population, scores = population[order], scores[order]
+    best = _settings(box, low + population[0] * (high - low))
+    return Tuned(settings=best, score=float(scores[0]), episodes=driven)
+
+
+def _settings(box: dict[str, tuple[float, float]], values: np.ndarray) -> ArmSettings:
+    return ArmSettings(**{name: round(float(value), 4) for name, value in zip(box, values, strict=True)})
+
+
+def _scores(
+    name: str,
+    candidates: list[ArmSettings],
+    args: TuneArgs,
+    episodes: int,
+    progress: Callable[[str, int, int], None] | None,
+) -> np.ndarray:
+    jobs = {
+        i: make_arm(name, scenario=args.scenario, settings=settings) for i, settings in enumerate(candidates)
+    }
+
+    def report(done: int, total: int) -> None:
+        if progress is not None:
+            progress(name, done, total)
+
+    results: dict[Any, Any] = run_jobs(
+        args.scenario,
+        jobs,
+        draw_episodes(args.scenario, episodes, args.seed, training=True),
+        n_jobs=args.n_jobs,
+        progress=report,
+    )
+    return np.array([results[i].scores.mean() for i in range(len(candidates))])
+
+
+def tune_scenario(
+    args: TuneArgs, *, progress: Callable[[str, int, int], None] | None = None
+) -> dict[str, Tuned]:
+    """Tune all arms of a scenario with the same budget."""
+    return {name: tune_arm(name, args, progress=progress) for name in ARMS}
+
+
+def write_settings(path: Path, args: TuneArgs, tuned: dict[str, Tuned]) -> None:
+    """Write the module of tuned settings; other scenarios in it are kept."""
+    from agents.tuned import SETTINGS
+
+    table = {key: dict(value) for key, value in SETTINGS.items() if key[0] != args.scenario}
+    for name, result in tuned.items():
+        own = set(KNOBS[name])
+        table[args.scenario, name] = {
+            key: value for key, value in asdict(result.settings).items() if key in own
+        }
+    budget = next(iter(tuned.values())).episodes
+    lines = [
+        '"""Tuned knobs of the arms. Written by ``python -m agents.tune``; do not edit by hand.',
+        "",
+        f"Last run: scenario {args.scenario}, seed {args.seed}, {budget} training episodes for each arm;",
+        f"mean scores in training: {', '.join(f'{k} {v.score:.1f} s' for k, v in tuned.items())}.",
+        '"""',
+        "",
+        "from __future__ import annotations",
+        "",
+        '__all__ = ["SETTINGS"]',
+        "",
+        "#: (scenario, arm) -> fields of `agents.arms.ArmSettings`.",
+        "SETTINGS: dict[tuple[str, str], dict[str, float]] = {",
+        *(f'    ("{key[0]}", "{key[1]}"): {_literal(value)},' for key, value in sorted(table.items())),
+        "}",
+    ]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _literal(values: dict[str, float]) -> str:
+    return "{" + ", ".join(f'"{key}": {value:g}' for key, value in values.items()) + "}"
+
+
+def main() -> None:
+    """Tune one scenario and rewrite `agents.tuned`."""
+    import tyro
+    from rich.progress import Progress
+
+    args = tyro.cli(TuneArgs, description=__doc__)
+    with Progress() as bar:
+        task = bar.add_task("tuning", total=None)
+
+        def report(name: str, done: int, total: int) -> None:
+            bar.update(task, description=f"tuning {name}", completed=done, total=total)
+
+        tuned = tune_scenario(args, progress=report)
+    write_settings(Path(__file__).with_name("tuned.py"), args, tuned)
+
+
+if __name__ == "__main__":
+    main()
