@@ -42,16 +42,20 @@ class SoilCurves(Results):
 
         from offroad_env.soils import SOILS
 
-        table = Table(title=f"{len(SOILS)} soils", title_justify="left")
-        for heading in ("name", "n [-]", "c [kPa]", "phi [deg]", "what and source"):
-            table.add_column(heading, justify="left" if heading[0] in "nw" and heading != "n [-]" else "right")
+        sources = list(dict.fromkeys(SOILS.entry(name).source for name in SOILS))
+        table = Table(title=f"{len(SOILS)} soils", title_justify="left", box=None, pad_edge=False)
+        for heading in ("name", "what", "n [-]", "c [kPa]", "phi [deg]", "source"):
+            table.add_column(heading, justify="left" if heading in ("name", "what") else "right")
         for name, soil in SOILS.items():
             entry = SOILS.entry(name)
             strength = (f"{soil.n:.2f}", f"{soil.c / 1e3:.2f}", f"{math.degrees(soil.phi):.1f}")
             if soil.rigid:
                 strength = ("-", "-", "-")
-            table.add_row(name, *strength, f"{entry.title}\n{entry.source}", end_section=True)
-        console().print(table, markup=False)
+            table.add_row(name, entry.title, *strength, str(sources.index(entry.source) + 1))
+        screen = console()
+        screen.print(table)
+        for number, source in enumerate(sources, 1):
+            screen.print(f"{number:>2}  {source}", markup=False)
         self.save_numbers({name: _describe(SOILS.entry(name)) for name in SOILS})
 
     def _draw(self) -> None:

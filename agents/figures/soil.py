@@ -33,33 +33,33 @@ def soil_figure(curves: SoilCurves, *, title: str) -> Figure:
     figure = Figure(figsize=(12.0, 6.8), layout="constrained")
     axes = figure.subplots(2, 3)
     angle = f"{math.degrees(curves.slip_angle):.0f}° slip angle"
+    unit, force = ("kN", 1e-3) if curves.loads.max() >= 1000.0 else ("N", 1.0)
     columns = (
         ("sinkage", 1e3, "Sinkage [mm]"),
-        ("drawbar", 1e-3, "Drawbar pull $F_x$ [kN]"),
-        ("side_force", 1e-3, f"Side force at {angle} [kN]"),
+        ("drawbar", force, f"Drawbar pull $F_x$ [{unit}]"),
+        ("side_force", force, f"Side force at {angle} [{unit}]"),
     )
     rows = (
         (curves.slip_axis, curves.over_slip, "slip [-]  (-1 locked, 1 spinning)"),
-        (curves.load_axis / 1e3, curves.over_load, "wheel load [kN]"),
+        (force * curves.load_axis, curves.over_load, f"wheel load [{unit}]"),
+    )
+    labels = (
+        [f"{force * load:g} {unit}" for load in curves.loads],
+        [f"{slip:g}" for slip in curves.slips],
     )
     for row, (x, values, label) in enumerate(rows):
         for column, (name, scale, heading) in enumerate(columns):
             panel = axes[row, column]
-            _draw(panel, x, scale * values[name], _labels(curves, row))
+            _draw(panel, x, scale * values[name], labels[row])
             panel.set_title(heading, loc="left", fontsize=10.5)
             panel.set_xlabel(label)
-        axes[row, 0].set_ylim(bottom=0.0)
+        # On hard ground the sinkage is zero throughout: an axis of 1 mm instead of rounding errors.
+        axes[row, 0].set_ylim(0.0, None if np.nanmax(values["sinkage"], initial=0.0) > 0.0 else 1.0)
         axes[row, 2].set_ylim(bottom=0.0)
     for panel, heading in zip(axes[:, 0], ("wheel load", "slip"), strict=True):
         panel.legend(title=heading, frameon=False, fontsize=9, title_fontsize=9)
     figure.suptitle(title, fontsize=12.5, x=0.01, ha="left")
     return figure
-
-
-def _labels(curves: SoilCurves, row: int) -> list[str]:
-    if row == 0:
-        return [f"{load / 1e3:g} kN" for load in curves.loads]
-    return [f"{slip:g}" for slip in curves.slips]
 
 
 def _draw(axes: Axes, x: np.ndarray, lines: np.ndarray, labels: list[str]) -> None:

@@ -1,0 +1,45 @@
+"""``offroad train``: a policy by PPO."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from agents.commands.output import console, write_json
+from agents.train import TrainArgs, train
+
+__all__ = ["Train"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train(TrainArgs):
+    """Train a policy by PPO through stable-baselines3 (needs the extra rl).
+
+    Writes the policy, the scaling of its observations and the learning curve to --out, and drives
+    test episodes with the policy as it was saved.
+    """
+
+    json: Path | None = None  #: also write the result to this file
+
+    def run(self) -> None:
+        """Train with a progress bar, then print what the saved policy does."""
+        from rich.progress import Progress
+
+        screen = console()
+        with Progress(console=screen) as bar:
+            task = bar.add_task("training", total=self.total_steps if self.time_budget is None else 1.0)
+
+            def report(steps: int, seconds: float) -> None:
+                done = steps if self.time_budget is None else min(seconds / self.time_budget, 1.0)
+                bar.update(task, completed=done, description=f"training, {steps} steps")
+
+            result = train(self, progress=report)
+        arrived = sum(episode.success for episode in result.evaluation)
+        screen.print(
+            f"{result.steps} steps in {result.wall_time:.0f} s ({result.steps_per_second:.0f} steps/s); "
+            f"{arrived} of {len(result.evaluation)} test episodes reached the goal",
+            markup=False,
+        )
+        screen.print(f"policy: {result.policy}", markup=False)
+        if self.json is not None:
+            write_json(self.json, result)

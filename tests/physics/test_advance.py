@@ -1,0 +1,89 @@
+"""The packed plant and the kernel cache."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+from helpers import REPOSITORY, run_fresh
+
+from offroad_env.physics._jit import kernel
+from offroad_env.physics.advance import advance, pack, unpack
+from offroad_env.physics.full_model import full_advance
+from offroad_env.physics.paper_model import paper_advance
+from offroad_env.simulator import make_plant, settled_state
+from offroad_env.soils import SOILS
+from offroad_env.terrain import paper_terrain, soil_map
+from offroad_env.vehicles import VEHICLES
+
+
+def _plant(model: str):
+    patches = soil_map([(3.0, 1.0, 2.0, 0.6)], edge=0.4)
+    return make_plant(
+        VEHICLES["mrzr"], SOILS["dry_sand"], paper_terrain(0.04), model=model, slip=0.02, soil_map=patches
+    )
+
+
+@kernel
+def _round_trip(packed):
+    return unpack(packed)
+
+
+def test_a_packed_plant_comes_back_as_it_was():
+    plant = _plant("full")
+    back = _round_trip(pack(plant))
+    assert back.vehicle == plant.vehicle
+    assert back.soil == plant.soil
+    assert (back.slip, back.resultant, back.half_car, back.v_eps, back.fine) == (
+        plant.slip,
+        plant.resultant,
+        plant.half_car,
+        plant.v_eps,
+        plant.fine,
+    )
+    assert back.ground[:3] == plant.ground[:3]
+    assert back.soil_map.edge == plant.soil_map.edge
+    np.testing.assert_array_equal(back.ground.waves, plant.ground.waves)
+    np.testing.assert_array_equal(back.soil_map.patches, plant.soil_map.patches)
+
+
+@pytest.mark.parametrize("model", ["full", "paper"])
+def test_packed_and_plain_plants_drive_the_same_way(model):
+    plant = _plant(model)
+    command = (0.1, 900.0, 0.0) if model == "full" else (0.1, 900.0, np.nan)
+    ends = []
+    for packed in (False, True):
+        state, warm = settled_state(plant, v_x=4.0)
+        readings = np.zeros(32)
+        if packed:
+            advance(state, warm, command, pack(plant), model == "full", 0.005, 100, readings)
+        elif model == "full":
+            full_advance(state, warm, command, plant, 0.005, 100, readings)
+        else:
+            paper_advance(state, warm, command, plant, 0.005, 100, readings)
+        ends.append(np.concatenate([state, warm.ravel(), readings]))
+    np.testing.assert_allclose(ends[0], ends[1], rtol=1e-12, atol=1e-12)
+
+
+def test_an_edit_in_any_kernel_file_starts_a_new_cache(tmp_path):
+    for package in ("offroad_env", "estimators", "agents"):
+        ignored = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(REPOSITORY / package, tmp_path / package, ignore=ignored)
+    code = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+        "from offroad_env.physics._jit import cache_folder\n"
+        "print(cache_folder('offroad_env.physics.contact'), cache_folder('offroad_env.observation'))"
+    )
+    before = run_fresh(code).split()
+    assert run_fresh(code).split() == before
+    with (tmp_path / "offroad_env/observation.py").open("a") as file:
+        file.write("# a change above the physics\n")
+    above = run_fresh(code).split()
+    assert above[0] == before[0]
+    assert above[1] != before[1]
+    with (tmp_path / "offroad_env/physics/numerics.py").open("a") as file:
+        file.write("# a change in the physics\n")
+    below = run_fresh(code).split()
+    assert below[0] != before[0]
+    assert below[1] != above[1]
