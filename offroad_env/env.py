@@ -15,20 +15,22 @@ from estimators.navigation import NavigationFilter
 from estimators.protocol import Estimate
 from offroad_env.errors import InvalidParameter
 from offroad_env.observation import PREVIEW, Layout, write_observation
+from offroad_env.period import drive_period
 from offroad_env.physics import state as at
-from offroad_env.physics.advance import advance, pack
+from offroad_env.physics.advance import pack
 from offroad_env.physics.contact import NO_ROOT, SUNK
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.path_kernels import nearest_index, project
 from offroad_env.physics.records import Soil, Vehicle
+from offroad_env.physics.sensor_kernels import CHANNELS, GNSS, IMU, WHEEL
 from offroad_env.rewards import Outcome, RewardWeights, reward_terms
 from offroad_env.scenarios import Course, Scenario, find_scenario
 from offroad_env.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
-from offroad_env.simulator import FULL_STEP, MODELS, VEHICLE_MODELS, make_plant, settled_state
+from offroad_env.simulator import FULL_STEP, MODELS, VEHICLE_MODELS, Plant, make_plant, settled_state
 from offroad_env.soils import SOILS, make_soil
 from offroad_env.vehicles import VEHICLES
 
-__all__ = ["CONTROL_PERIOD", "PREVIEW", "TERRAIN_INFO", "Briefing", "OffroadBekkerEnv"]
+__all__ = ["CONTROL_PERIOD", "PREVIEW", "TERRAIN_INFO", "Briefing", "OffroadBekkerEnv", "Snapshot"]
 
 CONTROL_PERIOD = 0.02  #: time between actions [s]
 TERRAIN_INFO = ("none", "estimate", "truth")
@@ -55,6 +57,26 @@ class Briefing:
     preview: tuple[float, ...] = PREVIEW  #: distances of the observed curvatures [m]
     dt: float = CONTROL_PERIOD  #: [s]
     shear: str = "resultant"  #: shear law of the model, for `wheel_forces`
+
+
+@dataclass(frozen=True, kw_only=True)
+class Snapshot:
+    """The truth at one moment, for pictures and logs: arrays are copies, nothing leads back."""
+
+    scenario: Scenario
+    course: Course
+    plant: Plant  #: true vehicle, soil and ground
+    model: str
+    terrain_info: str
+    time: float  #: [s]
+    state: np.ndarray  #: (15,), see `offroad_env.physics.state`
+    readings: np.ndarray  #: (32,), see `offroad_env.physics.state`
+    command: tuple[float, float]  #: the last action: steering, drive [-]
+    progress: float  #: distance along the path [m]
+    cross_track_error: float  #: [m], left positive
+    n_range: tuple[float, float]  #: prior of the sinkage exponent: uniform [-]
+    estimate: Estimate | None  #: None where no estimator runs
+    ending: str  #: "" while the episode goes on, "goal", or the failure
 
 
 class OffroadBekkerEnv(gym.Env):
@@ -200,6 +222,7 @@ class OffroadBekkerEnv(gym.Env):
         n = self._chosen_exponent(options, drawn=float(self.np_random.uniform(*self.n_range)))
         self.course: Course = self.scenario.draw(self.np_random)
         self.sensors.reset(self.np_random)
+        self._sensor_errors = self.sensors.errors
         slip = _PAPER_SLIP.get(self.soil_name, 0.0)
         kinds = {"model": self.model, "vehicle_model": self.vehicle_model, "slip": slip}
         truth = make_soil(self._believed_soil, n=n)
@@ -213,7 +236,6 @@ class OffroadBekkerEnv(gym.Env):
         self._last_action = np.zeros(2)
         self._stuck_for = self._tilting_for = 0.0
         self._navigation.reset(X, Y, yaw, start)
-        self._pose = (X, Y, yaw, start)
         self._rims = np.full(2, start)
         self._true_index = nearest_index(self.course.path, X, Y)
         self._seen_index = self._true_index
@@ -221,13 +243,12 @@ class OffroadBekkerEnv(gym.Env):
         if self._estimator_name == "parameter":
             belief = make_plant(self.vehicle, self._believed_soil, self.course.ground, **kinds)
             self.estimator = EmbeddedParameterUKF(belief, self.n_range, dt=CONTROL_PERIOD / _SAMPLES)
-            self.estimator.reset(*self.prior, self._pose)
+            self.estimator.reset(*self.prior, self._navigation.pose)
         # The start is a state, not an interval: readings of the state itself, one sample of the sensors.
-        self._advance((0.0, 0.0), 0)
-        imu = self._sense((0.0, 0.0))
+        self._drive((0.0, 0.0), 1, 0)
         self._progress = self._locate_truth()[0]
         terms = dict.fromkeys(self._terms(0.0, 0.0, False, False), 0.0)
-        observation = self._observe(imu)
+        observation = self._observe()
         info = self._info(terms, success=False, failure="")
         if self.render_mode == "human":
             self.render()
@@ -244,13 +265,7 @@ class OffroadBekkerEnv(gym.Env):
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Hold ``action`` for 0.02 s. See the class for its meaning and the results."""
         steer, drive = self._checked_action(action)
-        imu = np.zeros(5)
-        status = 0.0
-        for _ in range(_SAMPLES):
-            status = max(status, self._advance((steer, drive), 1))
-            if status >= SUNK:
-                break
-            imu += self._sense((steer, drive)) / _SAMPLES
+        status = self._drive((steer, drive), _SAMPLES, _STEPS)
         self._time += CONTROL_PERIOD
         progress = self._progress if status >= NO_ROOT else self._locate_truth()[0]
         failure = self._failure(status, drive)
@@ -259,7 +274,7 @@ class OffroadBekkerEnv(gym.Env):
         self._last_action[:] = steer, drive
         terms = self._terms(progress - self._progress, change, success, bool(failure))
         self._progress = progress
-        observation = self._layout.split(self._flat) if status >= SUNK else self._observe(imu)
+        observation = self._layout.split(self._flat) if status >= SUNK else self._observe()
         info = self._info(terms, success=success, failure=failure)
         if self.render_mode == "human":
             self.render()
@@ -284,30 +299,26 @@ class OffroadBekkerEnv(gym.Env):
             max(-drive, 0.0) * self.vehicle.brake_torque_max,
         )
 
-    def _advance(self, action: tuple[float, float], samples: int) -> float:
-        """Advance the truth by ``samples`` IMU periods; returns the worst contact status."""
-        return advance(
-            self.state,
-            self.warm,
-            self._command(action),
-            self._packed,
-            self.model == "full",
-            FULL_STEP,
-            samples * _STEPS,
-            self.readings,
-        )
+    def _drive(self, action: tuple[float, float], samples: int, steps: int) -> float:
+        """Advance the truth and everything that watches it; returns the worst contact status.
 
-    def _sense(self, action: tuple[float, float]) -> np.ndarray:
-        """One sample of all sensors; filters and observations see this and nothing else of the truth."""
-        sample = self.sensors.sample(self.state, self.readings)
-        if sample.wheel_valid:
-            self._rims = sample.wheel
+        The estimator sees the samples and the command, as navigation does, and nothing of the truth.
+        """
         command = self._command(action)
-        dt = CONTROL_PERIOD / _SAMPLES
-        self._pose = self._navigation.update(sample.imu, self._rims, command[0], sample.gnss, dt)
-        if self.estimator is not None:
-            self._estimate = self.estimator.update(command, sample.imu, self._rims, sample.gnss)
-        return sample.imu
+        self._samples = np.zeros((samples, CHANNELS))
+        status = drive_period(
+            (self.state, self.warm, self._packed, self.model == "full", self.readings),
+            command,
+            (self.sensors.mount, self._sensor_errors, *self.sensors.draw(samples)),
+            self._navigation.arguments,
+            (FULL_STEP, steps, CONTROL_PERIOD / _SAMPLES if steps else 0.0),
+            self._rims,
+            self._samples,
+        )
+        if status < SUNK and self.estimator is not None:
+            for sample in self._samples:
+                self._estimate = self.estimator.update(command, sample[IMU], sample[WHEEL], sample[GNSS])
+        return status
 
     def _locate_truth(self) -> tuple[float, float, float]:
         """(distance along the path, cross-track error, heading error) of the true vehicle."""
@@ -341,9 +352,9 @@ class OffroadBekkerEnv(gym.Env):
         outcome = Outcome(advance, self._where[1], self._speed(), change, success, failed)
         return reward_terms(self.scenario, self.weights, outcome, CONTROL_PERIOD)
 
-    def _observe(self, imu: np.ndarray) -> dict[str, np.ndarray]:
+    def _observe(self) -> dict[str, np.ndarray]:
         measured = self._measured
-        measured[:5], measured[5:7] = imu, self._rims
+        measured[:5], measured[5:7] = self._samples[:, IMU].mean(axis=0), self._rims
         measured[7], measured[8] = self._last_action[0] * self.vehicle.steer_max, self._last_action[1]
         measured[9] = self.scenario.target_speed
         estimate = self._estimate
@@ -352,7 +363,7 @@ class OffroadBekkerEnv(gym.Env):
             terrain = (self.plant.soil.n, 0.0, 1.0)
         self._seen_index = write_observation(
             self.course.path,
-            (*self._pose, self._seen_index),
+            (*self._navigation.pose, self._seen_index),
             measured,
             terrain,
             self._layout.distances,
@@ -362,6 +373,7 @@ class OffroadBekkerEnv(gym.Env):
         return self._layout.split(self._flat)
 
     def _info(self, terms: dict[str, float], *, success: bool, failure: str) -> dict[str, Any]:
+        self._ending = "goal" if success else failure
         s, error, heading_error = self._where
         front, rear = self.readings[: at.AXLE], self.readings[at.AXLE : at.MOTION]
         return {
@@ -386,6 +398,25 @@ class OffroadBekkerEnv(gym.Env):
         }
 
     # ------------------------------------------------------------------ pictures
+
+    def snapshot(self) -> Snapshot:
+        """The truth at this moment, in copies; needs a `reset` before."""
+        return Snapshot(
+            scenario=self.scenario,
+            course=self.course,
+            plant=self.plant,
+            model=self.model,
+            terrain_info=self.terrain_info,
+            time=self._time,
+            state=self.state.copy(),
+            readings=self.readings.copy(),
+            command=(float(self._last_action[0]), float(self._last_action[1])),
+            progress=self._where[0],
+            cross_track_error=self._where[1],
+            n_range=self.n_range,
+            estimate=None if self.estimator is None else self._estimate,
+            ending=self._ending,
+        )
 
     def render(self) -> np.ndarray | None:
         """Draw the vehicle from above and from the side, and n over time; needs the extra ``view``."""

@@ -37,8 +37,6 @@ _POSITION_SD = Quantity("in [0, 50] m", 0.0, 50.0)
 KINDS = ("kinematic", "specific_force")
 #: Standard normal numbers of one episode's constant errors: 3 + 2 biases, 3 angles, 2 scales, 2 offsets.
 _CONSTANT_DRAWS = 12
-#: Samples whose noise is drawn at once: a block is cheaper than a call per sample.
-_BLOCK = 64
 
 
 def _check_fields(config: object, ranges: dict[str, Quantity]) -> None:
@@ -181,6 +179,10 @@ def _divisor(name: str, imu_rate: float, rate: float) -> int:
     return round(ratio)
 
 
+def _is_due(tick: int, every: int) -> bool:
+    return every > 0 and tick % every == 0
+
+
 class SensorSuite:
     """All sensors of a vehicle, sampled together at the IMU's rate.
 
@@ -247,7 +249,6 @@ class SensorSuite:
         self._errors = self._draw_errors(z)
         self._mount = self.imu.mount(tuple(float(a) for a in z[5:8] * self.imu.misalignment_sd))
         self._tick = 0
-        self._noise = np.empty((0, CHANNELS))
 
     def _draw_errors(self, z: np.ndarray) -> np.ndarray:
         errors = np.zeros((3, CHANNELS))
@@ -261,6 +262,17 @@ class SensorSuite:
             errors[OFFSET, GNSS] = np.append(z[10:12], (0.0, 0.0)) * self.gnss.offset_sd
             errors[NOISE_SD, GNSS] = (position, position, velocity, velocity)
         return errors
+
+    def draw(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
+        """Noise (samples, CHANNELS) and which sensors deliver (samples, 2), for the next instants.
+
+        Moves the clock on: for callers that run the kernel ``sense`` themselves.
+        """
+        self._require_reset()
+        ticks = range(self._tick, self._tick + samples)
+        due = [(_is_due(tick, self._wheel_every), _is_due(tick, self._gnss_every)) for tick in ticks]
+        self._tick += samples
+        return self._rng.standard_normal((samples, CHANNELS)), np.array(due)
 
     def sample(self, state: np.ndarray, readings: np.ndarray) -> SensorSample:
         """Measure now; call once per ``period``.
@@ -277,15 +289,10 @@ class SensorSuite:
         InvalidParameter
             Before the first ``reset``.
         """
-        self._require_reset()
-        row = self._tick % _BLOCK
-        if row == 0:
-            self._noise = self._rng.standard_normal((_BLOCK, CHANNELS))
-        wheel_due = self._wheel_every > 0 and self._tick % self._wheel_every == 0
-        gnss_due = self._gnss_every > 0 and self._tick % self._gnss_every == 0
+        noise, due = self.draw(1)
         out = np.empty(CHANNELS)
-        sense(state, readings, self._mount, self._errors, self._noise[row], (wheel_due, gnss_due), out)
-        self._tick += 1
+        wheel_due, gnss_due = bool(due[0, 0]), bool(due[0, 1])
+        sense(state, readings, self._mount, self._errors, noise[0], (wheel_due, gnss_due), out)
         return SensorSample(out[IMU], out[WHEEL], out[GNSS], wheel_due, gnss_due)
 
     def _require_reset(self) -> None:

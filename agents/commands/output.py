@@ -7,7 +7,7 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,8 +17,12 @@ from offroad_env.errors import OffroadError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import Console
+    from rich.table import Table
 
-__all__ = ["OutputError", "Results", "console", "plain", "write_bytes", "write_json"]
+__all__ = ["OutputError", "Results", "console", "plain", "table", "write_bytes", "write_json"]
+
+#: Width of tables that are written to a file or a pipe [characters].
+_FILE_WIDTH = 120
 
 
 class OutputError(OffroadError, OSError):
@@ -30,9 +34,24 @@ class OutputError(OffroadError, OSError):
 
 def console() -> Console:
     """Standard output: tables and colours on a terminal, plain text elsewhere."""
+    import sys
+
     from rich.console import Console
 
-    return Console(highlight=False, soft_wrap=True)
+    return Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else _FILE_WIDTH)
+
+
+def table(title: str, heading: Sequence[str], rows: Iterable[Sequence[str]], *, texts: int = 1) -> Table:
+    """A table for the terminal; the first ``texts`` columns are aligned left, numbers right."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    result = Table(title=escape(title), title_justify="left", title_style="bold", box=None, pad_edge=False)
+    for index, name in enumerate(heading):
+        result.add_column(escape(name), justify="left" if index < texts else "right")
+    for row in rows:
+        result.add_row(*map(escape, row))
+    return result
 
 
 def plain(value: Any) -> Any:

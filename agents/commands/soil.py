@@ -8,7 +8,7 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-from agents.commands.output import Results, console
+from agents.commands.output import Results, console, table
 
 __all__ = ["SoilCurves"]
 
@@ -38,22 +38,19 @@ class SoilCurves(Results):
             self._draw()
 
     def _show_catalogue(self) -> None:
-        from rich.table import Table
-
         from offroad_env.soils import SOILS
 
         sources = list(dict.fromkeys(SOILS.entry(name).source for name in SOILS))
-        table = Table(title=f"{len(SOILS)} soils", title_justify="left", box=None, pad_edge=False)
-        for heading in ("name", "what", "n [-]", "c [kPa]", "phi [deg]", "source"):
-            table.add_column(heading, justify="left" if heading in ("name", "what") else "right")
+        rows = []
         for name, soil in SOILS.items():
             entry = SOILS.entry(name)
             strength = (f"{soil.n:.2f}", f"{soil.c / 1e3:.2f}", f"{math.degrees(soil.phi):.1f}")
             if soil.rigid:
                 strength = ("-", "-", "-")
-            table.add_row(name, entry.title, *strength, str(sources.index(entry.source) + 1))
+            rows.append((name, entry.title, *strength, str(sources.index(entry.source) + 1)))
+        heading = ("name", "what", "n [-]", "c [kPa]", "phi [deg]", "source")
         screen = console()
-        screen.print(table)
+        screen.print(table(f"{len(rows)} soils", heading, rows, texts=2))
         for number, source in enumerate(sources, 1):
             screen.print(f"{number:>2}  {source}", markup=False)
         self.save_numbers({name: _describe(SOILS.entry(name)) for name in SOILS})

@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
-from agents.commands.output import Results, console
+from agents.commands.output import Results, console, table
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from estimators.wheel_rig import RigComparison
 
-__all__ = ["WheelData", "score_rows", "score_table"]
+__all__ = ["WheelData", "score_rows"]
 
 
 @dataclass(kw_only=True)
@@ -42,7 +40,8 @@ class WheelData(Results):
         trials = load_cmu_single_wheel(path)
         comparison = compare(trials, SOILS[self.soil], CMU_WHEEL, shear=self.shear, seed=self.seed)
         screen = console()
-        screen.print(score_table(comparison))
+        title = f"measured less predicted, {comparison.inside} of {comparison.trials} trials"
+        screen.print(table(title, *score_rows(comparison), texts=2))
         for reason, count in comparison.outside.items():
             screen.print(f"left out: {count} trials ({reason})", markup=False)
         screen.print(f"data: {DATASETS['cmu_single_wheel'].citation}", markup=False)
@@ -71,17 +70,3 @@ def score_rows(comparison: RigComparison) -> tuple[tuple[str, ...], list[tuple[s
             )
         )
     return heading, rows
-
-
-def score_table(comparison: RigComparison) -> Table:
-    """The errors by channel for the terminal; bias is measured less predicted."""
-    from rich.table import Table
-
-    heading, rows = score_rows(comparison)
-    title = f"measured less predicted, {comparison.inside} of {comparison.trials} trials"
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    for index, name in enumerate(heading):
-        table.add_column(name.replace("[", r"\["), justify="left" if index < 2 else "right")
-    for row in rows:
-        table.add_row(*(cell.replace("[", r"\[") for cell in row))
-    return table

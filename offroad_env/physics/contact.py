@@ -130,13 +130,16 @@ def solve_contact(soil, wheel, motion, frame, support, warm, options):
         else:
             low = h
         change = h - h_old
-        if i > 0 and abs(change) > 1e-5 * h and V > 0.0 and V_old > 0.0:
+        # A secant over a larger change than this is free of rounding: the step errs by step * change.
+        # A remembered exponent proves nothing about the last step, so that one must itself be small.
+        measured = i > 0 and abs(change) > 1e-8 * h and V > 0.0 and V_old > 0.0
+        if measured:
             exponent = min(max(math.log(V / V_old) / math.log(h / h_old), 0.2), 6.0)
         step = (target - V) / (exponent * abs(V) / h + k)
-        error = abs(step) * (abs(change) if i > 0 else h)
+        error = abs(step) * (abs(change) if measured else h)
         if error <= _TOLERANCE * h * h and abs(step) <= 1e-4 * h:
             status = CONTACT
-            if i > 0 and change != 0.0:
+            if measured:
                 share = step / change
                 F_x += share * (F_x - G_x)
                 F_y += share * (F_y - G_y)

@@ -1,0 +1,146 @@
+"""What the inertial unit should read if the sinkage exponent were n: the filters' observation model.
+
+d_k = f(xi_{k-1}, n) (BT, section III): one step of the plant's own model with exponent n from the
+previous state, read at the new state. Reading it at the old state would leave both angular rates
+without any dependence on n, since the force laws only enter their derivatives.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from offroad_env.errors import InvalidParameter, SolverFailure
+from offroad_env.physics import state as at
+from offroad_env.physics._jit import kernel
+from offroad_env.physics.contact import SUNK
+from offroad_env.physics.paper_model import paper_derivative, paper_step
+from offroad_env.physics.vehicle_model import Plant, with_exponent
+from offroad_env.simulator import plant_model
+
+__all__ = [
+    "BICYCLE_CHANNELS",
+    "CHANNELS",
+    "HALF_CAR_CHANNELS",
+    "PropagatedModel",
+    "channels_of",
+    "imu_of",
+    "paper_observation",
+    "plant_with_exponent",
+    "share_horizontal",
+]
+
+#: Channels of the inertial unit [m/s^2, rad/s], at the centre of gravity.
+CHANNELS = ("a_x", "a_y", "a_z", "pitch_rate", "yaw_rate")
+HALF_CAR_CHANNELS = np.array([0, 1, 2, 3, 4])
+#: The bicycle has no vertical motion to compare with (BT, section IV).
+BICYCLE_CHANNELS = np.array([0, 1, 4])
+
+
+@kernel
+def plant_with_exponent(plant, n):
+    """The same plant on the same soil with another sinkage exponent."""
+    return Plant(
+        plant.vehicle,
+        with_exponent(plant.soil, n),
+        plant.ground,
+        plant.soil_map,
+        plant.slip,
+        plant.resultant,
+        plant.half_car,
+        plant.v_eps,
+        plant.fine,
+    )
+
+
+@kernel
+def imu_of(x, readings, imu):
+    """Noise-free readings (5,) at the centre of gravity of the state that ``readings`` belongs to."""
+    imu[0], imu[1], imu[2] = readings[at.A_X], readings[at.A_Y], readings[at.A_Z]
+    imu[3], imu[4] = x[at.PITCH_RATE], x[at.YAW_RATE]
+
+
+@kernel
+def paper_observation(x, warm, inputs, plant, dt, imu):
+    """One Runge-Kutta step of the paper's model, in place, and the reading after it.
+
+    Parameters
+    ----------
+    x (15,), warm (2, 3) : previous state and its warm start, advanced by ``dt`` [s]
+    inputs (3, 3) : (steer, F_u, NaN) at the start, middle and end of the step
+    imu (5,) : receives the reading at the new state
+
+    Returns
+    -------
+    The worst contact status on the way.
+    """
+    work, readings = np.empty((3, x.shape[0])), np.empty(at.READINGS_SIZE)
+    status = paper_step(x, warm, inputs, plant, dt, work, readings)
+    u = (inputs[2, 0], inputs[2, 1], inputs[2, 2])
+    paper_derivative(x, u, plant, warm, work[0], readings)
+    imu_of(x, readings, imu)
+    return max(status, readings[at.STATUS])
+
+
+@kernel
+def share_horizontal(x, own):
+    """Give ``own`` (15,) the place, heading and horizontal motion of ``x``; heave and pitch stay its own."""
+    for i in range(x.shape[0]):
+        if not (i == at.Z or i == at.PITCH or i == at.V_Z or i == at.PITCH_RATE):
+            own[i] = x[i]
+
+
+def channels_of(plant: Plant) -> np.ndarray:
+    """Indices into `CHANNELS` of what a plant models: all five, or three for the bicycle."""
+    return HALF_CAR_CHANNELS if plant.half_car > 0.5 else BICYCLE_CHANNELS
+
+
+class PropagatedModel:
+    """The paper's model beside the vehicle, one step at a time: the state carried open loop.
+
+    Every sigma point has its own heave and pitch, which settle on its own soil within tenths of a
+    second; place, heading and horizontal speeds are those of the mean. (Points that start each
+    step from one common height feel their n at a sinkage that belongs to another n: on clay the
+    sensitivity of a_x then has the wrong sign, and the filter runs away.)
+
+    For `ReferenceUKF` and for looking at single steps; runs use the loop of `estimators.parameter`.
+
+    Parameters
+    ----------
+    plant : Plant
+        Of model "paper".
+    state, warm : arrays (15,), (2, 3)
+        Where to start; copied.
+    dt : float
+        Step [s].
+    points : int
+        Sigma points that will ask.
+    """
+
+    def __init__(self, plant: Plant, state: np.ndarray, warm: np.ndarray, dt: float, points: int = 3) -> None:
+        if plant_model(plant) != "paper":
+            raise InvalidParameter("this is the paper's model: make the plant with model='paper'")
+        self.plant = plant
+        self.dt = float(dt)
+        self.state, self.warm = state.copy(), warm.copy()
+        self.channels = channels_of(plant)
+        self._own = [(state.copy(), warm.copy()) for _ in range(points)]
+
+    def predict(self, n: float, inputs: np.ndarray, point: int) -> np.ndarray:
+        """Readings (m,) of one sigma point after a step with exponent ``n``; call once per step.
+
+        ``inputs`` (3, 3) as in `paper_observation`. Raises SolverFailure without a contact solution.
+        """
+        x, warm = self._own[point]
+        share_horizontal(self.state, x)
+        return self._step(n, inputs, x, warm)[self.channels]
+
+    def advance(self, n: float, inputs: np.ndarray) -> None:
+        """Carry the mean's state on by one step with exponent ``n``."""
+        self._step(n, inputs, self.state, self.warm)
+
+    def _step(self, n: float, inputs: np.ndarray, x: np.ndarray, warm: np.ndarray) -> np.ndarray:
+        imu = np.empty(len(CHANNELS))
+        status = paper_observation(x, warm, inputs, plant_with_exponent(self.plant, float(n)), self.dt, imu)
+        if status >= SUNK or not np.isfinite(imu).all():
+            raise SolverFailure(f"the soil with n = {n:.3f} does not carry the vehicle (status {status:g})")
+        return imu

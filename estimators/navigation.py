@@ -1,0 +1,265 @@
+"""Where the vehicle is, from its sensors: a small compiled extended Kalman filter.
+
+The gyro and the accelerometers carry the state from sample to sample; GNSS position and velocity
+correct it, and wheel speed where GNSS is missing. Nothing of the soil enters, so the filter works
+on any ground:
+
+- side slip is a state of its own, driven by the lateral accelerometer, since on soil a vehicle does
+  not travel where it points;
+- the wheels' rim speed is v + creep, and the creep a state of its own that wanders and fades:
+  wheels that spin or lock change the creep, not the speed;
+- wheels that point straight ahead drive about straight ahead: over minutes this holds the gyro's
+  bias where GNSS is missing;
+- the accelerometer's bias wanders, which swallows gravity along a slope.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, astuple, dataclass
+
+import numpy as np
+
+from estimators.protocol import Pose
+from offroad_env.errors import InvalidParameter
+from offroad_env.physics._jit import kernel
+from offroad_env.physics.records import Vehicle
+
+__all__ = ["NavigationFilter", "NavigationNoise", "navigate"]
+
+# State of the filter.
+(X, Y, YAW, V, V_SIDE, GYRO_BIAS, ACCEL_BIAS, CREEP) = range(8)  # [m, m, rad, m/s, m/s, rad/s, m/s^2, m/s]
+SIZE = 8
+_PI = math.pi
+
+
+@dataclass(frozen=True, kw_only=True)
+class NavigationNoise:
+    """What the filter assumes about its sensors and about what it leaves out."""
+
+    accelerometer: float = 0.2  #: per sample [m/s^2] (the paper's)
+    gyro: float = 0.0175  #: per sample [rad/s] (the paper's)
+    gnss_position: float = 0.05  #: RTK fix and the time since it was taken [m]
+    gnss_velocity: float = 0.05  #: each component [m/s]
+    wheel_speed: float = 0.1  #: sensor, scale error at walking pace [m/s]
+    creep_walk: float = 1.0  #: random walk of rim speed over ground speed [m/s/sqrt(s)]
+    creep_time: float = (
+        2.0  #: time in which creep fades [s]; with the walk: 1 m/s where nothing else is known
+    )
+    accel_bias_walk: float = 0.3  #: random walk of the accelerometer bias [m/s^2/sqrt(s)]: rolling ground
+    gyro_bias_walk: float = 1e-4  #: random walk of the gyro bias [rad/s/sqrt(s)]
+    side_walk: float = 0.05  #: random walk of side speed [m/s/sqrt(s)]: cross slopes
+    side_slip: float = 0.7  #: weight of "the axles slip little", per sample [rad], see `_correct_side`
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            if not value > 0.0:
+                raise InvalidParameter(
+                    f"{name} must be > 0, got {value} - a filter needs some noise everywhere"
+                )
+
+
+@kernel
+def _correct(x, P, row, residual, variance):
+    """Scalar Kalman update with measurement row (8,), in place; P stays symmetric by construction."""
+    size = x.shape[0]
+    gain = np.zeros(size)
+    total = variance
+    for i in range(size):
+        if row[i] != 0.0:
+            for j in range(size):
+                gain[j] += P[j, i] * row[i]
+    for i in range(size):
+        total += row[i] * gain[i]
+    for i in range(size):
+        x[i] += gain[i] * residual / total
+        for j in range(i + 1):
+            P[i, j] -= gain[i] * gain[j] / total
+            P[j, i] = P[i, j]
+
+
+@kernel
+def _predict(x, P, imu, noise, dt):
+    """Carry state and covariance over ``dt`` by gyro and accelerometers, in place."""
+    accelerometer, gyro = noise[0], noise[1]
+    creep_walk, creep_time, accel_walk, gyro_walk, side_walk = (
+        noise[5],
+        noise[6],
+        noise[7],
+        noise[8],
+        noise[9],
+    )
+    cos, sin = math.cos(x[YAW]), math.sin(x[YAW])
+    v, side = x[V], x[V_SIDE]
+    rate, along = imu[4] - x[GYRO_BIAS], imu[0] - x[ACCEL_BIAS]
+    F = np.eye(SIZE)
+    F[X, YAW], F[X, V], F[X, V_SIDE] = -dt * (v * sin + side * cos), dt * cos, -dt * sin
+    F[Y, YAW], F[Y, V], F[Y, V_SIDE] = dt * (v * cos - side * sin), dt * sin, dt * cos
+    F[YAW, GYRO_BIAS] = -dt
+    F[V, V_SIDE], F[V, GYRO_BIAS], F[V, ACCEL_BIAS] = dt * rate, -dt * side, -dt
+    F[V_SIDE, V], F[V_SIDE, GYRO_BIAS] = -dt * rate, dt * v
+    F[CREEP, CREEP] = 1.0 - dt / creep_time
+    x[X] += dt * (v * cos - side * sin)
+    x[Y] += dt * (v * sin + side * cos)
+    x[YAW] += dt * rate
+    x[V] += dt * (along + side * rate)
+    x[V_SIDE] += dt * (imu[1] - v * rate)
+    x[CREEP] *= 1.0 - dt / creep_time
+    FP = np.zeros((SIZE, SIZE))
+    for i in range(SIZE):
+        for k in range(SIZE):
+            if F[i, k] != 0.0:
+                for j in range(SIZE):
+                    FP[i, j] += F[i, k] * P[k, j]
+    for i in range(SIZE):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(SIZE):
+                total += FP[i, k] * F[j, k]
+            P[i, j] = P[j, i] = total
+    P[YAW, YAW] += (gyro * dt) ** 2
+    P[V, V] += (accelerometer * dt) ** 2
+    P[V_SIDE, V_SIDE] += ((accelerometer * dt) ** 2 + (gyro * dt * v) ** 2) + side_walk**2 * dt
+    P[GYRO_BIAS, GYRO_BIAS] += gyro_walk**2 * dt
+    P[ACCEL_BIAS, ACCEL_BIAS] += accel_walk**2 * dt
+    P[CREEP, CREEP] += creep_walk**2 * dt
+
+
+@kernel
+def _correct_gnss(x, P, gnss, noise):
+    """Position, and the velocity vector that speed and course stand for."""
+    row = np.zeros(SIZE)
+    row[X] = 1.0
+    _correct(x, P, row, gnss[0] - x[X], noise[2] ** 2)
+    row[X], row[Y] = 0.0, 1.0
+    _correct(x, P, row, gnss[1] - x[Y], noise[2] ** 2)
+    row[Y] = 0.0
+    cos, sin = math.cos(x[YAW]), math.sin(x[YAW])
+    v_X, v_Y = x[V] * cos - x[V_SIDE] * sin, x[V] * sin + x[V_SIDE] * cos
+    row[YAW], row[V], row[V_SIDE] = -v_Y, cos, -sin
+    _correct(x, P, row, gnss[2] * math.cos(gnss[3]) - v_X, noise[3] ** 2)
+    cos, sin = math.cos(x[YAW]), math.sin(x[YAW])
+    v_X, v_Y = x[V] * cos - x[V_SIDE] * sin, x[V] * sin + x[V_SIDE] * cos
+    row[YAW], row[V], row[V_SIDE] = v_X, sin, cos
+    _correct(x, P, row, gnss[2] * math.sin(gnss[3]) - v_Y, noise[3] ** 2)
+
+
+@kernel
+def _correct_wheels(x, P, rim_speeds, noise):
+    """Mean rim speed = v + creep. A jump beyond 3 sd is a wheel that spins up or locks: creep takes it."""
+    row = np.zeros(SIZE)
+    row[V] = row[CREEP] = 1.0
+    rim = 0.5 * (rim_speeds[0] + rim_speeds[1])
+    residual = rim - x[V] - x[CREEP]
+    variance = noise[4] ** 2 + (0.01 * rim) ** 2
+    P[CREEP, CREEP] += max(residual**2 - 9.0 * (P[V, V] + P[CREEP, CREEP] + variance), 0.0)
+    _correct(x, P, row, residual, variance)
+
+
+@kernel
+def _correct_side(x, P, gyro, steer, axles, noise):
+    """The axles slip little: side speed near l_r yaw_rate, yaw rate near v tan(steer)/L.
+
+    A slip angle of 0.05 rad that lasts a second is a hundred samples with one error, so each of
+    them counts with 0.05 sqrt(2 100) = 0.7 rad.
+    """
+    l_f, l_r = axles
+    speed = abs(x[V]) + 1.0
+    row = np.zeros(SIZE)
+    row[V_SIDE] = 1.0
+    _correct(x, P, row, l_r * (gyro - x[GYRO_BIAS]) - x[V_SIDE], (noise[10] * speed) ** 2)
+    row[V_SIDE], row[GYRO_BIAS] = 0.0, 1.0
+    turn = x[V] * math.tan(steer) / (l_f + l_r)
+    sd = 2.0 * noise[10] * speed * (0.1 + abs(math.tan(steer))) / (l_f + l_r)
+    _correct(x, P, row, gyro - turn - x[GYRO_BIAS], sd**2)
+
+
+@kernel
+def navigate(belief, sensors, steer, axles, noise, dt):
+    """One sample of all sensors; ``belief`` = (x (8,), P (8, 8)), in place.
+
+    ``sensors`` = (imu, rim_speeds, gnss), where NaN marks what was not measured; ``axles`` = (l_f, l_r).
+    """
+    x, P = belief
+    imu, rim_speeds, gnss = sensors
+    if np.isfinite(imu).all():
+        _predict(x, P, imu, noise, dt)
+        _correct_side(x, P, imu[4], steer, axles, noise)
+    if np.isfinite(rim_speeds).all():
+        _correct_wheels(x, P, rim_speeds, noise)
+    if np.isfinite(gnss).all():
+        _correct_gnss(x, P, gnss, noise)
+
+
+class NavigationFilter:
+    """Pose and speed from IMU, wheel speed and GNSS.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Only its geometry is used.
+    noise : NavigationNoise, optional
+
+    Examples
+    --------
+    >>> filter = NavigationFilter(VEHICLES["mrzr"])
+    >>> filter.reset(0.0, 0.0, 0.0, 3.0)
+    >>> pose = filter.update(imu, rim_speeds, steer, gnss, 0.01)
+    """
+
+    def __init__(self, vehicle: Vehicle, noise: NavigationNoise | None = None) -> None:
+        self.noise = noise or NavigationNoise()
+        #: The noise as the kernels take it.
+        self.constants = tuple(float(value) for value in astuple(self.noise))
+        self._axles = (vehicle.l_f, vehicle.l_r)
+        self.x, self.P = np.zeros(SIZE), np.eye(SIZE)
+
+    def reset(self, x: float, y: float, yaw: float, v: float) -> Pose:
+        """Start at a place that is known to 0.1 m, 0.02 rad and 0.3 m/s."""
+        self.x[:] = 0.0
+        self.x[:4] = x, y, yaw, v
+        if not np.isfinite(self.x).all():
+            raise InvalidParameter(f"the start must be finite, got {(x, y, yaw, v)}")
+        self.P[:] = np.diag(np.square([0.1, 0.1, 0.02, 0.3, 0.2, 0.01, 0.3, 1.0]))
+        return self.pose
+
+    def update(
+        self, imu: np.ndarray, rim_speeds: np.ndarray, steer: float, gnss: np.ndarray, dt: float
+    ) -> Pose:
+        """Take in one sample.
+
+        Parameters
+        ----------
+        imu : array (5,)
+            a_x, a_y, a_z [m/s^2], pitch_rate, yaw_rate [rad/s].
+        rim_speeds : array (2,)
+            r omega front, rear [m/s]; NaN when not measured.
+        steer : float
+            Road-wheel angle that was commanded [rad].
+        gnss : array (4,)
+            X, Y [m], speed [m/s], course [rad]; NaN when not measured.
+        dt : float
+            Time since the last sample [s].
+
+        Returns
+        -------
+        Pose
+            Heading unwrapped: it counts turns.
+        """
+        navigate((self.x, self.P), (imu, rim_speeds, gnss), steer, self._axles, self.constants, dt)
+        return self.pose
+
+    @property
+    def pose(self) -> Pose:
+        """Position, heading and forward speed."""
+        return Pose(float(self.x[X]), float(self.x[Y]), float(self.x[YAW]), float(self.x[V]))
+
+    @property
+    def side_speed(self) -> float:
+        """Speed to the left [m/s]."""
+        return float(self.x[V_SIDE])
+
+    @property
+    def gyro_bias(self) -> float:
+        """Of the yaw gyro [rad/s]."""
+        return float(self.x[GYRO_BIAS])
