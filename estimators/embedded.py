@@ -33,22 +33,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.models import plant_with_exponent
-from estimators.navigation import GYRO_BIAS, V, V_SIDE, YAW, NavigationFilter, X, Y, navigate
+from estimators.models import plant_with_exponent, step_full_copies, step_paper_copies
+from estimators.navigation import GYRO_BIAS, V_SIDE, YAW, NavigationFilter, V, X, Y, navigate
 from estimators.protocol import Estimate, Pose
 from estimators.transforms import from_range, moments, range_slope, to_range
 from estimators.ukf_compiled import check_alpha, merwe_weights, sigma_points, unscented_update
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
-from offroad_env.physics.advance import pack, unpack
+from offroad_env.physics.advance import pack
 from offroad_env.physics.contact import SUNK
-from offroad_env.physics.full_model import full_step
-from offroad_env.physics.sensor_kernels import imu_reading
-from offroad_env.physics.paper_model import paper_step
 from offroad_env.physics.settle import settle
 from offroad_env.sensors import ImuConfig
-from offroad_env.simulator import Plant
+from offroad_env.simulator import Plant, plant_model
 
 __all__ = ["EmbeddedParameterUKF", "EmbeddedSettings"]
 
@@ -89,51 +86,18 @@ class EmbeddedSettings:
 
 
 @kernel
-def _wake(state, plant, spread, bounds, nav):
-    """Settle every copy on its own soil, rolling at the navigation filter's speed; worst status."""
-    belief, copies, warms, last, memory, _ = state
-    worst = 0.0
-    for i in range(3):
-        eta = belief[0] + (0.0 if i == 0 else (spread if i == 1 else -spread))
-        own = plant_with_exponent(plant, to_range(eta, bounds[0], bounds[1]))
-        status, x, warms[i] = settle(own, (nav[X], nav[Y], nav[YAW]), nav[V], plant.resultant > 0.5)
-        worst = max(worst, status)
-        x[at.V_Y] = nav[V_SIDE]
-        x[at.STEER :] = copies[i, at.STEER :]
-        copies[i] = x
-    last[:] = np.nan
-    memory[AWAKE] = 1.0
-    return worst
+def _rest(state, lags, command, dt):
+    """Hold, and let the actuators of the sleeping copies follow the command.
 
-
-@kernel
-def _rest(state, vehicle, command, dt):
-    """Too slow to tell: hold, and let the actuators of the sleeping copies follow the command."""
+    ``lags`` = (steer, torque) [s].
+    """
     _, copies, _, _, memory, _ = state
     memory[AWAKE], memory[HELD] = 0.0, 1.0
-    torque_share = dt / max(vehicle.torque_lag, dt)
+    turn, share = dt / max(lags[0], dt), dt / max(lags[1], dt)
     for i in range(3):
-        copies[i, at.STEER] += dt / max(vehicle.steer_lag, dt) * (command[0] - copies[i, at.STEER])
-        copies[i, at.DRIVE] += torque_share * (command[1] - copies[i, at.DRIVE])
-        copies[i, at.BRAKE] += torque_share * (command[2] - copies[i, at.BRAKE])
-
-
-@kernel
-def _step_copy(x, warm, plant, command, dt, mount, predicted):
-    """Predict the reading (a_x, a_y, yaw_rate) of the state as it is, then carry it over ``dt``; status."""
-    work, readings = np.empty((4, at.READINGS_SIZE)), np.empty(at.READINGS_SIZE)
-    pitch, pitch_rate, yaw_rate = x[at.PITCH], x[at.PITCH_RATE], x[at.YAW_RATE]
-    if plant.resultant > 0.5:
-        status = full_step(x, warm, command, plant, dt, work, readings)
-    else:
-        held = np.empty((3, 3))
-        held[:, 0], held[:, 1], held[:, 2] = command[0], command[1], math.nan
-        status = paper_step(x, warm, held, plant, dt, work, readings)
-    acceleration = (readings[at.A_X], readings[at.A_Y], readings[at.A_Z])
-    yaw_acc, pitch_acc = readings[at.YAW_ACC], readings[at.PITCH_ACC]
-    imu = imu_reading(acceleration, yaw_rate, pitch_rate, yaw_acc, pitch_acc, pitch, mount)
-    predicted[0], predicted[1], predicted[2] = imu[0], imu[1], imu[4]
-    return status
+        copies[i, at.STEER] += turn * (command[0] - copies[i, at.STEER])
+        copies[i, at.DRIVE] += share * (command[1] - copies[i, at.DRIVE])
+        copies[i, at.BRAKE] += share * (command[2] - copies[i, at.BRAKE])
 
 
 @kernel
@@ -185,40 +149,40 @@ def _learn(belief, memory, points, predicted, z, R, weights, shares):
 
 
 @kernel
-def _update(state, navigation, packed, command, sensors, mount, setting):
-    """One sample of all sensors, in place.
+def _before(state, navigation, sensors, command, vehicle, setting, points):
+    """Navigate, let the belief drift and place the sigma points; false while the copies rest.
 
-    The reading that belongs to a state before its step is the previous sample, so every sample is
-    used one period late, and the step yields the prediction without another force evaluation.
+    ``vehicle`` = (l_f, l_r, steer_lag, torque_lag); ``points`` = (eta (3, 1), n (3,)), filled.
     """
-    belief, copies, warms, last, memory, mean_innovation = state
+    belief, _, _, _, memory, _ = state
     nav, P, noise = navigation
-    plant = unpack(packed)
-    imu = sensors[0]
-    bounds, weights, R, gains, gates, dt = setting
-    hold_speed, least, settle_time, drift = gates
-    navigate((nav, P), sensors, command[0], (plant.vehicle.l_f, plant.vehicle.l_r), noise, dt)
-    belief[1] += drift * drift * dt
-    if not (nav[V] > hold_speed and np.isfinite(imu).all()):
-        _rest(state, plant.vehicle, command, dt)
-        return
-    points, factor, predicted = np.empty((3, 1)), np.empty((1, 1)), np.empty((3, 3))
-    memory[REPAIRS] += sigma_points(belief[:1], belief[1:].reshape(1, 1), weights[3], factor, points)
-    worst = 0.0
-    if memory[AWAKE] < 0.5:
-        worst = _wake(state, plant, points[1, 0] - points[0, 0], bounds, nav)
+    bounds, weights, _, _, gates, dt = setting
+    navigate((nav, P), sensors, command[0], (vehicle[0], vehicle[1]), noise, dt)
+    belief[1] += gates[3] * gates[3] * dt
+    slow = not (nav[V] > gates[0] and np.isfinite(sensors[0]).all())
+    if slow or memory[AWAKE] < 0.5:
+        _rest(state, vehicle[2:], command, dt)
+        return False
+    factor = np.empty((1, 1))
+    memory[REPAIRS] += sigma_points(belief[:1], belief[1:].reshape(1, 1), weights[3], factor, points[0])
     for i in range(3):
-        own = plant_with_exponent(plant, to_range(points[i, 0], bounds[0], bounds[1]))
-        status = _step_copy(copies[i], warms[i], own, command, dt, mount, predicted[i])
-        worst = max(worst, status)
+        points[1][i] = to_range(points[0][i, 0], bounds[0], bounds[1])
+    return True
+
+
+@kernel
+def _after(state, nav, imu, points, predicted, setting):
+    """Compare what the copies (3, 5) predicted with the sample that belongs to it, learn, pull."""
+    belief, copies, _, last, memory, mean_innovation = state
+    _, weights, R, gains, gates, dt = setting
+    channels = np.empty((3, 3))
+    channels[:, 0], channels[:, 1], channels[:, 2] = predicted[:, 0], predicted[:, 1], predicted[:, 4]
+    for i in range(3):
         _pull(copies[i], nav, imu, gains, dt)
-    if worst >= SUNK or not (np.isfinite(predicted).all() and np.isfinite(copies).all()):
-        copies[:] = 0.0
-        _rest(state, plant.vehicle, command, dt)
-        return
     if math.isfinite(last[0]):
-        memory[SURPRISE] = _watch(predicted, last, R, weights, mean_innovation, dt)
-        _learn(belief, memory, points, predicted, last, R, weights, (least * dt, dt / settle_time))
+        shares = (gates[1] * dt, dt / gates[2])
+        memory[SURPRISE] = _watch(channels, last, R, weights, mean_innovation, dt)
+        _learn(belief, memory, points, channels, last, R, weights, shares)
     last[0], last[1], last[2] = imu[0], imu[1], imu[4]
 
 
@@ -265,6 +229,9 @@ class EmbeddedParameterUKF:
             raise InvalidParameter(f"dt must be in [0.001, 0.02] s, got {dt} - in ms?")
         self.plant = plant
         self._packed = pack(plant)
+        self._step = step_full_copies if plant_model(plant) == "full" else step_paper_copies
+        vehicle = plant.vehicle
+        self._vehicle = (vehicle.l_f, vehicle.l_r, vehicle.steer_lag, vehicle.torque_lag)
         self.n_range = (low, high)
         self.dt = float(dt)
         self.settings = settings or EmbeddedSettings()
@@ -346,11 +313,48 @@ class EmbeddedParameterUKF:
         -------
         Estimate
         """
-        navigation = self.navigation
-        state = (navigation.x, navigation.P, navigation.constants)
-        sensors = (imu, rim_speeds, gnss)
-        _update(self._state, state, self._packed, command, sensors, self._mount, self._setting)
+        navigation, state, setting = self.navigation, self._state, self._setting
+        _, copies, warms, _, memory, _ = state
+        if memory[AWAKE] < 0.5 and navigation.x[V] > self.settings.hold_speed:
+            self._wake()
+        place = (navigation.x, navigation.P, navigation.constants)
+        points, predicted = (np.empty((3, 1)), np.empty(3)), np.empty((3, 5))
+        if _before(state, place, (imu, rim_speeds, gnss), command, self._vehicle, setting, points):
+            status = self._step(
+                copies, warms, self._packed, points[1], command, self.dt, self._mount, predicted
+            )
+            if status < SUNK and np.isfinite(predicted).all() and np.isfinite(copies).all():
+                _after(state, navigation.x, imu, points[0], predicted, setting)
+            else:
+                self._sleep()
         return self.estimate
+
+    def _wake(self) -> None:
+        """Settle every copy on its own soil, rolling at the navigation filter's speed.
+
+        Samples are used one period late: the reading that belongs to a state before its step is
+        the previous one, and so a step yields the prediction without another force evaluation.
+        """
+        belief, copies, warms, last, memory, _ = self._state
+        nav, scale = self.navigation.x, math.sqrt(self._setting[1][3] * belief[1])
+        pose, full = (nav[X], nav[Y], nav[YAW]), self.plant.resultant > 0.5
+        for i, sign in enumerate((0.0, 1.0, -1.0)):
+            n = to_range(belief[0] + sign * scale, *self._bounds)
+            own = plant_with_exponent(self.plant, n)
+            status, x, warms[i] = settle(own, pose, nav[V], full)
+            if status >= SUNK or not np.isfinite(x).all():
+                return
+            x[at.V_Y], x[at.STEER :] = nav[V_SIDE], copies[i, at.STEER :]
+            copies[i] = x
+        last[:] = math.nan
+        memory[AWAKE] = 1.0
+
+    def _sleep(self) -> None:
+        """Some copy found no contact: hold, and start all of them again at the next sample."""
+        _, copies, _, _, memory, _ = self._state
+        copies[:, : at.STEER] = 0.0
+        copies[~np.isfinite(copies)] = 0.0
+        memory[AWAKE], memory[HELD] = 0.0, 1.0
 
     @property
     def estimate(self) -> Estimate:

@@ -7,13 +7,18 @@ without any dependence on n, since the force laws only enter their derivatives.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
+from offroad_env.physics.advance import unpack
 from offroad_env.physics.contact import SUNK
+from offroad_env.physics.full_model import full_step
 from offroad_env.physics.paper_model import paper_derivative, paper_step
+from offroad_env.physics.sensor_kernels import imu_reading
 from offroad_env.physics.vehicle_model import Plant, with_exponent
 from offroad_env.simulator import plant_model
 
@@ -27,6 +32,8 @@ __all__ = [
     "paper_observation",
     "plant_with_exponent",
     "share_horizontal",
+    "step_full_copies",
+    "step_paper_copies",
 ]
 
 #: Channels of the inertial unit [m/s^2, rad/s], at the centre of gravity.
@@ -87,6 +94,67 @@ def share_horizontal(x, own):
     for i in range(x.shape[0]):
         if not (i == at.Z or i == at.PITCH or i == at.V_Z or i == at.PITCH_RATE):
             own[i] = x[i]
+
+
+@kernel
+def step_full_copies(copies, warms, packed, exponents, command, dt, mount, predicted):
+    """Read every copy of the full model as it is, then carry it over ``dt`` with its own exponent, in place.
+
+    Parameters
+    ----------
+    copies (C, 15), warms (C, 2, 3) : states and warm starts, advanced
+    packed : of `offroad_env.physics.advance.pack`
+    exponents (C,) : sinkage exponent of each copy
+    command : (steer [rad], drive torque [N m], brake torque [N m]), held
+    mount : `ImuMount` of the inertial unit
+    predicted (C, 5) : receives the readings before the step
+
+    Returns
+    -------
+    The worst contact status.
+    """
+    plant = unpack(packed)
+    work, readings = np.empty((4, at.READINGS_SIZE)), np.empty(at.READINGS_SIZE)
+    worst = 0.0
+    for i in range(copies.shape[0]):
+        x = copies[i]
+        motion = (x[at.YAW_RATE], x[at.PITCH_RATE], x[at.PITCH])
+        own = plant_with_exponent(plant, exponents[i])
+        worst = max(worst, full_step(x, warms[i], command, own, dt, work, readings))
+        _mounted_reading(motion, readings, mount, predicted[i])
+    return worst
+
+
+@kernel
+def step_paper_copies(copies, warms, packed, exponents, command, dt, mount, predicted):
+    """The same for the paper's model, where ``command`` is (steer [rad], F_u [N], NaN)."""
+    plant = unpack(packed)
+    work, readings = np.empty((3, at.STATE_SIZE)), np.empty(at.READINGS_SIZE)
+    held = np.empty((3, 3))
+    for i in range(3):
+        held[i, 0], held[i, 1], held[i, 2] = command[0], command[1], math.nan
+    worst = 0.0
+    for i in range(copies.shape[0]):
+        x = copies[i]
+        motion = (x[at.YAW_RATE], x[at.PITCH_RATE], x[at.PITCH])
+        own = plant_with_exponent(plant, exponents[i])
+        worst = max(worst, paper_step(x, warms[i], held, own, dt, work, readings))
+        _mounted_reading(motion, readings, mount, predicted[i])
+    return worst
+
+
+@kernel
+def _mounted_reading(motion, readings, mount, imu):
+    """Noise-free reading (5,) of a mounted unit; ``motion`` = (yaw rate, pitch rate, pitch)."""
+    imu[0], imu[1], imu[2], imu[3], imu[4] = imu_reading(
+        (readings[at.A_X], readings[at.A_Y], readings[at.A_Z]),
+        motion[0],
+        motion[1],
+        readings[at.YAW_ACC],
+        readings[at.PITCH_ACC],
+        motion[2],
+        mount,
+    )
 
 
 def channels_of(plant: Plant) -> np.ndarray:

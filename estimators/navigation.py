@@ -250,6 +250,11 @@ class NavigationFilter:
         return self.pose
 
     @property
+    def arguments(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[float, float], tuple[float, ...]]:
+        """(belief, axles, noise) for callers that run the kernel `navigate` themselves."""
+        return (self.x, self.P), self._axles, self.constants
+
+    @property
     def pose(self) -> Pose:
         """Position, heading and forward speed."""
         return Pose(float(self.x[X]), float(self.x[Y]), float(self.x[YAW]), float(self.x[V]))

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from estimators.models import CHANNELS
 from estimators.parameter import SOURCES, ParameterRun, ParameterSettings, run_parameter_filter
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
@@ -71,10 +70,13 @@ CHOICES: dict[str, Choice] = {
     "noise_rate": Choice(0.0175, "rad/s", "the paper's (printed in rad/s^2), per sample"),
 }
 
-#: One setting per filter model for all rows; `benchmarks` sweeps may refine it.
+#: One setting per filter model for all rows. alpha hardly matters (tried from 0.1 to 1); of the drifts
+#: 0.001 ... 0.05, on noise seeds 101 and 102, each has the smallest for which no row stays at another
+#: root of F_x(n) (half-car), or the smallest median log-MSE over the rows (bicycle: rows 1 and 2 stay
+#: there for every drift).
 SETTINGS: dict[str, ParameterSettings] = {
-    "half_car": ParameterSettings(),
-    "bicycle": ParameterSettings(),
+    "half_car": ParameterSettings(drift=0.025),
+    "bicycle": ParameterSettings(drift=0.001),
 }
 
 
@@ -278,7 +280,7 @@ def speed_range(soil: str, slip: float, *, duration: float = 100.0) -> tuple[flo
 def find_slip(
     soil: str, candidates: np.ndarray, *, limits: tuple[float, float] = (0.5, 25.0)
 ) -> tuple[float, float]:
-    """``(slip, margin)``: the constant slip that keeps every row of ``soil`` furthest inside ``limits`` [m/s].
+    """``(slip, margin)``: the constant slip that keeps all rows of ``soil`` furthest inside ``limits`` [m/s].
 
     The margin is the smaller of v_min/limits[0] and limits[1]/v_max over the rows: above 1, all
     rows stay inside. It is small for slips that let the vehicle stop and for those that let it run

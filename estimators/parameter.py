@@ -68,29 +68,16 @@ class ParameterRun:
 
 
 @kernel
-def _predict_points(x, own, warms, inputs, plant, dt, bounds, points, channels, predicted):
-    """Observation of every sigma point, whose states ``own`` (3, 15) follow ``x``; worst contact status."""
-    imu = np.empty(5)
-    worst = 0.0
-    for i in range(points.shape[0]):
-        share_horizontal(x, own[i])
-        belief = plant_with_exponent(plant, to_range(points[i, 0], bounds[0], bounds[1]))
-        worst = max(worst, paper_observation(own[i], warms[i], inputs, belief, dt, imu))
-        for j in range(channels.shape[0]):
-            predicted[i, j] = imu[channels[j]]
-    if not (np.isfinite(predicted).all() and np.isfinite(own).all()):
-        return SUNK
-    return worst
+def _run(result, warm, known, inputs, z, plant, setting, noise):
+    """The loop behind `run_parameter_filter`; returns (repairs, skipped).
 
-
-@kernel
-def _run(states, warm, known, inputs, z, plant, setting, channels, R, belief, nis):
-    """The loop behind `run_parameter_filter`; ``belief`` (T, 2) holds eta and its variance.
-
-    ``setting`` = (dt, low, high, alpha, R_n). Every sigma point carries its own warm start, heave
-    and pitch. Returns (repairs, skipped).
+    ``result`` = (states (T, 15), belief (T, 2): eta and its variance, nis (T,)), first rows given;
+    ``setting`` = (dt, low, high, channels); ``noise`` = (R_e (m, m), R_n, alpha). Every sigma point
+    carries its own warm start, heave and pitch.
     """
-    dt, low, high, alpha, R_n = setting
+    states, belief, nis = result
+    R, R_n, alpha = noise
+    dt, low, high, channels = setting
     weights = merwe_weights(1.0, alpha, 0.0)
     mean, cov = belief[0, :1].copy(), belief[0, 1:].copy().reshape(1, 1)
     points, factor = np.empty((3, 1)), np.empty((1, 1))
@@ -99,14 +86,18 @@ def _run(states, warm, known, inputs, z, plant, setting, channels, R, belief, ni
     own[:], warms[:] = states[0], warm
     repairs = skipped = 0
     for k in range(1, z.shape[0]):
-        step = inputs[2 * k - 2 : 2 * k + 1]
+        step, x = inputs[2 * k - 2 : 2 * k + 1], states[k - 1]
         if known:
-            own[:] = states[k - 1]
+            own[:] = x
         cov[0, 0] += R_n
         repairs += sigma_points(mean, cov, weights[3], factor, points)
-        x = states[k - 1]
-        status = _predict_points(x, own, warms, step, plant, dt, (low, high), points, channels, predicted)
-        if status < SUNK:
+        worst = 0.0
+        for i in range(3):
+            share_horizontal(x, own[i])
+            there = plant_with_exponent(plant, to_range(points[i, 0], low, high))
+            worst = max(worst, paper_observation(own[i], warms[i], step, there, dt, imu))
+            predicted[i] = imu[channels]
+        if worst < SUNK and np.isfinite(predicted).all() and np.isfinite(own).all():
             nis[k], repaired = unscented_update(mean, cov, points, predicted, z[k], R, weights)
             repairs += repaired
         else:
@@ -173,11 +164,11 @@ def run_parameter_filter(
     states = np.empty((T, at.STATE_SIZE)) if known is None else np.array(known, dtype=np.float64)
     if known is None:
         states[0] = start[0]
-    setting = (float(dt), float(low), float(high), float(settings.alpha), float(settings.drift) ** 2)
+    setting = (float(dt), float(low), float(high), channels)
+    noise = (R, float(settings.drift) ** 2, float(settings.alpha))
     z = np.ascontiguousarray(imu[:, channels])
-    repairs, skipped = _run(
-        states, start[1], known is not None, inputs, z, plant, setting, channels, R, belief, nis
-    )
+    result = (states, belief, nis)
+    repairs, skipped = _run(result, start[1], known is not None, inputs, z, plant, setting, noise)
     n = np.empty((T, 2))
     _all_moments(belief, float(low), float(high), n)
     return ParameterRun(

@@ -9,15 +9,20 @@ by 5 %. filterpy 2.0 draws them again after the prediction, hence ``filterpy>=2.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
+from estimators.models import PropagatedModel
+from estimators.parameter import ParameterSettings
+from estimators.protocol import Estimate
+from estimators.transforms import from_range, moments, range_slope, to_range
 from estimators.ukf_compiled import check_alpha
 
-__all__ = ["ReferenceUKF"]
+__all__ = ["ParameterFilterpy", "ReferenceUKF"]
 
 
 def _stays(w: np.ndarray, dt: float) -> np.ndarray:
@@ -56,12 +61,12 @@ class ReferenceUKF:
         self.nis = math.nan
 
     @property
-    def w(self) -> np.ndarray:
+    def mean(self) -> np.ndarray:
         """Mean of the parameters, (L,)."""
         return self.filter.x
 
     @property
-    def P(self) -> np.ndarray:
+    def covariance(self) -> np.ndarray:
         """Covariance of the parameters, (L, L)."""
         return self.filter.P
 
@@ -76,3 +81,38 @@ class ReferenceUKF:
         self.filter.predict()
         self.filter.update(np.asarray(z, dtype=np.float64), hx=observe)
         self.nis = float(self.filter.mahalanobis) ** 2
+
+
+class ParameterFilterpy:
+    """The paper's filter for n, sample by sample: the reference of `estimators.parameter`.
+
+    Parameters
+    ----------
+    model : PropagatedModel
+        The filter's own model, whose state is carried open loop with the current n.
+    settings : ParameterSettings
+    """
+
+    def __init__(self, model: PropagatedModel, settings: ParameterSettings) -> None:
+        self.model = model
+        self.settings = settings
+        low, high = settings.n_range
+        eta = from_range(settings.n_prior, low, high)
+        variance = (settings.n_prior_sd / range_slope(eta, low, high)) ** 2
+        R_e = np.diag(np.square(settings.noise)[model.channels])
+        R_n = np.array([[settings.drift**2]])
+        self.ukf = ReferenceUKF(np.array([eta]), np.array([[variance]]), R_n, R_e, settings.alpha)
+
+    def update(self, imu: np.ndarray, inputs: np.ndarray) -> Estimate:
+        """Take in the reading (5,) at the end of a step with the inputs (3, 3) of `paper_observation`."""
+        low, high = self.settings.n_range
+        point = itertools.count()
+
+        def observe(w: np.ndarray) -> np.ndarray:
+            return self.model.predict(to_range(float(w[0]), low, high), inputs, next(point))
+
+        self.ukf.update(imu[self.model.channels], observe)
+        eta, variance = float(self.ukf.mean[0]), float(self.ukf.covariance[0, 0])
+        self.model.advance(to_range(eta, low, high), inputs)
+        mean, sd = moments(eta, variance, low, high)
+        return Estimate(mean=mean, sd=sd, nis=self.ukf.nis, valid=True, repairs=0)

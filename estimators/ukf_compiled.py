@@ -15,9 +15,17 @@ import numpy as np
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics._jit import kernel
 
-__all__ = ["CompiledUKF", "guarded_cholesky", "merwe_weights", "sigma_points", "unscented_update"]
+__all__ = [
+    "CompiledUKF",
+    "check_alpha",
+    "guarded_cholesky",
+    "merwe_weights",
+    "sigma_points",
+    "unscented_update",
+]
 
-_LOG_REPAIRS = 20
+#: Lifts of the diagonal before the matrix is given up: the last is about 1e6 times the trace.
+_MOST_REPAIRS = 20
 
 
 @kernel
@@ -40,7 +48,7 @@ def guarded_cholesky(matrix, factor):
     for i in range(size):
         trace += abs(matrix[i, i])
     lift = 0.0
-    for repairs in range(_LOG_REPAIRS):
+    for repairs in range(_MOST_REPAIRS):
         done = True
         for i in range(size):
             for j in range(i + 1):
@@ -63,7 +71,7 @@ def guarded_cholesky(matrix, factor):
             return repairs
         lift = max(10.0 * lift, 1e-13 * trace + 1e-300)
     factor[:] = np.nan
-    return _LOG_REPAIRS
+    return _MOST_REPAIRS
 
 
 @kernel
@@ -170,21 +178,23 @@ class CompiledUKF:
         self, w: np.ndarray, P: np.ndarray, R_n: np.ndarray, R_e: np.ndarray, alpha: float, kappa: float = 0.0
     ) -> None:
         check_alpha(alpha)
-        self.w, self.P = np.array(w, dtype=np.float64), np.array(P, dtype=np.float64)
+        self.mean, self.covariance = np.array(w, dtype=np.float64), np.array(P, dtype=np.float64)
         self.R_n, self.R_e = np.array(R_n, dtype=np.float64), np.array(R_e, dtype=np.float64)
-        self.weights = merwe_weights(float(len(self.w)), float(alpha), float(kappa))
+        self.weights = merwe_weights(float(len(self.mean)), float(alpha), float(kappa))
         self.nis = math.nan
         self.repairs = 0
 
     def update(self, z: np.ndarray, observe: Callable[[np.ndarray], np.ndarray]) -> None:
         """One random-walk step and one measurement (m,); ``observe`` maps parameters (L,) to (m,)."""
-        L = len(self.w)
+        L = len(self.mean)
         points, factor = np.empty((2 * L + 1, L)), np.empty((L, L))
-        self.P += self.R_n
-        self.repairs += sigma_points(self.w, self.P, self.weights[3], factor, points)
+        self.covariance += self.R_n
+        self.repairs += sigma_points(self.mean, self.covariance, self.weights[3], factor, points)
         predicted = np.array([observe(point) for point in points], dtype=np.float64)
         z = np.asarray(z, dtype=np.float64)
-        self.nis, repairs = unscented_update(self.w, self.P, points, predicted, z, self.R_e, self.weights)
+        self.nis, repairs = unscented_update(
+            self.mean, self.covariance, points, predicted, z, self.R_e, self.weights
+        )
         self.repairs += repairs
 
 

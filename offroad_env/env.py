@@ -180,7 +180,7 @@ class OffroadBekkerEnv(gym.Env):
         self._estimator_name = estimator
         self.estimator: EmbeddedParameterUKF | None = None
         self._layout = Layout(self.vehicle.steer_max, terrain=terrain_info != "none")
-        self._flat, self._measured = self._layout.empty(), np.zeros(10)
+        self._flat = self._layout.empty()
         self._renderer: Any = None
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = self._layout.space()
@@ -195,6 +195,12 @@ class OffroadBekkerEnv(gym.Env):
         for n in (low, high):
             make_soil(SOILS[self.soil_name], n=n)
         return low, high
+
+    def _believed_range(self) -> tuple[float, float]:
+        """``n_range``, widened to 0.1 where it holds a single soil: a filter needs something to estimate."""
+        low, high = self.n_range
+        widen = max(0.05 - 0.5 * (high - low), 0.0)
+        return max(low - widen, 0.06), high + widen
 
     @property
     def briefing(self) -> Briefing:
@@ -221,6 +227,7 @@ class OffroadBekkerEnv(gym.Env):
         super().reset(seed=seed)
         n = self._chosen_exponent(options, drawn=float(self.np_random.uniform(*self.n_range)))
         self.course: Course = self.scenario.draw(self.np_random)
+        self._path_length = self.course.path.length
         self.sensors.reset(self.np_random)
         self._sensor_errors = self.sensors.errors
         slip = _PAPER_SLIP.get(self.soil_name, 0.0)
@@ -242,7 +249,9 @@ class OffroadBekkerEnv(gym.Env):
         self._estimate = Estimate(*self.prior, 0.0, False, 0)
         if self._estimator_name == "parameter":
             belief = make_plant(self.vehicle, self._believed_soil, self.course.ground, **kinds)
-            self.estimator = EmbeddedParameterUKF(belief, self.n_range, dt=CONTROL_PERIOD / _SAMPLES)
+            self.estimator = EmbeddedParameterUKF(
+                belief, self._believed_range(), dt=CONTROL_PERIOD / _SAMPLES, imu=self.sensors.imu
+            )
             self.estimator.reset(*self.prior, self._navigation.pose)
         # The start is a state, not an interval: readings of the state itself, one sample of the sensors.
         self._drive((0.0, 0.0), 1, 0)
@@ -269,7 +278,7 @@ class OffroadBekkerEnv(gym.Env):
         self._time += CONTROL_PERIOD
         progress = self._progress if status >= NO_ROOT else self._locate_truth()[0]
         failure = self._failure(status, drive)
-        success = not failure and progress >= self.course.path.length
+        success = not failure and progress >= self._path_length
         change = float((steer - self._last_action[0]) ** 2 + (drive - self._last_action[1]) ** 2)
         self._last_action[:] = steer, drive
         terms = self._terms(progress - self._progress, change, success, bool(failure))
@@ -353,21 +362,17 @@ class OffroadBekkerEnv(gym.Env):
         return reward_terms(self.scenario, self.weights, outcome, CONTROL_PERIOD)
 
     def _observe(self) -> dict[str, np.ndarray]:
-        measured = self._measured
-        measured[:5], measured[5:7] = self._samples[:, IMU].mean(axis=0), self._rims
-        measured[7], measured[8] = self._last_action[0] * self.vehicle.steer_max, self._last_action[1]
-        measured[9] = self.scenario.target_speed
-        estimate = self._estimate
-        terrain = (float(estimate.mean), float(estimate.sd), float(estimate.valid))
+        terrain = (float(self._estimate.mean), float(self._estimate.sd), float(self._estimate.valid))
         if self.terrain_info == "truth":
             terrain = (self.plant.soil.n, 0.0, 1.0)
+        steer, drive = float(self._last_action[0]), float(self._last_action[1])
+        rims = (float(self._rims[0]), float(self._rims[1]))
         self._seen_index = write_observation(
             self.course.path,
             (*self._navigation.pose, self._seen_index),
-            measured,
-            terrain,
-            self._layout.distances,
-            self._layout.bounds,
+            self._samples,
+            (*rims, steer * self.vehicle.steer_max, drive, self.scenario.target_speed, *terrain),
+            self._layout.shown,
             self._flat,
         )
         return self._layout.split(self._flat)
@@ -385,12 +390,12 @@ class OffroadBekkerEnv(gym.Env):
             "cross_track_error": error,
             "heading_error": heading_error,
             "progress": s,
-            "path_length": self.course.path.length,
+            "path_length": self._path_length,
             "speed": self._speed(),
             "time": self._time,
             "n_estimate": self._estimate.mean,
             "n_estimate_sd": self._estimate.sd,
-            "nis": self._estimate.nis,
+            "nis": self._estimate.nis if math.isfinite(self._estimate.nis) else 0.0,
             "filter_repairs": self._estimate.repairs,
             "reward_terms": terms,
             "success": success,

@@ -29,30 +29,35 @@ _CURVATURE_HIGH = 2.0
 
 
 @kernel
-def write_observation(path, seen, measured, terrain, distances, bounds, out):
-    """Fill the flat observation ``out`` (float32) and clip it to ``bounds`` (2, size).
+def write_observation(path, seen, samples, measured, shown, out):
+    """Fill the flat observation ``out`` (float32) and clip it.
 
     ``seen`` = (X, Y, yaw, speed, index): pose by the navigation filter, hint for the projection;
-    ``measured`` (10,): imu 5, rim speeds 2, steering command, drive command, target speed;
-    ``terrain`` = (n, sd, valid). Returns the next hint.
+    ``samples`` (S, CHANNELS) of the period's sensors; ``measured`` = (rim speed front, rear [m/s],
+    steering command [rad], drive command, target speed [m/s], n, sd of n, valid); ``shown`` =
+    (preview distances [m], bounds (2, size)). Returns the next hint.
     """
+    distances, bounds = shown
     X, Y, yaw, speed, index = seen
     for i in range(_MOTION):
-        out[i] = measured[i]
+        total = 0.0
+        for j in range(samples.shape[0]):
+            total += samples[j, i]
+        out[i] = total / samples.shape[0]
     out[_MOTION] = speed
     for i in range(4):
-        out[_MOTION + 1 + i] = measured[_MOTION + i]
+        out[_MOTION + 1 + i] = measured[i]
     s, error, path_yaw, _, index = project(path, X, Y, index)
     turn = (yaw - path_yaw) / (2.0 * math.pi)
     out[_PATH] = error
     out[_PATH + 1] = 2.0 * math.pi * (turn - round(turn))
-    out[_PATH + 2] = measured[9]
+    out[_PATH + 2] = measured[4]
     ahead = np.empty((distances.shape[0], 2))
     preview(path, s, distances, ahead)
     for i in range(distances.shape[0]):
         out[_PATH + 3 + i] = ahead[i, 0]
     for i in range(3):
-        out[_TERRAIN + i] = terrain[i]
+        out[_TERRAIN + i] = measured[5 + i]
     for i in range(out.shape[0]):
         out[i] = min(max(out[i], bounds[0, i]), bounds[1, i])
     return index
@@ -88,7 +93,7 @@ class Layout:
         low[_PATH + 2] = 0.0
         low[_TERRAIN:] = 0.0
         self.bounds = np.stack([low, high]).astype(np.float32)
-        self.distances = np.array(PREVIEW)
+        self.shown = (np.array(PREVIEW), self.bounds)
         self.slices = {
             "imu": slice(0, _MOTION),
             "motion": slice(_MOTION, _PATH),

@@ -20,7 +20,7 @@ def drive_period(truth, command, sensors, navigation, timing, rims, samples):
     truth : (state, warm, packed plant, full, readings), advanced in place
     command : see `full_derivative` or `paper_derivative`
     sensors : (mount, errors, noise (S, CHANNELS), due (S, 2))
-    navigation : (x, P, l_r, noise) of the navigation filter, updated in place
+    navigation : (belief, axles, noise) of the navigation filter; the belief is updated in place
     timing : (dt of a plant step [s], plant steps per sample, sample period [s])
     rims : (2,) last rim speeds, held where the wheel sensor is silent; updated [m/s]
     samples : (S, CHANNELS), filled with what the sensors say
@@ -36,7 +36,7 @@ def drive_period(truth, command, sensors, navigation, timing, rims, samples):
     """
     state, warm, packed, full, readings = truth
     mount, errors, noise, due = sensors
-    x, P, l_r, assumed = navigation
+    belief, axles, assumed = navigation
     dt, steps, period = timing
     worst = 0.0
     for i in range(samples.shape[0]):
@@ -46,5 +46,6 @@ def drive_period(truth, command, sensors, navigation, timing, rims, samples):
         sense(state, readings, mount, errors, noise[i], (due[i, 0], due[i, 1]), samples[i])
         if due[i, 0]:
             rims[:] = samples[i, WHEEL]
-        navigate(x, P, samples[i, IMU], samples[i, WHEEL], samples[i, GNSS], l_r, assumed, period)
+        measured = (samples[i, IMU], samples[i, WHEEL], samples[i, GNSS])
+        navigate(belief, measured, command[0], axles, assumed, period)
     return worst

@@ -1,0 +1,103 @@
+"""``offroad demo``: everything once, one page."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from agents.commands.output import console, table, write_bytes, write_json
+
+if TYPE_CHECKING:
+    from agents.demo import DemoSettings
+    from agents.report import Section
+
+__all__ = ["Demo"]
+
+
+@dataclass(kw_only=True)
+class Demo:
+    """Run every part of the project once and write one HTML page with figures and numbers.
+
+    Writes demo.html (self-contained) and demo.json (all numbers) into --out. Takes two to three
+    minutes on two cores; the first run also compiles the kernels.
+    """
+
+    out: Path = Path("demo")  #: folder for the page, the numbers and the trained policy
+    quick: bool = False  #: fewer episodes and shorter runs: to see that it works
+    only: tuple[str, ...] = ()  #: run these sections alone (soil forward exponent drive estimate arms ...)
+    seed: int = 0  #: of noise, episodes and learning
+    json: Path | None = None  #: write the numbers to this file instead of demo.json
+
+    def run(self) -> None:
+        """Run, write, and print the numbers that matter."""
+        from agents.demo import DemoSettings
+
+        settings = DemoSettings(out=self.out, seed=self.seed)
+        if self.quick:
+            settings = settings.quick()
+        sections = self._sections(settings)
+        page = write_bytes(self.out / "demo.html", self._page(sections).encode())
+        numbers = write_json(self.json or self.out / "demo.json", self._numbers(sections))
+        screen = console()
+        screen.print(table("results", ("", ""), [row for section in sections for row in section.key]))
+        screen.print(f"page: {page}\nnumbers: {numbers}", markup=False)
+
+    def _sections(self, settings: DemoSettings) -> list[Section]:
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        from agents.demo import run_demo
+
+        screen = console()
+        columns = (BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn())
+        done = []
+        with Progress(*columns, TextColumn("{task.description}"), console=screen, transient=True) as bar:
+            task = bar.add_task("starting", total=1.0)
+
+            def report(label: str, share: float) -> None:
+                bar.update(task, description=label, completed=share)
+
+            for section in run_demo(settings, only=self.only, progress=report):
+                done.append(section)
+                screen.print(f"{section.seconds:6.1f} s  {section.title}", markup=False)
+        return done
+
+    def _page(self, sections: Sequence[Section]) -> str:
+        from agents.report import render_page
+
+        return render_page(
+            sections,
+            title="OffroadBekker: drive on soil, estimate it, compare controllers",
+            intro="A vehicle drives on soil whose sinkage exponent n nobody tells it. This page is one run of every "
+            "part of the project: the physics, an estimator of n, controllers that know more or less about n, and a "
+            "comparison with measured data.",
+            footer=_made_by(self.seed, self.quick),
+        )
+
+    def _numbers(self, sections: Sequence[Section]) -> dict:
+        parts = {
+            section.name: {
+                "title": section.title,
+                "sees": section.sees,
+                "command": section.command,
+                "key": dict(section.key),
+                "seconds": section.seconds,
+                **section.data,
+            }
+            for section in sections
+        }
+        return {"made_by": _made_by(self.seed, self.quick), "seed": self.seed, "sections": parts}
+
+
+def _made_by(seed: int, quick: bool) -> str:
+    from importlib.metadata import version
+
+    from offroad_env import __version__
+
+    extent = "quick, " if quick else ""
+    return (
+        f"OffroadBekker {__version__}, {extent}seed {seed}; Python {platform.python_version()}, "
+        f"NumPy {version('numpy')}, Numba {version('numba')}, {platform.system()} {platform.machine()}"
+    )

@@ -1,0 +1,84 @@
+"""One HTML page out of sections: figures embedded, nothing fetched, fit for the screen and for paper."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import jinja2
+import numpy as np
+from matplotlib.figure import Figure
+
+__all__ = ["Picture", "Section", "Table", "figure_picture", "frame_picture", "render_page"]
+
+_DPI = 110  # 12 inches wide figures: 1320 pixels, sharp at the width of the page
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """An image with what a reader who cannot see it is told."""
+
+    png: bytes
+    caption: str
+
+    @property
+    def source(self) -> str:
+        """The image as a data address."""
+        return f"data:image/png;base64,{base64.b64encode(self.png).decode()}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """Numbers for people; the first ``texts`` columns are text."""
+
+    heading: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    texts: int = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """One part of a page."""
+
+    name: str  #: short name, used for the address within the page
+    title: str
+    sees: str  #: one plain sentence: what one sees
+    command: str  #: the command that makes this part
+    pictures: tuple[Picture, ...] = ()
+    tables: tuple[Table, ...] = ()
+    notes: tuple[str, ...] = ()
+    key: tuple[tuple[str, str], ...] = ()  #: numbers for the summary: (what, value)
+    data: dict[str, Any] = field(default_factory=dict)  #: all numbers, for JSON
+    seconds: float = 0.0  #: wall time
+
+
+def figure_picture(figure: Figure, caption: str) -> Picture:
+    """A figure as PNG."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=_DPI)
+    return Picture(png=buffer.getvalue(), caption=caption)
+
+
+def frame_picture(frame: np.ndarray, caption: str) -> Picture:
+    """A rendered frame (H, W, 3) uint8 as PNG."""
+    from matplotlib.image import imsave
+
+    buffer = io.BytesIO()
+    imsave(buffer, np.ascontiguousarray(frame), format="png")
+    return Picture(png=buffer.getvalue(), caption=caption)
+
+
+def render_page(sections: Sequence[Section], *, title: str, intro: str, footer: str) -> str:
+    """The page as HTML text."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("agents"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    template = environment.get_template("report.html.j2")
+    return template.render(sections=sections, title=title, intro=intro, footer=footer)
