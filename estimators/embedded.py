@@ -229,7 +229,7 @@ class EmbeddedParameterUKF:
             raise InvalidParameter(f"dt must be in [0.001, 0.02] s, got {dt} - in ms?")
         self.plant = plant
         self._packed = pack(plant)
-        self._step = step_full_copies if plant_model(plant) == "full" else step_paper_copies
+        self._full = plant_model(plant) == "full"
         vehicle = plant.vehicle
         self._vehicle = (vehicle.l_f, vehicle.l_r, vehicle.steer_lag, vehicle.torque_lag)
         self.n_range = (low, high)
@@ -320,9 +320,8 @@ class EmbeddedParameterUKF:
         place = (navigation.x, navigation.P, navigation.constants)
         points, predicted = (np.empty((3, 1)), np.empty(3)), np.empty((3, 5))
         if _before(state, place, (imu, rim_speeds, gnss), command, self._vehicle, setting, points):
-            status = self._step(
-                copies, warms, self._packed, points[1], command, self.dt, self._mount, predicted
-            )
+            step = step_full_copies if self._full else step_paper_copies
+            status = step(copies, warms, self._packed, points[1], command, self.dt, self._mount, predicted)
             if status < SUNK and np.isfinite(predicted).all() and np.isfinite(copies).all():
                 _after(state, navigation.x, imu, points[0], predicted, setting)
             else:
@@ -337,11 +336,11 @@ class EmbeddedParameterUKF:
         """
         belief, copies, warms, last, memory, _ = self._state
         nav, scale = self.navigation.x, math.sqrt(self._setting[1][3] * belief[1])
-        pose, full = (nav[X], nav[Y], nav[YAW]), self.plant.resultant > 0.5
+        pose = (nav[X], nav[Y], nav[YAW])
         for i, sign in enumerate((0.0, 1.0, -1.0)):
             n = to_range(belief[0] + sign * scale, *self._bounds)
             own = plant_with_exponent(self.plant, n)
-            status, x, warms[i] = settle(own, pose, nav[V], full)
+            status, x, warms[i] = settle(own, pose, nav[V], self._full)
             if status >= SUNK or not np.isfinite(x).all():
                 return
             x[at.V_Y], x[at.STEER :] = nav[V_SIDE], copies[i, at.STEER :]
