@@ -16,14 +16,14 @@ from offroad_env.errors import OffroadError
 
 __all__ = ["COMMANDS", "main"]
 
-#: Subcommand -> (module with its argument class, name of that class, what it does).
+#: Subcommand -> (module of agents.commands with its argument class, name of that class, what it does).
 COMMANDS: dict[str, tuple[str, str, str]] = {
-    "demo": ("agents.commands.demo", "Demo", "run everything once, write one HTML page"),
-    "drive": ("agents.commands.drive", "Drive", "drive one episode: plot, video or window"),
-    "soil": ("agents.commands.soil", "SoilCurves", "force and sinkage curves of a soil; --list shows them all"),
-    "wheel-data": ("agents.commands.wheel_data", "WheelData", "measured against predicted forces of one wheel"),
-    "data": ("agents.commands.data", "Data", "list measured data sets, or get one from its publisher"),
-    "train": ("agents.commands.train", "Train", "train a policy by PPO (needs the extra rl)"),
+    "demo": ("demo", "Demo", "run everything once, write one HTML page"),
+    "drive": ("drive", "Drive", "drive one episode: plot, video or window"),
+    "soil": ("soil", "SoilPlot", "force and sinkage curves of a soil; --list shows the catalogue"),
+    "wheel-data": ("wheel_data", "WheelData", "measured against predicted forces of one wheel"),
+    "data": ("data", "Data", "list measured data sets, or get one from its publisher"),
+    "train": ("train", "Train", "train a policy by PPO (needs the extra rl)"),
 }
 
 _USAGE = 2  # exit status of wrong usage, as argparse has it
@@ -68,7 +68,7 @@ def _parse(name: str, arguments: list[str]):
 
     module, kind, _ = COMMANDS[name]
     return tyro.cli(
-        getattr(importlib.import_module(module), kind),
+        getattr(importlib.import_module(f"agents.commands.{module}"), kind),
         prog=f"offroad {name}",
         args=arguments,
         config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),

@@ -21,13 +21,15 @@ from agents.benchmark.runner import draw_episodes, run_jobs
 
 __all__ = ["KNOBS", "Round", "TuneArgs", "Tuned", "tune_arm", "tune_scenario", "write_settings"]
 
-_COMMON = {"margin": (0.5, 1.1), "slip_angle": (0.10, 0.45), "feed_forward": (0.0, 1.0)}
+_COMMON = {"margin": (0.5, 1.1), "slip_angle": (0.15, 0.52), "feed_forward": (0.3, 1.0)}
 
-#: Knobs of each arm with the ranges that are searched.
+#: Knobs of each arm with the ranges that are searched, the same for all arms. ``slip_angle`` ends
+#: where the table of `agents.capability` does; ``n`` is a place in the prior: whoever believes more
+#: than its middle leaves the corridor on the softer half.
 KNOBS: dict[str, dict[str, tuple[float, float]]] = {
-    "nominal": {**_COMMON, "n": (0.0, 1.0)},
+    "nominal": {**_COMMON, "n": (0.0, 0.5)},
     "conservative": _COMMON,
-    "aware": {**_COMMON, "z": (0.0, 2.5)},
+    "aware": {**_COMMON, "z": (0.0, 2.0)},
     "oracle": _COMMON,
 }
 
@@ -48,7 +50,7 @@ class TuneArgs:
     scenario: str = "speed"  #: scenario to tune for
     seed: int = 0  #: of the candidates and the training episodes
     n_jobs: int = 2  #: local processes
-    rounds: tuple[Round, ...] = (Round(0, 32, 6), Round(4, 4, 12), Round(3, 4, 24))  #: the budget
+    rounds: tuple[Round, ...] = (Round(0, 24, 6), Round(3, 3, 12), Round(2, 3, 24))  #: the budget
     spread: float = 0.1  #: standard deviation of a change, as a share of the knob's range [-]
 
 

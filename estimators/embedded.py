@@ -41,8 +41,8 @@ from estimators.ukf_compiled import check_alpha, merwe_weights, sigma_points, un
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
-from offroad_env.physics.advance import pack
 from offroad_env.physics.contact import SUNK
+from offroad_env.physics.packing import pack
 from offroad_env.physics.settle import settle
 from offroad_env.sensors import ImuConfig
 from offroad_env.simulator import Plant, plant_model

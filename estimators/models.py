@@ -14,7 +14,7 @@ import numpy as np
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
-from offroad_env.physics.advance import unpack
+from offroad_env.physics.packing import unpack
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.full_model import full_step
 from offroad_env.physics.paper_model import paper_derivative, paper_step
@@ -103,7 +103,7 @@ def step_full_copies(copies, warms, packed, exponents, command, dt, mount, predi
     Parameters
     ----------
     copies (C, 15), warms (C, 2, 3) : states and warm starts, advanced
-    packed : of `offroad_env.physics.advance.pack`
+    packed : of `offroad_env.physics.packing.pack`
     exponents (C,) : sinkage exponent of each copy
     command : (steer [rad], drive torque [N m], brake torque [N m]), held
     mount : `ImuMount` of the inertial unit

@@ -36,6 +36,7 @@ __all__ = [
     "exponent_sweep",
     "find_slip",
     "forward_comparison",
+    "noisy_imu",
     "row_truth",
     "run_row",
     "speed_range",
@@ -228,6 +229,7 @@ class RowTruth:
     """The true vehicle of a row: half-car, settled start."""
 
     row: Row
+    slip: float  #: constant slip [-]
     run: Trajectory
     inputs: np.ndarray  #: (2 T - 1, 3) steer [rad], F_u [N], NaN at every half step
     imu: np.ndarray  #: (T, 5) noise-free `models.CHANNELS`
@@ -258,7 +260,7 @@ def row_truth(row: Row, *, duration: float = 100.0, slip: float | None = None) -
     inputs = np.array([(row.steer(t), force(t), math.nan) for t in half])
     r, x = run.readings, run.states
     imu = np.stack([r[:, at.A_X], r[:, at.A_Y], r[:, at.A_Z], x[:, at.PITCH_RATE], x[:, at.YAW_RATE]], axis=1)
-    return RowTruth(row=row, run=run, inputs=inputs, imu=imu)
+    return RowTruth(row=row, slip=plant.slip, run=run, inputs=inputs, imu=imu)
 
 
 def speed_range(soil: str, slip: float, *, duration: float = 100.0) -> tuple[float, float]:

@@ -15,11 +15,11 @@ from estimators.navigation import NavigationFilter
 from estimators.protocol import Estimate
 from offroad_env.errors import InvalidParameter
 from offroad_env.observation import PREVIEW, Layout, write_observation
-from offroad_env.period import drive_period
+from offroad_env.period import drive_full, drive_paper
 from offroad_env.physics import state as at
-from offroad_env.physics.advance import pack
 from offroad_env.physics.contact import NO_ROOT, SUNK
 from offroad_env.physics.numerics import GRAVITY
+from offroad_env.physics.packing import pack
 from offroad_env.physics.path_kernels import nearest_index, project
 from offroad_env.physics.records import Soil, Vehicle
 from offroad_env.physics.sensor_kernels import CHANNELS, GNSS, IMU, WHEEL
@@ -269,7 +269,7 @@ class OffroadBekkerEnv(gym.Env):
             raise InvalidParameter(f'options may hold "n", got {", ".join(sorted(unknown))}')
         if not options or options.get("n") is None:
             return drawn
-        return make_soil(self._believed_soil, n=float(options["n"])).n
+        return make_soil(self._believed_soil, n=options["n"]).n
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Hold ``action`` for 0.02 s. See the class for its meaning and the results."""
@@ -315,14 +315,19 @@ class OffroadBekkerEnv(gym.Env):
         """
         command = self._command(action)
         self._samples = np.zeros((samples, CHANNELS))
-        status = drive_period(
-            (self.state, self.warm, self._packed, self.model == "full", self.readings),
+        drive = drive_full if self.model == "full" else drive_paper
+        status = drive(
+            (self.state, self.warm, self._packed, self.readings),
             command,
-            (self.sensors.mount, self._sensor_errors, *self.sensors.draw(samples)),
+            (
+                self.sensors.mount,
+                self._sensor_errors,
+                *self.sensors.draw(samples),
+                self._rims,
+                self._samples,
+            ),
             self._navigation.arguments,
             (FULL_STEP, steps, CONTROL_PERIOD / _SAMPLES if steps else 0.0),
-            self._rims,
-            self._samples,
         )
         if status < SUNK and self.estimator is not None:
             for sample in self._samples:

@@ -67,7 +67,7 @@ _ENDINGS = {
     "immobilised": "IMMOBILISED",
     "diverged": "SIMULATION DIVERGED",
 }
-_TOLD = {"none": "nothing", "estimate": "the estimate", "truth": "the true n"}
+_TOLD = {"none": "nothing about n", "estimate": "the estimate of n", "truth": "the true n"}
 
 
 def _import_pygame() -> Any:
@@ -124,22 +124,34 @@ class _Canvas:
             self.surface.set_clip(None)
 
     def text(
-        self, place: tuple[float, float], text: str, *, size: int = 18, colour: Colour = _INK, anchor: str = "midleft"
+        self,
+        place: Sequence[float],
+        text: str,
+        *,
+        size: int = 18,
+        colour: Colour = _INK,
+        anchor: str = "midleft",
     ) -> float:
         """Write one line; ``anchor`` is the point of its box at ``place``. Returns its right end."""
         key = (text, size, colour)
         image = self._texts.get(key)
         if image is None:
-            if size not in self._fonts:
-                self._fonts[size] = self.pygame.font.Font(None, size)
             if len(self._texts) > 600:
                 self._texts.clear()
-            image = self._texts[key] = self._fonts[size].render(text, True, colour)
+            image = self._texts[key] = self._written(text, size, colour)
         where = image.get_rect(**{anchor: (round(place[0]), round(place[1]))})
         self.surface.blit(image, where)
         return where.right
 
-    def words(self, place: tuple[float, float], words: Sequence[tuple[str, Colour]], *, size: int = 18) -> float:
+    def _written(self, text: str, size: int, colour: Colour) -> Any:
+        """An image of the text, made twice as large and shrunk: small letters are spaced badly."""
+        if size not in self._fonts:
+            self._fonts[size] = self.pygame.font.Font(None, 2 * size)
+        large = self._fonts[size].render(text, True, colour)
+        width, height = large.get_size()
+        return self.pygame.transform.smoothscale(large, ((width + 1) // 2, (height + 1) // 2))
+
+    def words(self, place: Sequence[float], words: Sequence[tuple[str, Colour]], *, size: int = 18) -> float:
         """Words of different colours on one line, from ``place`` on; returns the right end."""
         x = place[0]
         for word, colour in words:
@@ -148,23 +160,31 @@ class _Canvas:
 
     def stroke(self, points: np.ndarray, colour: Colour, width: float = 1.0) -> None:
         """A smooth line through (N, 2) points: thin lines side by side, as pygame's wide ones are rough."""
-        points = np.asarray(points, dtype=np.float64)
         if len(points) < 2:
             return
-        lines = max(math.ceil(width), 1)
-        if lines == 1:
+        if width <= 1.0:
             self.pygame.draw.aalines(self.surface, colour, False, points.tolist())
             return
-        along = np.gradient(points, axis=0)
-        length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)
-        across = np.column_stack((-along[:, 1], along[:, 0])) / length[:, None]
-        for offset in np.linspace(-0.5 * (width - 1.0), 0.5 * (width - 1.0), lines):
-            self.pygame.draw.aalines(self.surface, colour, False, (points + offset * across).tolist())
+        along = np.empty_like(points)
+        along[0], along[-1], along[1:-1] = (
+            points[1] - points[0],
+            points[-1] - points[-2],
+            points[2:] - points[:-2],
+        )
+        across = along[:, ::-1] * (-1.0, 1.0)
+        across *= 0.5 * (width - 1.0) / np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)[:, None]
+        if len(points) == 2:
+            self.shape(np.concatenate((points + across, points[::-1] - across)), colour)
+            return
+        lines = math.ceil(width)
+        for i in range(lines):
+            share = 2.0 * i / (lines - 1) - 1.0
+            self.pygame.draw.aalines(self.surface, colour, False, (points + share * across).tolist())
 
-    def dashes(self, points: np.ndarray, colour: Colour, width: float = 1.0, *, every: int = 2) -> None:
-        """Every second run of ``every`` segments of a line."""
-        for i in range(0, len(points) - 1, 2 * every):
-            self.stroke(points[i : i + every + 1], colour, width)
+    def dashes(self, points: np.ndarray, colour: Colour, width: float = 1.0) -> None:
+        """Two of four segments of a line."""
+        for i in range(0, len(points) - 1, 4):
+            self.stroke(points[i : i + 3], colour, width)
 
     def shape(self, points: np.ndarray, fill: Colour, edge: Colour | None = None) -> None:
         """A filled polygon with a smooth edge."""
@@ -174,8 +194,7 @@ class _Canvas:
 
     def disc(self, centre: Sequence[float], radius: float, fill: Colour) -> None:
         """A filled circle with a smooth edge."""
-        turn = np.linspace(0.0, 2.0 * math.pi, 24 if radius < 30.0 else 96, endpoint=False)
-        self.shape(np.asarray(centre) + radius * np.column_stack((np.cos(turn), np.sin(turn))), fill)
+        self.pygame.draw.aacircle(self.surface, fill, (float(centre[0]), float(centre[1])), radius)
 
     def arrow(self, start: np.ndarray, end: np.ndarray, colour: Colour, width: float = 3.0) -> None:
         """An arrow; one shorter than its head is left out."""
@@ -186,7 +205,8 @@ class _Canvas:
         along = along / length
         across = np.array([-along[1], along[0]])
         self.stroke(np.array([start, end - 7.0 * along]), colour, width)
-        self.shape(np.array([end, end - 10.0 * along + 5.0 * across, end - 10.0 * along - 5.0 * across]), colour)
+        back = end - 10.0 * along
+        self.shape(np.array([end, back + 5.0 * across, back - 5.0 * across]), colour)
 
 
 def _turned(points: np.ndarray, angle: float) -> np.ndarray:
@@ -197,7 +217,8 @@ def _turned(points: np.ndarray, angle: float) -> np.ndarray:
 
 def _rectangle(x: float, y: float, length: float, width: float) -> np.ndarray:
     """Corners (4, 2) of a rectangle around (x, y)."""
-    return np.array([x, y]) + 0.5 * np.array([[-length, -width], [length, -width], [length, width], [-length, width]])
+    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    return np.array([x, y]) + 0.5 * corners * [length, width]
 
 
 # ---------------------------------------------------------------------- memory
@@ -286,21 +307,27 @@ class _Course:
         X, Y = (self._corner[i] + self._size * (0.5 + np.arange(cells[i])) for i in range(2))
         height = height_map(snapshot.course.ground, X, Y)
         dY, dX = np.gradient(height, self._size)
-        light = dX - dY
-        light = 0.5 + 0.13 * height / max(float(height.std()), 1e-9) + 0.13 * light / max(float(light.std()), 1e-9)
+        slope = dX - dY
+        light = 0.5 + 0.13 * sum(part / max(float(part.std()), 1e-9) for part in (height, slope))
         light = np.clip(light, 0.0, 1.0)[::-1, :, None]
         shades = np.array(_SOIL_DARK) + light * (np.array(_SOIL_LIGHT) - np.array(_SOIL_DARK))
         image = pygame.image.frombuffer(shades.astype(np.uint8).tobytes(), tuple(cells), "RGB")
-        veil = pygame.Surface(image.get_size(), pygame.SRCALPHA, 32)
-        left, right = ((edge - self._corner) / self._size for edge in self.edges)
-        for i in range(len(left) - 1):
-            quad = np.array([left[i], left[i + 1], right[i + 1], right[i]])
-            quad[:, 1] = cells[1] - quad[:, 1]
-            pygame.draw.polygon(veil, (255, 255, 255, 92), quad.tolist())
         shaded = pygame.Surface(image.get_size(), 0, 32)
         shaded.blit(image, (0, 0))
-        shaded.blit(veil, (0, 0))
+        shaded.blit(self._veil(pygame, cells), (0, 0))
         return shaded
+
+    def _veil(self, pygame: Any, cells: np.ndarray) -> Any:
+        """The corridor in thin white; drawn finer than the cells, or its edges would be stairs."""
+        fine = 4
+        veil = pygame.Surface(tuple(fine * cells), pygame.SRCALPHA, 32)
+        veil.fill((255, 255, 255, 0))
+        left, right = (fine * (edge - self._corner) / self._size for edge in self.edges)
+        for i in range(len(left) - 1):
+            quad = np.array([left[i], left[i + 1], right[i + 1], right[i]])
+            quad[:, 1] = fine * cells[1] - quad[:, 1]
+            pygame.draw.polygon(veil, (255, 255, 255, 92), quad.tolist())
+        return pygame.transform.smoothscale(veil, tuple(cells))
 
     def camera(self, progress: float) -> np.ndarray:
         """Middle of the view [m]: between vehicle and the path ahead, smooth because the path is."""
@@ -389,16 +416,17 @@ class _MapView:
         front, rear = vehicle.l_f + 1.35 * vehicle.r, -vehicle.l_r - 1.35 * vehicle.r
         half = 0.36 * vehicle.track
         nose = front - 0.9 * vehicle.r
-        hull = [[rear, -half], [nose, -half], [front, -0.55 * half], [front, 0.55 * half], [nose, half], [rear, half]]
+        right = [[rear, -half], [nose, -half], [front, -0.55 * half]]
+        hull = np.array(right + [[x, -y] for x, y in reversed(right)])
         steer = _road_wheel_angle(snapshot)
         across = 0.5 * vehicle.track if vehicle.wheels_per_axle > 1.0 else 0.0
         sides = (across, -across) if across else (0.0,)
         for arm, angle, colour in ((vehicle.l_f, steer, _FRONT), (-vehicle.l_r, 0.0, _REAR)):
             for side in sides:
                 # Half as wide again as the wheel: at this scale a true one could not be seen to steer.
-                wheel = _turned(_rectangle(0.0, 0.0, 2.0 * vehicle.r, 1.5 * vehicle.b), angle) + [arm, side]
-                self.canvas.shape(put(wheel), _TYRE, colour)
-        self.canvas.shape(put(np.array(hull)), _BODY, _INK)
+                wheel = _turned(_rectangle(0.0, 0.0, 2.0 * vehicle.r, 1.5 * vehicle.b), angle)
+                self.canvas.shape(put(wheel + np.array([arm, side])), _TYRE, colour)
+        self.canvas.shape(put(hull), _BODY, _INK)
         cab = _rectangle(0.12 * vehicle.l_f, 0.0, 0.9 * vehicle.l_f, 1.5 * half)
         self.canvas.shape(put(cab), _CAB, _INK)
         for arm, colour in ((vehicle.l_f, _FRONT), (-vehicle.l_r, _REAR)):
@@ -467,14 +495,15 @@ class _Overview:
         extent = np.maximum(high - low, 1.0)
         scale = float((np.array(box[2:]) / extent).min())
         flip = np.array([scale, -scale])
-        origin = np.array([box[0], box[1] + 0.5 * box[3]]) - flip * np.array([low[0], 0.5 * (low[1] + high[1])])
+        middle = 0.5 * (low[1] + high[1])
+        origin = np.array([box[0], box[1] + 0.5 * box[3]]) - flip * np.array([low[0], middle])
         line = origin + flip * course.line
         self.canvas.stroke(line, (188, 176, 154), 4.0)
         self.canvas.stroke(line[course.s <= snapshot.progress], _INK, 2.0)
         self.canvas.disc(line[-1], 5.0, _GOOD)
         here = origin + flip * snapshot.state[[at.X, at.Y]]
-        self.canvas.disc(here, 6.0, _PANEL)
-        self.canvas.disc(here, 5.0, _REAR)
+        self.canvas.disc(here, 8.0, _PANEL)
+        self.canvas.disc(here, 6.0, _INK)
 
     def _draw_gauge(self, place: tuple[int, int], name: str, share: float, value: str) -> None:
         """A bar to the left or right of its middle for ``share`` in -1 ... 1."""
@@ -524,6 +553,9 @@ def _axle(snapshot: Snapshot, *, front: bool) -> _Axle:
 class _SideView:
     """The vehicle from its right side, at true scale, and both wheels in the soil enlarged."""
 
+    _ENLARGED = 146  # height of the pictures of the wheels
+    _CAPTION = 40  # of it for words
+
     def __init__(self, canvas: _Canvas) -> None:
         self.canvas = canvas
         self._turned = np.zeros(2)  # how far the front and rear wheels have turned [rad]
@@ -531,7 +563,7 @@ class _SideView:
 
     def restart(self) -> None:
         """A new episode."""
-        self._time = 0.0
+        self._turned[:] = self._time = 0.0
 
     def draw(self, snapshot: Snapshot) -> None:
         """The whole panel."""
@@ -541,11 +573,10 @@ class _SideView:
         canvas.box(_SIDE, _PANEL, _MUTED)
         canvas.text((left + 8, top + 13), "Side view", size=20)
         self._write_posture(snapshot, axles)
-        zoom = (height - 40) * 11 // 24
-        self._draw_whole(snapshot, axles, (left + 1, top + 26, width - 2, height - zoom - 36))
+        self._draw_whole(snapshot, axles, (left + 1, top + 24, width - 2, height - self._ENLARGED - 34))
         half = (width - 24) // 2
         for i, axle in enumerate(axles):
-            box = (left + 8 + (1 - i) * (half + 8), top + height - zoom - 8, half, zoom)
+            box = (left + 8 + (1 - i) * (half + 8), top + height - self._ENLARGED - 8, half, self._ENLARGED)
             self._draw_wheel(snapshot, axle, float(self._turned[i]), box)
 
     def _roll(self, snapshot: Snapshot) -> None:
@@ -571,10 +602,10 @@ class _SideView:
     def _draw_whole(self, snapshot: Snapshot, axles: tuple[_Axle, _Axle], box: Box) -> None:
         vehicle = snapshot.plant.vehicle
         wheelbase = vehicle.l_f + vehicle.l_r
-        scale = min(box[2] / (1.9 * wheelbase), box[3] / (4.6 * vehicle.r + 0.05 * wheelbase))
+        scale = min(box[2] / (1.9 * wheelbase), box[3] / (5.6 * vehicle.r))
         middle = 0.5 * (vehicle.l_f - vehicle.l_r)
-        datum = 0.5 * (axles[0].ground + axles[1].ground)
-        origin = np.array([box[0] + 0.5 * box[2], box[1] + box[3] - 0.62 * vehicle.r * scale])
+        datum = min(axle.bottom for axle in axles)
+        origin = np.array([box[0] + 0.5 * box[2], box[1] + box[3] - 0.6 * vehicle.r * scale])
 
         def put(places: np.ndarray) -> np.ndarray:
             return origin + scale * (np.asarray(places) - [middle, datum]) * [1.0, -1.0]
@@ -603,23 +634,21 @@ class _SideView:
             return put(start + _turned(np.array(shape), tilt))
 
         L, over = wheelbase, 1.35 * r
-        floor, deck, roof = 0.25 * r, 1.5 * r, 3.5 * r
-        for i, axle in enumerate(axles):
-            x = L if i == 0 else 0.0
-            hub = put(np.array([axle.arm, axle.bottom + r]))
-            self._draw_spring(hub, body([[x, 2.0 * r]])[0])
-            self._draw_disc(hub, r * scale, float(self._turned[i]), axle.colour)
         hull = [
-            [-over, floor + 1.0 * r], [-0.95 * r, floor + 1.0 * r], [0.95 * r, floor], [L - 0.95 * r, floor],
-            [L + 0.8 * r, floor + 1.0 * r], [L + over, floor + 1.0 * r], [L + over, deck], [L - 0.9 * r, 2.1 * r],
-            [-over, 2.1 * r],
+            [-over, 1.25 * r], [-0.95 * r, 1.25 * r], [0.95 * r, 0.25 * r], [L - 0.95 * r, 0.25 * r],
+            [L + 0.8 * r, 1.25 * r], [L + over, 1.25 * r], [L + over, 1.55 * r], [L - 0.9 * r, 2.15 * r],
+            [-over, 2.15 * r],
         ]  # fmt: skip
-        self.canvas.shape(body(hull), _BODY, _INK)
         for cage in (
-            [[-0.6 * r, 2.1 * r], [-0.2 * r, roof], [0.62 * L, roof], [L - 0.9 * r, 2.1 * r]],
-            [[0.35 * L, 2.1 * r], [0.35 * L, roof]],
+            [[-0.6 * r, 2.1 * r], [-0.2 * r, 3.1 * r], [0.62 * L, 3.1 * r], [L - 0.9 * r, 2.1 * r]],
+            [[0.35 * L, 2.1 * r], [0.35 * L, 3.1 * r]],
         ):
             self.canvas.stroke(body(cage), _BODY, 3.0)
+        self.canvas.shape(body(hull), _BODY, _INK)
+        for i, axle in enumerate(axles):
+            hub = put(np.array([axle.arm, axle.bottom + r]))
+            self._draw_disc(hub, r * scale, float(self._turned[i]), axle.colour)
+            self._draw_spring(hub, body([[L if i == 0 else 0.0, 1.75 * r]])[0])
 
     def _draw_spring(self, hub: np.ndarray, mount: np.ndarray) -> None:
         """A zigzag whose length is the true distance of wheel and body."""
@@ -627,7 +656,9 @@ class _SideView:
         across = np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-9)
         share = np.linspace(0.0, 1.0, 10)
         swing = np.array([0.0, 0.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 0.0, 0.0])
-        self.canvas.stroke(hub + share[:, None] * along + 5.0 * swing[:, None] * across, _INK, 2.0)
+        self.canvas.stroke(hub + share[:, None] * along + 5.0 * swing[:, None] * across, _PANEL, 2.0)
+        for end in (hub, mount):
+            self.canvas.disc(end, 3.0, _PANEL)
 
     def _draw_disc(self, hub: np.ndarray, radius: float, turned: float, colour: Colour) -> None:
         """A wheel with spokes that turn to the right as it rolls forward."""
@@ -639,32 +670,33 @@ class _SideView:
             self.canvas.stroke(np.array([hub, end]), _TYRE, max(0.05 * radius, 2.0))
 
     def _draw_scale(self, box: Box, scale: float) -> None:
-        length = _round_number(90.0 / scale)
-        x, y = box[0] + 10, box[1] + box[3] - 9
+        length = _round_number(60.0 / scale)
+        x, y = box[0] + 10, box[1] + 14
         self.canvas.stroke(np.array([[x, y], [x + length * scale, y]]), _INK, 3.0)
         self.canvas.text((x + length * scale + 7, y - 1), f"{length:g} m")
 
     def _draw_wheel(self, snapshot: Snapshot, axle: _Axle, turned: float, box: Box) -> None:
         """The lower part of a wheel, the soil ahead of it and the rut behind it, at one scale."""
         canvas, r = self.canvas, snapshot.plant.vehicle.r
-        scale = box[2] / (2.2 * r)
+        self._write_wheel(axle, box)
+        left, top, width, height = box[0], box[1] + self._CAPTION, box[2], box[3] - self._CAPTION
+        scale = width / (2.3 * r)
         # The surface stays where it is unless the wheel would leave the picture below.
-        surface = min(box[1] + 0.62 * box[3], box[1] + box[3] - 12.0 - axle.sinkage * scale)
-        origin = np.array([box[0] + 0.42 * box[2], surface])
+        surface = min(top + 0.58 * height, top + height - 12.0 - axle.sinkage * scale)
+        origin = np.array([left + 0.42 * width, surface])
 
         def put(places: np.ndarray) -> np.ndarray:
             return origin + scale * places * [1.0, -1.0]
 
-        with canvas.clipped(box):
-            canvas.box(box, (240, 243, 246))
+        with canvas.clipped((left, top, width, height)):
+            canvas.box((left, top, width, height), (240, 243, 246))
             line = self._surface(snapshot, axle)
-            base = (box[1] + box[3] + 4 - surface) / -scale
+            base = (top + height + 4 - surface) / -scale
             canvas.shape(put(np.concatenate((line, [[line[-1, 0], base], [line[0, 0], base]]))), _SOIL)
             canvas.stroke(put(line), _EDGE, 2.0)
             hub = put(np.array([0.0, axle.bottom - axle.ground + r]))
             self._draw_disc(hub, r * scale, turned, axle.colour)
-            self._draw_depth(axle, origin, scale, box)
-            self._write_wheel(axle, box)
+            self._draw_depth(axle, origin, scale, left + width - 40.0)
         canvas.pygame.draw.rect(canvas.surface, axle.colour, box, 2)
 
     def _surface(self, snapshot: Snapshot, axle: _Axle) -> np.ndarray:
@@ -691,26 +723,28 @@ class _SideView:
             line = np.where(behind, line - rut, np.where(ahead <= r * math.sin(theta_f), arc, line))
         return np.column_stack((x, line))
 
-    def _draw_depth(self, axle: _Axle, origin: np.ndarray, scale: float, box: Box) -> None:
-        """The sinkage as a dimension beside the wheel."""
-        if axle.airborne or axle.sinkage <= 0.0:
+    def _draw_depth(self, axle: _Axle, origin: np.ndarray, scale: float, x: float) -> None:
+        """The sinkage as a dimension beside the wheel, from its lowest point to the level of the ground."""
+        if axle.sinkage <= 0.0:
             return
-        x, top, bottom = box[0] + box[2] - 78.0, float(origin[1]), float(origin[1] + axle.sinkage * scale)
-        for y in (top, bottom):
-            self.canvas.stroke(np.array([[origin[0], y], [x + 6.0, y]]), _INK, 1.0)
+        top, bottom = float(origin[1]), float(origin[1] + axle.sinkage * scale)
+        self.canvas.stroke(np.array([[x - 8.0, top], [x + 8.0, top]]), _INK, 2.0)
+        self.canvas.stroke(np.array([[origin[0], bottom], [x + 8.0, bottom]]), _INK, 1.0)
         self.canvas.stroke(np.array([[x, top], [x, bottom]]), _INK, 2.0)
-        middle = min(max(0.5 * (top + bottom), top + 10.0), box[1] + box[3] - 10.0)
-        self.canvas.text((x + 10.0, middle), _number(1e3 * axle.sinkage, 0, " mm"), size=20)
 
     def _write_wheel(self, axle: _Axle, box: Box) -> None:
-        readings = axle.readings
+        readings, canvas = axle.readings, self.canvas
+        right, y = box[0] + box[2] - 8, box[1] + 12
+        sinkage = "no contact" if axle.airborne else f"sinkage {_number(1e3 * axle.sinkage, 0)} mm"
+        canvas.text((box[0] + 8, y), axle.name, size=20, colour=axle.colour)
+        canvas.text((right, y), sinkage, size=20, anchor="midright")
+        load = float(readings[at.N])
+        text = _number(1e-3 * load, 1, " kN") if load >= 1e3 else _number(load, 0, " N")
+        canvas.text((box[0] + 52, y), text, colour=_MUTED)
+        canvas.text((box[0] + 8, y + 17), f"slip {_number(readings[at.SLIP], 2, sign=True)}")
         angle = math.degrees(math.atan2(readings[at.V_C], max(abs(readings[at.V_L]), 1e-3)))
-        load = "in the air" if axle.airborne else _number(1e-3 * readings[at.N], 1, " kN")
-        right = box[0] + box[2] - 8
-        lines = (f"slip {_number(readings[at.SLIP], 2, sign=True)}", f"slip angle {_number(angle, 1)}\u00b0", load)
-        for i, line in enumerate(lines):
-            self.canvas.text((right, box[1] + 12 + 16 * i), line, anchor="midright")
-        self.canvas.text((box[0] + 8, box[1] + 12), axle.name, size=20, colour=axle.colour)
+        text = f"slip angle {_number(angle, 1, sign=True)}\u00b0"
+        canvas.text((right, y + 17), text, anchor="midright")
 
 
 # ---------------------------------------------------------------------- over time
@@ -744,8 +778,7 @@ class _Axes:
             if times:
                 unit = " s" if i == 5 else ""
                 text = f"{self.span * i / 5:g}{unit}"
-                anchor = "topright" if i == 5 else "midtop"
-                self.canvas.text((x + 4 * (i == 5), top + height + 3), text, size=16, colour=_MUTED, anchor=anchor)
+                self.canvas.text((x, top + height + 10), text, size=16, colour=_MUTED, anchor="center")
 
     def line(self, time: np.ndarray, values: np.ndarray, colour: Colour, width: float = 2.0) -> None:
         """A curve."""
@@ -753,7 +786,9 @@ class _Axes:
 
     def level(self, value: float, colour: Colour) -> None:
         """A dashed horizontal line."""
-        self.canvas.dashes(self.points(np.linspace(0.0, self.span, 60), np.full(60, value)), colour, every=1)
+        y = round(float(self.points(np.zeros(1), np.array([value]))[0, 1]))
+        for x in range(self.box[0], self.box[0] + self.box[2], 12):
+            self.canvas.box((x, y, min(7, self.box[0] + self.box[2] - x), 1), colour)
 
     def band(self, time: np.ndarray, low: np.ndarray, high: np.ndarray, colour: Colour) -> None:
         """The area between two curves."""
@@ -763,7 +798,8 @@ class _Axes:
 
 def _time_span(time: float) -> float:
     """End of the time axis [s]: a multiple of 10 that rarely changes."""
-    return next((end for end in (10.0, 20.0, 40.0, 60.0, 80.0, 120.0, 200.0) if time <= end), 50.0 * math.ceil(time / 50.0))
+    ends = (10.0, 20.0, 30.0, 50.0, 75.0, 100.0)
+    return next((end for end in ends if time <= end), 50.0 * math.ceil(time / 50.0))
 
 
 class _Charts:
@@ -787,7 +823,7 @@ class _Charts:
         canvas.box(_EXPONENT, _PANEL, _MUTED)
         margin = max(0.12 * (high - low), 0.05)
         limits = (low - margin, high + margin)
-        box = (left + self._GUTTER, top + 28, width - self._GUTTER - 12, height - 48)
+        box = (left + self._GUTTER, top + 28, width - self._GUTTER - 18, height - 48)
         axes = _Axes(canvas, box, span, limits)
         step = _round_number(0.4 * (limits[1] - limits[0]))
         ticks = step * np.arange(math.ceil(limits[0] / step), math.floor(limits[1] / step) + 1)
@@ -815,7 +851,7 @@ class _Charts:
         each = (height - 22) // 3
         for i, draw in enumerate((self._draw_speed, self._draw_slip, self._draw_error)):
             y = top + 2 + i * each
-            box = (left + self._GUTTER, y + 17, width - self._GUTTER - 12, each - 21)
+            box = (left + self._GUTTER, y + 17, width - self._GUTTER - 18, each - 21)
             draw(snapshot, rows, span, box, last=i == 2)
 
     def _draw_speed(self, snapshot: Snapshot, rows: np.ndarray, span: float, box: Box, *, last: bool) -> None:
@@ -848,11 +884,11 @@ class _Charts:
         for side in (-limit, limit):
             axes.level(side, _EDGE)
         axes.line(rows[:, _History.TIME], error, _INK)
-        words = [(f"left of the path {_number(error[-1], 2, sign=True)} m", _INK), (f"corridor \u00b1{limit:g} m", _EDGE)]
-        self._title(box, words)
+        words = [(f"left of the path {_number(error[-1], 2, sign=True)} m", _INK)]
+        self._title(box, [*words, (f"corridor \u00b1{limit:g} m", _EDGE)])
 
     def _title(self, box: Box, words: Sequence[tuple[str, Colour]]) -> None:
-        self.canvas.words((_STRIPS[0] + 8, box[1] - 8), words)
+        self.canvas.words((box[0], box[1] - 8), words)
 
 
 # ---------------------------------------------------------------------- the whole picture

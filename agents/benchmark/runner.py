@@ -77,7 +77,7 @@ class Benchmark:
     better_uninformed: str  #: which one that is
     oracle_minus_uninformed: Interval | None  #: oracle minus that arm, mean score [s]; below 0: knowing pays
     oracle_wins: Interval | None  #: share of episodes in which oracle scores better than that arm
-    recovered: float | None  #: share of the headroom that aware recovers [-]
+    recovered: float | None  #: share of the headroom that aware recovers; None where there may be none [-]
 
     def arm(self, name: str) -> ArmResult:
         """Result of an arm by name."""

@@ -10,11 +10,11 @@ from tyro.conf import Positional
 
 from agents.commands.output import Results, console, table
 
-__all__ = ["SoilCurves"]
+__all__ = ["SoilPlot"]
 
 
 @dataclass(kw_only=True)
-class SoilCurves(Results):
+class SoilPlot(Results):
     """Force and sinkage curves of a soil, over slip and over load.
 
     Writes the figure soil_NAME.png. A curve ends where the soil no longer carries the wheel.
@@ -28,7 +28,7 @@ class SoilCurves(Results):
     slip_angle: float = 10.0  #: slip angle of the side force [deg]
     radius: float = 0.33  #: wheel radius [m]
     width: float = 0.212  #: wheel width [m]
-    shear: Literal["independent", "resultant"] = "independent"  #: one shear strength a direction, or one in all
+    shear: Literal["independent", "resultant"] = "independent"  #: one shear strength each, or one in all
 
     def run(self) -> None:
         """List the catalogue or draw the curves."""

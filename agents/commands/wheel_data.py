@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from tyro.conf import Positional
 
 from agents.commands.output import Results, console, table
 
-if TYPE_CHECKING:
-    from estimators.wheel_rig import RigComparison
-
-__all__ = ["WheelData", "score_rows"]
+__all__ = ["WheelData"]
 
 
 @dataclass(kw_only=True)
@@ -26,12 +23,13 @@ class WheelData(Results):
 
     path: Positional[Path | None] = None  #: the published file; default: OFFROAD_DATA, then the cache
     soil: str = "cmu_sand"  #: what the model believes, a soil of the catalogue
-    shear: Literal["independent", "resultant"] = "independent"  #: one shear strength a direction, or one in all
+    shear: Literal["independent", "resultant"] = "independent"  #: one shear strength each, or one in all
     seed: int = 0  #: of the bootstrap behind the intervals
 
     def run(self) -> None:
         """Load, predict, draw, and print the errors by channel."""
         from agents.figures.wheel_rig import wheel_rig_figure
+        from agents.sections.measured import score_table
         from estimators.wheel_rig import CMU_WHEEL, compare, load_cmu_single_wheel
         from offroad_env.datasets import DATASETS, locate
         from offroad_env.soils import SOILS
@@ -40,33 +38,11 @@ class WheelData(Results):
         trials = load_cmu_single_wheel(path)
         comparison = compare(trials, SOILS[self.soil], CMU_WHEEL, shear=self.shear, seed=self.seed)
         screen = console()
-        title = f"measured less predicted, {comparison.inside} of {comparison.trials} trials"
-        screen.print(table(title, *score_rows(comparison), texts=2))
+        scores = score_table(comparison)
+        title = f"{comparison.inside} of {comparison.trials} trials, brackets: 95 % intervals"
+        screen.print(table(title, scores.heading, scores.rows, texts=scores.texts))
         for reason, count in comparison.outside.items():
             screen.print(f"left out: {count} trials ({reason})", markup=False)
         screen.print(f"data: {DATASETS['cmu_single_wheel'].citation}", markup=False)
         self.save_figure(wheel_rig_figure(comparison), "wheel_data")
         self.save_numbers(comparison.to_json())
-
-
-def score_rows(comparison: RigComparison) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Heading and rows of the errors by channel, sinkage in mm."""
-    from estimators.wheel_rig import CHANNELS
-
-    heading = ("channel", "unit", "RMSE [95 % interval]", "bias [95 % interval]", "scatter of repeats")
-    rows = []
-    for channel in CHANNELS:
-        score = comparison.scores[channel.name]
-        unit, scale = ("mm", 1e3) if channel.unit == "m" else (channel.unit, 1.0)
-        low, high = (scale * value for value in score.rmse_interval)
-        under, over = (scale * value for value in score.bias_interval)
-        rows.append(
-            (
-                channel.title,
-                unit,
-                f"{scale * score.rmse:.1f} [{low:.1f}, {high:.1f}]",
-                f"{scale * score.bias:+.1f} [{under:+.1f}, {over:+.1f}]",
-                f"{scale * score.repeat_sd:.1f}",
-            )
-        )
-    return heading, rows

@@ -82,7 +82,12 @@ def exponent_figure(*sweeps: Sweep) -> Figure:
         _frame_path(panel)
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(
-        handles, labels, title="sinkage exponent n", loc="outside lower center", ncols=len(labels), frameon=False
+        handles,
+        labels,
+        title="sinkage exponent n",
+        loc="outside lower center",
+        ncols=len(labels),
+        frameon=False,
     )
     return figure
 

@@ -36,9 +36,10 @@ _GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
 
 
 @inline_kernel
-def _full_axle(plant, x, steer, arm, suspension, warm, readings, first):
+def _full_axle(plant, x, wheel, arm, suspension, warm, readings):
     """(status, F_forward, F_left, F_s, V, arm) of one axle in heading axes, on its slope."""
     N_static, k, c = suspension
+    steer, omega = wheel
     v = plant.vehicle
     forward, pitch, pitch_rate = x[at.V_X], x[at.PITCH], x[at.PITCH_RATE]
     reach = arm
@@ -58,9 +59,8 @@ def _full_axle(plant, x, steer, arm, suspension, warm, readings, first):
     q_l = math.sqrt(1.0 + g_l * g_l)
     v_l = u_l * q_l + g_l * g_c * u_c / q_l
     v_c = u_c * math.sqrt(q_l * q_l + g_c * g_c) / q_l
-    omega = x[at.OMEGA_F] if first == 0 else x[at.OMEGA_R]
     status, F_l, F_c, V, _ = axle_contact(
-        plant, (v.r * omega, v_l, v_c), (wx, wy, H, g_l, g_c), (N_0, k), warm, readings, first
+        plant, (v.r * omega, v_l, v_c), (wx, wy, H, g_l, g_c), (N_0, k), warm, readings
     )
     cos_d, sin_d = math.cos(steer), math.sin(steer)
     F_s = suspension_force(V, N_0, N_static, v.m_w, H_ddot)
@@ -122,11 +122,12 @@ def full_derivative(x, command, plant, warm, d, readings):
     """
     v = plant.vehicle
     N_f, N_r = static_loads(v)
+    front, rear = readings[: at.AXLE], readings[at.AXLE : at.MOTION]
     status_f, F_xf, F_yf, S_f, V_f, l_f = _full_axle(
-        plant, x, x[at.STEER], v.l_f, (N_f, v.k_f, v.c_f), warm[0], readings, 0
+        plant, x, (x[at.STEER], x[at.OMEGA_F]), v.l_f, (N_f, v.k_f, v.c_f), warm[0], front
     )
     status_r, F_xr, F_yr, S_r, V_r, l_r = _full_axle(
-        plant, x, 0.0, -v.l_r, (N_r, v.k_r, v.c_r), warm[1], readings, at.AXLE
+        plant, x, (0.0, x[at.OMEGA_R]), -v.l_r, (N_r, v.k_r, v.c_r), warm[1], rear
     )
     v_x, v_y, yaw_rate = x[at.V_X], x[at.V_Y], x[at.YAW_RATE]
     speed = math.sqrt(v_x * v_x + v_y * v_y)
@@ -165,26 +166,32 @@ def full_derivative(x, command, plant, warm, d, readings):
 
 
 @kernel
-def _soil_spin_stiffness(plant, omega, readings, first):
-    """-d(soil torque)/d(omega) / inertia of an axle [1/s], by one more evaluation at fixed sinkage."""
+def _slip_stiffness(plant, omega, readings):
+    """(dT/ds [N s], dF_l/ds [N s/m]) of an axle, s = r omega - v_l [m/s], neither negative.
+
+    One more evaluation at fixed sinkage and load.
+    """
     v = plant.vehicle
-    # A step well inside the regularised band, large against rounding.
-    change = 1e-4 * (abs(omega) + plant.v_eps / v.r)
-    motion = (v.r * (omega + change), readings[first + at.V_L], readings[first + at.V_C])
+    # A step well inside the regularised band, large against rounding; the same forwards and backwards.
+    change = math.copysign(1e-4 * (abs(v.r * omega) + plant.v_eps), omega)
+    motion = (v.r * omega + change, readings[at.V_L], readings[at.V_C])
     if plant.soil.rigid > 0.5:
-        _, _, torque = rigid_forces(plant.soil, v.r, readings[first + at.N], motion, plant.v_eps)
+        force, _, torque = rigid_forces(plant.soil, v.r, readings[at.N], motion, plant.v_eps)
     else:
-        _, _, _, torque = wheel_reaction(
-            with_exponent(plant.soil, readings[first + at.EXPONENT]),
+        force, _, _, torque = wheel_reaction(
+            with_exponent(plant.soil, readings[at.EXPONENT]),
             Wheel(v.r, v.b),
-            readings[first + at.SINKAGE],
+            readings[at.SINKAGE],
             motion,
             plant.v_eps,
             (plant.resultant, plant.fine),
         )
+        force *= v.wheels_per_axle
         torque *= v.wheels_per_axle
-    inertia = v.wheels_per_axle * v.I_w
-    return min((readings[first + at.TORQUE] - torque) / (change * inertia), 0.0)
+    return (
+        max((torque - readings[at.TORQUE]) / change, 0.0),
+        max((force - readings[at.F_L]) / change, 0.0),
+    )
 
 
 @inline_kernel
@@ -202,26 +209,55 @@ def _held_spin_stiffness(vehicle, omega, load, brake, v_eps):
 
 
 @inline_kernel
-def _implicit_spins(vehicle, steer, stiffness, gamma_dt, k):
-    """Solve the two stiff rows of (1 - gamma dt J) k = right side, in place.
+def _implicit_slips(plant, x, stiffness, held, gamma_dt, k):
+    """Solve (1 - gamma dt J) k = right side, in place, J = sum over axles of u w^T, and ``held``.
 
-    The soil torque depends on the slip speed r omega - v_l, so its row holds -J/r for v_l beside J
-    for omega; without it the spin would trail the vehicle's acceleration at first order.
+    w is the gradient of an axle's slip speed s = r omega - v_l, u what one unit of s does to the
+    state through torque and traction: two stiff directions, hence a system of two by two. Without
+    the traction in u, a wheel at walking pace on hard ground would pull with the force of the
+    wrong speed.
     """
-    soil_f, held_f, soil_r, held_r = stiffness
-    cos, sin = math.cos(steer), math.sin(steer)
-    v_l_f = k[at.V_X] * cos + (k[at.V_Y] + vehicle.l_f * k[at.YAW_RATE]) * sin
-    front, rear = gamma_dt * soil_f, gamma_dt * soil_r
-    k[at.OMEGA_F] = (k[at.OMEGA_F] - front * v_l_f / vehicle.r) / (1.0 - front - gamma_dt * held_f)
-    k[at.OMEGA_R] = (k[at.OMEGA_R] - rear * k[at.V_X] / vehicle.r) / (1.0 - rear - gamma_dt * held_r)
+    v = plant.vehicle
+    (torque_f, force_f), (torque_r, force_r) = stiffness
+    cos, sin = math.cos(x[at.STEER]), math.sin(x[at.STEER])
+    lever = v.h_cg * math.cos(x[at.PITCH]) if plant.half_car > 0.5 else 0.0
+    pitching = lever * lever / v.I_y
+    inertia = v.wheels_per_axle * v.I_w
+    free_f, free_r = 1.0 / (1.0 - gamma_dt * held[0]), 1.0 / (1.0 - gamma_dt * held[1])
+
+    forward = k[at.V_X] + lever * k[at.PITCH_RATE]
+    left = k[at.V_Y] + v.l_f * k[at.YAW_RATE]
+    c_f = v.r * free_f * k[at.OMEGA_F] - cos * forward - sin * left
+    c_r = v.r * free_r * k[at.OMEGA_R] - forward
+    # 1 - gamma dt w^T u, front and rear, and what each axle's traction does to the other's slip.
+    along = 1.0 / v.m + pitching
+    across = 1.0 / v.m + v.l_f * v.l_f / v.I_z
+    m_ff = 1.0 + gamma_dt * (
+        v.r * free_f * torque_f / inertia + force_f * (cos * cos * along + sin * sin * across)
+    )
+    m_rr = 1.0 + gamma_dt * (v.r * free_r * torque_r / inertia + force_r * along)
+    m_fr, m_rf = gamma_dt * force_r * cos * along, gamma_dt * force_f * cos * along
+    determinant = m_ff * m_rr - m_fr * m_rf
+    s_f = gamma_dt * (m_rr * c_f - m_fr * c_r) / determinant
+    s_r = gamma_dt * (m_ff * c_r - m_rf * c_f) / determinant
+
+    k[at.OMEGA_F] = free_f * (k[at.OMEGA_F] - torque_f / inertia * s_f)
+    k[at.OMEGA_R] = free_r * (k[at.OMEGA_R] - torque_r / inertia * s_r)
+    traction = force_f * cos * s_f + force_r * s_r
+    side = force_f * sin * s_f
+    k[at.V_X] += traction / v.m
+    k[at.V_Y] += side / v.m
+    k[at.YAW_RATE] += side * v.l_f / v.I_z
+    if plant.half_car > 0.5:
+        k[at.PITCH_RATE] += traction * lever / v.I_y
 
 
 @kernel
 def full_step(x, warm, command, plant, dt, work, readings):
-    """One step of a two-stage Rosenbrock W-method of order 2, implicit in the wheel spins, in place.
+    """One step of a two-stage Rosenbrock W-method of order 2, implicit in the wheels' slip, in place.
 
     Verwer, Spee, Blom & Hundsdorfer, SIAM J. Sci. Comput. 20 (1999), eq. 2.4: order 2 for any
-    approximate Jacobian, so it may hold nothing but the two stiff rows. The spin rate constant
+    approximate Jacobian, so it may hold nothing but the stiff directions. The spin rate constant
     reaches 1e4 1/s at walking pace, where an explicit method needs steps of 0.2 ms. Returns the
     worst contact status; ``readings`` belong to the state before the step.
     """
@@ -232,19 +268,20 @@ def full_step(x, warm, command, plant, dt, work, readings):
     _, brake_f, _, brake_r = _axle_torques(v, x)
     omega_f, omega_r = x[at.OMEGA_F], x[at.OMEGA_R]
     stiffness = (
-        _soil_spin_stiffness(plant, omega_f, readings, 0),
+        _slip_stiffness(plant, omega_f, readings[: at.AXLE]),
+        _slip_stiffness(plant, omega_r, readings[at.AXLE : at.MOTION]),
+    )
+    held = (
         _held_spin_stiffness(v, omega_f, readings[at.N], brake_f, plant.v_eps),
-        _soil_spin_stiffness(plant, omega_r, readings, at.AXLE),
         _held_spin_stiffness(v, omega_r, readings[at.AXLE + at.N], brake_r, plant.v_eps),
     )
-    steer = x[at.STEER]
-    _implicit_spins(v, steer, stiffness, _GAMMA * dt, k_1)
+    _implicit_slips(plant, x, stiffness, held, _GAMMA * dt, k_1)
     for i in range(size):
         stage[i] = x[i] + dt * k_1[i]
     full_derivative(stage, command, plant, warm, k_2, later)
     for i in range(size):
         k_2[i] -= 2.0 * k_1[i]
-    _implicit_spins(v, steer, stiffness, _GAMMA * dt, k_2)
+    _implicit_slips(plant, x, stiffness, held, _GAMMA * dt, k_2)
     for i in range(size):
         x[i] += dt * (1.5 * k_1[i] + 0.5 * k_2[i])
     return max(readings[at.STATUS], later[at.STATUS])

@@ -27,7 +27,7 @@ __all__ = ["paper_advance", "paper_derivative", "paper_step", "simulate_paper"]
 
 
 @inline_kernel
-def _paper_axle(plant, x, steer, arm, suspension, warm, readings, first):
+def _paper_axle(plant, x, steer, arm, suspension, warm, readings):
     """(status, F_x, F_y, F_s) of one axle in body axes; ``suspension`` = (N_static, k, c)."""
     N_static, k, c = suspension
     motion = axle_motion(
@@ -49,7 +49,7 @@ def _paper_axle(plant, x, steer, arm, suspension, warm, readings, first):
     # r omega from the constant slip: the paper's s when driving, referred to v when braking.
     rim = u_l / (1.0 - plant.slip) if plant.slip >= 0.0 else u_l * (1.0 + plant.slip)
     status, F_l, F_c, V, _ = axle_contact(
-        plant, (rim, u_l, u_c), (wx, wy, H, 0.0, 0.0), (N_0, k), warm, readings, first
+        plant, (rim, u_l, u_c), (wx, wy, H, 0.0, 0.0), (N_0, k), warm, readings
     )
     cos_d, sin_d = math.cos(steer), math.sin(steer)
     F_s = suspension_force(V, N_0, N_static, m_w, H_ddot)
@@ -68,7 +68,7 @@ def paper_derivative(x, inputs, plant, warm, d, readings):
     N_f, N_r = static_loads(v)
     status_f, F_xf, F_yf, S_f = _paper_axle(plant, x, steer, v.l_f, (N_f, v.k_f, v.c_f), warm[0], readings, 0)
     status_r, F_xr, F_yr, S_r = _paper_axle(
-        plant, x, 0.0, -v.l_r, (N_r, v.k_r, v.c_r), warm[1], readings, at.AXLE
+        plant, x, 0.0, -v.l_r, (N_r, v.k_r, v.c_r), warm[1], readings[at.AXLE : at.MOTION]
     )
     cos, sin = math.cos(x[at.PITCH]), math.sin(x[at.PITCH])
     a_x, a_y = (F_xf + F_xr + F_u) / v.m, (F_yf + F_yr) / v.m

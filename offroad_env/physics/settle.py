@@ -19,39 +19,50 @@ __all__ = ["settle"]
 
 
 @kernel
-def _rolling_contact(plant, motion, N_static, warm, readings, first):
-    """(status, r omega) of an axle under its static load whose soil torque is zero.
+def _rest(plant, motion, rim, N_0, warm, readings):
+    """(status, soil torque) of an axle that carries ``N_0`` [N] at rim speed ``rim`` [m/s].
 
-    Regula falsi with halving (Illinois) on the rim speed between locked and 2 v; at rest the rim
-    does not turn.
+    The paper's model knows no slopes.
     """
-    wx, wy, H, _, H_ddot, u_l, u_c, g_l, g_c = motion
-    place = (wx, wy, H, g_l, g_c)
-    support = (N_static + plant.vehicle.m_w * H_ddot, 0.0)
+    wx, wy, H, _, _, u_l, u_c, g_l, g_c = motion
+    if plant.resultant < 0.5:
+        g_l = g_c = 0.0
+    status, _, _, _, torque = axle_contact(
+        plant, (rim, u_l, u_c), (wx, wy, H, g_l, g_c), (N_0, 0.0), warm, readings
+    )
+    return status, torque
+
+
+@kernel
+def _rolling_rim(plant, motion, N_0, warm, readings):
+    """Rim speed [m/s] of an axle whose soil torque is zero; 0 at rest.
+
+    Regula falsi with halving (Illinois) between 0.5 and 1.5 of the travel speed.
+    """
+    u_l = motion[5]
     if u_l <= 0.0:
-        status, _, _, _, _ = axle_contact(plant, (0.0, u_l, u_c), place, support, warm, readings, first)
-        return status, 0.0
-    low, high = 0.5 * u_l, 1.5 * u_l
-    status, _, _, _, T_low = axle_contact(plant, (low, u_l, u_c), place, support, warm, readings, first)
-    status, _, _, _, T_high = axle_contact(plant, (high, u_l, u_c), place, support, warm, readings, first)
-    rim = u_l
-    side = 0.0
+        return 0.0
+    low, high, T_low, T_high = 0.5 * u_l, 1.5 * u_l, math.nan, math.nan
+    rim, side = low, 0.0
     for _ in range(80):
-        rim = (low * T_high - high * T_low) / (T_high - T_low)
-        status, _, _, _, T = axle_contact(plant, (rim, u_l, u_c), place, support, warm, readings, first)
-        if abs(T) < 1e-9 * N_static or high - low < 1e-12 * u_l:
+        _, T = _rest(plant, motion, rim, N_0, warm, readings)
+        if math.isnan(T_low):
+            T_low, rim = T, high
+            continue
+        if math.isnan(T_high):
+            T_high = T
+        elif abs(T) < 1e-9 * N_0 or high - low < 1e-12 * u_l:
             break
-        if T > 0.0:
+        elif T > 0.0:
             high, T_high = rim, T
-            if side > 0.0:
-                T_low *= 0.5
+            T_low *= 0.5 if side > 0.0 else 1.0
             side = 1.0
         else:
             low, T_low = rim, T
-            if side < 0.0:
-                T_high *= 0.5
+            T_high *= 0.5 if side < 0.0 else 1.0
             side = -1.0
-    return status, rim
+        rim = (low * T_high - high * T_low) / (T_high - T_low)
+    return rim
 
 
 @kernel
@@ -71,20 +82,18 @@ def settle(plant, pose, v_x, torque_free):
     worst = CONTACT
     for i in range(2):
         arm = v.l_f if i == 0 else -v.l_r
-        first = i * at.AXLE
+        seen = readings[i * at.AXLE : (i + 1) * at.AXLE]
         motion = axle_motion(plant.ground, pose, (v_x, 0.0, 0.0), arm, 0.0)
-        wx, wy, H, H_dot, H_ddot, u_l, u_c, _, _ = motion
+        _, _, H, H_dot, H_ddot, u_l, _, _, _ = motion
+        N_0 = loads[i] + v.m_w * H_ddot
         if torque_free:
-            status, rim = _rolling_contact(plant, motion, loads[i], warm[i], readings, first)
+            rim = _rolling_rim(plant, motion, N_0, warm[i], seen)
         else:
             rim = u_l / (1.0 - plant.slip) if plant.slip >= 0.0 else u_l * (1.0 + plant.slip)
-            support = (loads[i] + v.m_w * H_ddot, 0.0)
-            status, _, _, _, _ = axle_contact(
-                plant, (rim, u_l, u_c), (wx, wy, H, 0.0, 0.0), support, warm[i], readings, first
-            )
+        status, _ = _rest(plant, motion, rim, N_0, warm[i], seen)
         worst = max(worst, status)
         x[at.OMEGA_F + i] = rim / v.r
-        heights[i], rates[i] = H - readings[first + at.SINKAGE], H_dot
+        heights[i], rates[i] = H - seen[at.SINKAGE], H_dot
     if plant.half_car > 0.5:
         base = v.l_f + v.l_r
         sin = min(max((heights[0] - heights[1]) / base, -1.0), 1.0)

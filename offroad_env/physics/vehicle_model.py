@@ -129,8 +129,8 @@ def suspension_force(N, N_0, N_static, m_w, H_ddot):
 
 
 @inline_kernel
-def axle_contact(plant, motion, place, support, warm, readings, first):
-    """Solve one axle's contact and note it in ``readings`` from index ``first`` on.
+def axle_contact(plant, motion, place, support, warm, readings):
+    """Solve one axle's contact and note it in ``readings``, the axle's part of the readings.
 
     ``motion`` = (r omega, v_l, v_c), ``place`` = (x, y, H, g_l, g_c), ``support`` = (N_0, k).
     Returns (status, F_l, F_c, V, torque) in the wheel's horizontal axes: along, across, up.
@@ -151,17 +151,17 @@ def axle_contact(plant, motion, place, support, warm, readings, first):
     )
     l_x, l_z, c_x, c_y, c_z, n_x, n_y, n_z = frame
     V = F_x * l_z + F_y * c_z + F_n * n_z
-    readings[first + at.N] = F_n
-    readings[first + at.F_L] = F_x
-    readings[first + at.F_C] = F_y
-    readings[first + at.TORQUE] = T
-    readings[first + at.SINKAGE] = h
-    readings[first + at.SLIP] = slip_ratio(motion[0], motion[1], plant.v_eps)
-    readings[first + at.R_OMEGA] = motion[0]
-    readings[first + at.V_L] = motion[1]
-    readings[first + at.V_C] = motion[2]
-    readings[first + at.EXPONENT] = n
-    readings[first + at.WHEEL_X] = x
-    readings[first + at.WHEEL_Y] = y
-    readings[first + at.HEIGHT] = H
+    readings[at.N] = F_n
+    readings[at.F_L] = F_x
+    readings[at.F_C] = F_y
+    readings[at.TORQUE] = T
+    readings[at.SINKAGE] = h
+    readings[at.SLIP] = slip_ratio(motion[0], motion[1], plant.v_eps)
+    readings[at.R_OMEGA] = motion[0]
+    readings[at.V_L] = motion[1]
+    readings[at.V_C] = motion[2]
+    readings[at.EXPONENT] = n
+    readings[at.WHEEL_X] = x
+    readings[at.WHEEL_Y] = y
+    readings[at.HEIGHT] = H
     return status, F_x * l_x + F_y * c_x + F_n * n_x, F_y * c_y + F_n * n_y, V, T

@@ -5,24 +5,19 @@ from __future__ import annotations
 import shutil
 
 import numpy as np
-import pytest
-from helpers import REPOSITORY, run_fresh
 
+from helpers import REPOSITORY, run_fresh
 from offroad_env.physics._jit import kernel
-from offroad_env.physics.advance import advance, pack, unpack
-from offroad_env.physics.full_model import full_advance
-from offroad_env.physics.paper_model import paper_advance
-from offroad_env.simulator import make_plant, settled_state
+from offroad_env.physics.packing import pack, unpack
+from offroad_env.simulator import make_plant
 from offroad_env.soils import SOILS
 from offroad_env.terrain import paper_terrain, soil_map
 from offroad_env.vehicles import VEHICLES
 
 
-def _plant(model: str):
+def _plant():
     patches = soil_map([(3.0, 1.0, 2.0, 0.6)], edge=0.4)
-    return make_plant(
-        VEHICLES["mrzr"], SOILS["dry_sand"], paper_terrain(0.04), model=model, slip=0.02, soil_map=patches
-    )
+    return make_plant(VEHICLES["mrzr"], SOILS["dry_sand"], paper_terrain(0.04), slip=0.02, soil_map=patches)
 
 
 @kernel
@@ -31,7 +26,7 @@ def _round_trip(packed):
 
 
 def test_a_packed_plant_comes_back_as_it_was():
-    plant = _plant("full")
+    plant = _plant()
     back = _round_trip(pack(plant))
     assert back.vehicle == plant.vehicle
     assert back.soil == plant.soil
@@ -46,24 +41,6 @@ def test_a_packed_plant_comes_back_as_it_was():
     assert back.soil_map.edge == plant.soil_map.edge
     np.testing.assert_array_equal(back.ground.waves, plant.ground.waves)
     np.testing.assert_array_equal(back.soil_map.patches, plant.soil_map.patches)
-
-
-@pytest.mark.parametrize("model", ["full", "paper"])
-def test_packed_and_plain_plants_drive_the_same_way(model):
-    plant = _plant(model)
-    command = (0.1, 900.0, 0.0) if model == "full" else (0.1, 900.0, np.nan)
-    ends = []
-    for packed in (False, True):
-        state, warm = settled_state(plant, v_x=4.0)
-        readings = np.zeros(32)
-        if packed:
-            advance(state, warm, command, pack(plant), model == "full", 0.005, 100, readings)
-        elif model == "full":
-            full_advance(state, warm, command, plant, 0.005, 100, readings)
-        else:
-            paper_advance(state, warm, command, plant, 0.005, 100, readings)
-        ends.append(np.concatenate([state, warm.ravel(), readings]))
-    np.testing.assert_allclose(ends[0], ends[1], rtol=1e-12, atol=1e-12)
 
 
 def test_an_edit_in_any_kernel_file_starts_a_new_cache(tmp_path):

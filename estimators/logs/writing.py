@@ -1,0 +1,76 @@
+"""From logs to files, whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from estimators.logs.log import Log
+from estimators.logs.tables import csv_text, parquet_bytes
+from offroad_env.errors import DataError
+
+__all__ = ["content_hash", "write_log"]
+
+
+def write_log(path: str | PathLike[str], log: Log) -> Path:
+    """Write a log and its YAML; reading them back gives the same numbers bit for bit.
+
+    Parameters
+    ----------
+    path
+        ``run.csv`` or ``run.parquet``; ``run.yaml`` comes beside it. Existing files are replaced.
+
+    Returns
+    -------
+    Path of the data file.
+
+    Raises
+    ------
+    DataError
+        If the name has another ending, or the folder cannot be written. Nothing is left half.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in (".csv", ".parquet"):
+        raise DataError(f"{path}: a log is written as .csv or .parquet, got {suffix or 'no ending'!r}")
+    columns = _columns(log)
+    content = parquet_bytes(columns) if suffix == ".parquet" else csv_text(columns).encode()
+    # The description first: whoever sees the data file sees a whole log.
+    _replace_both(((path.with_suffix(".yaml"), log.config.to_yaml().encode()), (path, content)))
+    return path
+
+
+def content_hash(log: Log) -> str:
+    """SHA-256 that `read_log` gives to the log after it is written as CSV."""
+    digest = hashlib.sha256(csv_text(_columns(log)).encode())
+    digest.update(b"\0" + log.config.to_yaml().encode())
+    return digest.hexdigest()
+
+
+def _columns(log: Log) -> dict[str, np.ndarray]:
+    time = {} if log.t is None else {"t": log.t}
+    return {**time, **log.channels, **log.references}
+
+
+def _replace_both(files: tuple[tuple[Path, bytes], ...]) -> None:
+    """Write all contents beside their targets, then rename: a failure leaves the old files."""
+    written: list[tuple[str, Path]] = []
+    try:
+        for target, content in files:
+            handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+            written.append((temporary, target))
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+            os.chmod(temporary, 0o644)
+        for temporary, target in written:
+            os.replace(temporary, target)
+    except OSError as error:
+        raise DataError(f"{files[-1][0]}: cannot be written: {error.strerror or error}") from None
+    finally:
+        for temporary, _ in written:
+            Path(temporary).unlink(missing_ok=True)

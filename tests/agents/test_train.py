@@ -1,0 +1,71 @@
+"""A short run of PPO: learns nothing yet, but saves, reloads and drives."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import pytest
+
+from agents.train import MissingExtraError, TrainArgs, load_policy, train
+
+
+def test_learning_without_the_extra_names_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    with pytest.raises(MissingExtraError, match=r"pip install offroad-bekker\[rl\]"):
+        train(TrainArgs(out=tmp_path))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    pytest.importorskip("stable_baselines3")
+    args = TrainArgs(
+        scenario="track",
+        terrain_info="none",
+        total_steps=256,
+        n_envs=2,
+        n_steps=64,
+        batch_size=64,
+        n_epochs=1,
+        eval_episodes=1,
+        out=tmp_path_factory.mktemp("train"),
+    )
+    return args, train(args)
+
+
+def test_a_run_keeps_its_learning_curve_and_speed(run):
+    args, result = run
+    assert result.steps == 256
+    assert [point.steps for point in result.curve] == [128, 256]
+    assert result.steps_per_second > 0.0
+    report = json.loads((args.out / "training.json").read_text(encoding="utf-8"))
+    assert report["arguments"]["scenario"] == "track"
+    assert len(report["result"]["evaluation"]) == 1
+
+
+def test_the_reloaded_policy_drives_as_the_evaluated_one_did(run):
+    import gymnasium as gym
+
+    from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
+
+    args, result = run
+    env = gym.make(ENV_ID, scenario="track", terrain_info="none")
+    draw = draw_episodes("track", 1, args.seed)[0]
+    again = run_episode(env, load_policy(args.out), draw.seed, n=draw.n)
+    env.close()
+    assert again.reward == result.evaluation[0].reward
+
+
+def test_the_time_budget_ends_a_run(tmp_path):
+    pytest.importorskip("stable_baselines3")
+    args = TrainArgs(
+        scenario="track",
+        terrain_info="none",
+        time_budget=0.0,
+        n_envs=1,
+        n_steps=64,
+        batch_size=64,
+        eval_episodes=0,
+        out=tmp_path,
+    )
+    assert train(args).steps < 64

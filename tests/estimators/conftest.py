@@ -1,0 +1,94 @@
+"""A vehicle to estimate from: the full model driven at random, seen through its sensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from offroad_env.physics import state as at
+from offroad_env.physics.full_model import full_advance
+from offroad_env.physics.records import Ground
+from offroad_env.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
+from offroad_env.simulator import make_plant, settled_state
+from offroad_env.soils import make_soil
+from offroad_env.terrain import rough_terrain
+from offroad_env.vehicles import VEHICLES
+
+PERIOD = 0.01  # of a sensor sample [s]
+_STEP = 0.005
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive:
+    """A recorded drive; row k was measured at t = k PERIOD, and ``commands[k]`` came before it."""
+
+    n: float
+    states: np.ndarray  # (T, 15) truth
+    commands: np.ndarray  # (T, 3)
+    imu: np.ndarray  # (T, 5)
+    wheel: np.ndarray  # (T, 2)
+    gnss: np.ndarray  # (T, 4)
+
+    def samples(self):
+        """(command, imu, rim speeds, gnss) of every row but the start."""
+        for k in range(1, len(self.imu)):
+            command = tuple(float(value) for value in self.commands[k])
+            yield command, self.imu[k], self.wheel[k], self.gnss[k]
+
+
+class Driver:
+    """Chases a random speed and swings the steering: excites whatever there is to learn."""
+
+    def __init__(self, rng: np.random.Generator, duration: float) -> None:
+        self.targets = rng.uniform(2.0, 7.0, int(duration / 4.0) + 2)
+        self.amplitudes = rng.uniform(0.05, 0.2, 2)
+        self.frequencies = rng.uniform(0.6, 2.5, 2)
+        self.phases = rng.uniform(0.0, 6.0, 2)
+
+    def __call__(self, t: float, v: float) -> tuple[float, float, float]:
+        vehicle = VEHICLES["mrzr"]
+        error = self.targets[int(t / 4.0)] - v + 0.5 * np.sin(1.3 * t)
+        pedal = float(np.clip(0.25 + 0.35 * error, -0.5, 1.0))
+        steer = float(self.amplitudes @ np.sin(self.frequencies * t + self.phases))
+        return steer, max(pedal, 0.0) * vehicle.drive_torque_max, max(-pedal, 0.0) * vehicle.brake_torque_max
+
+
+def record(
+    n: float,
+    *,
+    seed: int,
+    soil: str = "dry_sand",
+    duration: float = 10.0,
+    driver=None,
+    ground: Ground | None = None,
+    imu: ImuConfig | None = None,
+) -> Drive:
+    """Drive the full model on rough ground (class B unless given) and record what the sensors say."""
+    rng = np.random.default_rng(seed)
+    ground = rough_terrain("B", rng) if ground is None else ground
+    driver = driver or Driver(rng, duration)
+    sensors = SensorSuite(imu=imu or ImuConfig(), wheel=WheelSpeedConfig(), gnss=GnssConfig())
+    sensors.reset(rng)
+    plant = make_plant(VEHICLES["mrzr"], make_soil(soil, n=n), ground)
+    state, warm = settled_state(plant, v_x=3.0)
+    readings, command = np.zeros(at.READINGS_SIZE), (0.0, 0.0, 0.0)
+    rows = []
+    for k in range(round(duration / PERIOD) + 1):
+        if k == 0:
+            full_advance(state, warm, command, plant, _STEP, 0, readings)
+        else:
+            if k % 2 == 1:  # a command holds for two samples
+                command = driver((k - 1) * PERIOD, float(state[at.V_X]))
+            full_advance(state, warm, command, plant, _STEP, round(PERIOD / _STEP), readings)
+        sample = sensors.sample(state, readings)
+        rows.append((state.copy(), command, sample.imu, sample.wheel, sample.gnss))
+    states, commands, imus, wheels, gnss = (np.array(column) for column in zip(*rows, strict=True))
+    return Drive(n=n, states=states, commands=commands, imu=imus, wheel=wheels, gnss=gnss)
+
+
+@pytest.fixture(scope="session")
+def drive():
+    """``drive(n, seed=...)`` records a random drive of the full model, see `record`."""
+    return record
