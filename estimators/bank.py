@@ -51,7 +51,9 @@ class BankSettings:
     """The fan of hypotheses and how long they live."""
 
     joint: JointSettings = field(default_factory=JointSettings)
-    n_fan: tuple[float, float] = (0.3, 1.3)  #: even prior of n [-]
+    n_prior: float = 1.0  #: prior of n: the paper's first guess [-]
+    n_prior_sd: float = 0.3  #: its standard deviation: every soil of the fan within 2.4 of them [-]
+    n_fan: tuple[float, float] = (0.3, 1.3)  #: where the hypotheses stand [-]
     components: int = 20  #: hypotheses at the start
     overlap: float = 0.6  #: their standard deviation over their distance: 0.6 makes the sum flat to 1 %
     drop: float = 1e-8  #: weight below which a component is dropped
@@ -89,7 +91,7 @@ class BankState(NamedTuple):
 def start_bank(
     model: JointModel, settings: BankSettings, pose: tuple[float, float, float], v_x: float
 ) -> BankState:
-    """The fan at the start: every hypothesis settled on its own soil, all of equal weight.
+    """The fan at the start: every hypothesis settled on its own soil.
 
     Parameters
     ----------
@@ -103,7 +105,7 @@ def start_bank(
         np.empty((K, SIZE)),
         np.empty((K, SIZE, SIZE)),
         np.empty((K, 2 * SIZE + 1, 2, 3)),
-        np.full(K, -math.log(K)),
+        np.zeros(K),
     )
     low, high = settings.n_fan
     spacing = (high - low) / K
@@ -111,6 +113,8 @@ def start_bank(
         n = low + (i + 0.5) * spacing
         mean, cov, warm = prior(model, settings.joint, n, settings.overlap * spacing, pose, v_x)
         state.means[i], state.covs[i], state.warms[i] = mean, cov, warm
+        state.log_weights[i] = -0.5 * ((n - settings.n_prior) / settings.n_prior_sd) ** 2
+    _normalise(state.log_weights)
     return state
 
 

@@ -1,4 +1,4 @@
-"""What the parts of the demo share: how much of everything runs, and the one episode that two of them show."""
+"""What the parts of the demo share: how much of everything runs, and an episode that two of them show."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
 from agents.arms import make_arm
 from agents.benchmark.runner import ENV_ID
+from agents.episode import Drive
 
-__all__ = ["DemoSettings", "Run", "Trace", "record_trace"]
+__all__ = ["DemoSettings", "Driven", "Run", "drive_aware"]
 
 _PICTURE_EVERY = 10  # steps: the charts of a picture show the past only where pictures were made
 
@@ -40,37 +40,25 @@ class DemoSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trace:
-    """One episode of the arm that lives on its estimate."""
+class Driven:
+    """An episode of the arm that lives on its estimate."""
 
-    t: np.ndarray  #: (T,) [s]
-    n: np.ndarray  #: (T,) true exponent under the front axle [-]
-    mean: np.ndarray  #: (T,) estimate [-]
-    sd: np.ndarray  #: (T,) its standard deviation [-]
-    speed: np.ndarray  #: (T,) [m/s]
-    last: dict[str, Any]  #: info of the last step
+    drive: Drive  #: with its log
     frame: np.ndarray | None  #: picture half way, None without the extra ``view``
 
 
-def record_trace(settings: DemoSettings, tick: Callable[[float], None]) -> Trace:
+def drive_aware(settings: DemoSettings, tick: Callable[[float], None]) -> Driven:
     """Drive the episode of ``settings.seed``; ``tick`` hears the share of the course that is done."""
     arm = make_arm("aware", scenario=settings.scenario)
     env = gym.make(ENV_ID, scenario=settings.scenario, terrain_info=arm.terrain_info, render_mode="rgb_array")
-    observation, info = env.reset(seed=settings.seed)
-    arm.agent.reset(env.unwrapped.briefing)
-    infos, frame, done = [info], None, False
-    half = 0.5 * info["path_length"]
-    while not done:
-        observation, _, terminated, truncated, info = env.step(arm.agent.act(observation))
-        done = terminated or truncated
-        if infos[-1]["progress"] < half and (done or len(infos) % _PICTURE_EVERY == 0):
+    drive, frame = Drive(env, arm.agent, seed=settings.seed), None
+    for step, info in enumerate(drive):
+        share = info["progress"] / info["path_length"]
+        if step % _PICTURE_EVERY == 0 and (share < 0.5 or frame is None):
             frame = _picture(env)
-            tick(max(info["progress"], 0.0) / info["path_length"])
-        infos.append(info)
+            tick(share)
     env.close()
-    names = {"t": "time", "n": "n_front", "mean": "n_estimate", "sd": "n_estimate_sd", "speed": "speed"}
-    series = {key: np.array([info[name] for info in infos]) for key, name in names.items()}
-    return Trace(**series, last=infos[-1], frame=frame)
+    return Driven(drive=drive, frame=frame)
 
 
 def _picture(env: gym.Env) -> np.ndarray | None:
@@ -89,6 +77,6 @@ class Run:
     tick: Callable[[float], None] = field(default=lambda share: None)  #: share of the section that is done
 
     @cached_property
-    def trace(self) -> Trace:
+    def driven(self) -> Driven:
         """The episode, driven when it is first asked for."""
-        return record_trace(self.settings, self.tick)
+        return drive_aware(self.settings, self.tick)

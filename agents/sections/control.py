@@ -35,9 +35,9 @@ def arms_section(run: Run) -> Section:
         tables=(_arms_table(result),),
         notes=(
             "Score: mean time to the goal, where a failed episode costs the whole time limit. Brackets: 95 % "
-            "intervals by bootstrap over episodes. The arms are one controller on the same episodes and differ "
-            "in what they hold n to be: nominal the one value that does best over all soils, conservative the "
-            "worst case, aware the estimate on board, oracle the truth.",
+            "intervals by bootstrap over episodes. The arms are one controller on the same episodes and "
+            "differ in what they hold n to be: nominal the one value that does best over all soils, "
+            "conservative the worst case, aware the estimate on board, oracle the truth.",
         ),
         key=key,
         data=result.to_dict(),

@@ -7,36 +7,40 @@ from typing import Any
 
 import numpy as np
 
+from agents.figures.drive import drive_figure
 from agents.figures.estimate import EstimateLine, EstimatePanel, estimate_figure
 from agents.report import Section, Table, figure_picture, frame_picture
-from agents.sections.context import Run, Trace
+from agents.sections.context import Run
 from estimators.paper import ROWS, RowRun, row_truth, run_row
 
 __all__ = ["drive_section", "estimate_section"]
 
 
 def drive_section(run: Run) -> Section:
-    """One episode of the arm that lives on its estimate, with a picture."""
-    trace, settings = run.trace, run.settings
-    info = trace.last
+    """One episode of the arm that lives on its estimate: a picture, and the plot of the command."""
+    driven, settings = run.driven, run.settings
+    info, log = driven.drive.info, driven.drive.log
+    speed = log.columns()["speed"]
     sees = (
-        f"The vehicle, told nothing about the soil, {_ending(info)} at {trace.speed.mean():.1f} m/s on "
-        f"average and {trace.speed.max():.1f} m/s at most; the true exponent is {info['n']:.2f}."
+        f"The vehicle, told nothing about the soil, {_ending(info)} at {speed.mean():.1f} m/s on average and "
+        f"{speed.max():.1f} m/s at most; the true exponent is {info['n']:.2f}."
     )
     caption = (
         "Half way: from above with path and corridor, from the side with sinkage, suspension and pitch, the "
         "exponent true and estimated over time."
     )
-    pictures = () if trace.frame is None else (frame_picture(trace.frame, caption),)
-    notes = () if pictures else ("The picture needs pygame-ce: pip install 'offroad-bekker[view]'.",)
+    pictures = [figure_picture(drive_figure(log), "The whole episode, as the command plots it.")]
+    if driven.frame is not None:
+        pictures.insert(0, frame_picture(driven.frame, caption))
+    left_out = "The picture of the environment needs pygame-ce: pip install 'offroad-bekker[view]'."
     kept = ("n", "time", "progress", "path_length", "success", "failure")
     return Section(
         name="drive",
         title=f"One episode of the scenario {settings.scenario!r}",
         sees=sees,
         command=f"offroad drive --scenario {settings.scenario} --agent aware --seed {settings.seed}",
-        pictures=pictures,
-        notes=notes,
+        pictures=tuple(pictures),
+        notes=() if driven.frame is not None else (left_out,),
         data={key: info[key] for key in kept},
     )
 
@@ -55,15 +59,15 @@ def estimate_section(run: Run) -> Section:
     truth = row_truth(row, duration=settings.row_duration)
     results = [run_row(row, model, seed=settings.seed, truth=truth) for model in ("half_car", "bicycle")]
     run.tick(0.5)
-    trace, half_car = run.trace, results[0].filter
-    start, end, true = _belief(trace, 0), _belief(trace, -1), float(trace.last["n"])
+    info, columns, half_car = run.driven.drive.info, run.driven.drive.log.columns(), results[0].filter
+    start, end, true = _belief(columns, 0), _belief(columns, -1), float(info["n"])
     sees = (
         f"On row {row.number} of the paper's table the half-car filter moves from its guess "
         f"{half_car.n[0]:.2f} to {half_car.n[-1]:.2f} (true {truth.n:g}); on board, in one episode, the "
         f"estimate moves from {start} to {end} (true {true:.2f})."
     )
-    figure = estimate_figure((_row_panel(results), _trace_panel(run)))
-    repairs = int(trace.last["filter_repairs"])
+    figure = estimate_figure((_row_panel(results), _board_panel(run)))
+    repairs = int(info["filter_repairs"])
     return Section(
         name="estimate",
         title="Estimating n while driving",
@@ -81,23 +85,29 @@ def estimate_section(run: Run) -> Section:
             "true_n": truth.n,
             "mse": {result.model: result.mse for result in results},
             "paper_mse": {result.model: result.paper_mse for result in results},
-            "on_board": {"true_n": true, "mean": trace.mean[-1], "sd": trace.sd[-1], "repairs": repairs},
+            "on_board": {
+                "true_n": true,
+                "mean": info["n_estimate"],
+                "sd": info["n_estimate_sd"],
+                "repairs": repairs,
+            },
         },
     )
 
 
-def _belief(trace: Trace, index: int) -> str:
-    return f"{trace.mean[index]:.2f} ± {trace.sd[index]:.2f}"
+def _belief(columns: dict[str, np.ndarray], index: int) -> str:
+    return f"{columns['n_estimate'][index]:.2f} ± {columns['n_estimate_sd'][index]:.2f}"
 
 
 def _row_panel(results: Sequence[RowRun]) -> EstimatePanel:
     truth, t = results[0].truth, results[0].t
     row = truth.row
+    soil = row.soil.replace("_", " ")
     steering = (
         f"{row.steer_amplitude:g} sin({row.steer_frequency:g} t) rad" if row.steer_amplitude else "none"
     )
     return EstimatePanel(
-        title=f"Paper, row {row.number}: {row.soil.replace('_', ' ')}, $H_0$ = {row.H0:g} m, steering {steering}",
+        title=f"Paper, row {row.number}: {soil}, $H_0$ = {row.H0:g} m, steering {steering}",
         t=t,
         truth=np.full(t.shape, truth.n),
         lines=tuple(
@@ -107,13 +117,14 @@ def _row_panel(results: Sequence[RowRun]) -> EstimatePanel:
     )
 
 
-def _trace_panel(run: Run) -> EstimatePanel:
-    trace, settings = run.trace, run.settings
+def _board_panel(run: Run) -> EstimatePanel:
+    columns, settings = run.driven.drive.log.columns(), run.settings
+    line = EstimateLine(label="embedded filter", n=columns["n_estimate"], sd=columns["n_estimate_sd"])
     return EstimatePanel(
         title=f"On board: scenario {settings.scenario!r}, seed {settings.seed}",
-        t=trace.t,
-        truth=trace.n,
-        lines=(EstimateLine(label="embedded filter", n=trace.mean, sd=trace.sd),),
+        t=columns["time"],
+        truth=columns["n_front"],
+        lines=(line,),
     )
 
 

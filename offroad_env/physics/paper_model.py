@@ -66,10 +66,9 @@ def paper_derivative(x, inputs, plant, warm, d, readings):
     steer, F_u, prescribed = inputs
     v = plant.vehicle
     N_f, N_r = static_loads(v)
-    status_f, F_xf, F_yf, S_f = _paper_axle(plant, x, steer, v.l_f, (N_f, v.k_f, v.c_f), warm[0], readings, 0)
-    status_r, F_xr, F_yr, S_r = _paper_axle(
-        plant, x, 0.0, -v.l_r, (N_r, v.k_r, v.c_r), warm[1], readings[at.AXLE : at.MOTION]
-    )
+    front, rear = readings[: at.AXLE], readings[at.AXLE : at.MOTION]
+    status_f, F_xf, F_yf, S_f = _paper_axle(plant, x, steer, v.l_f, (N_f, v.k_f, v.c_f), warm[0], front)
+    status_r, F_xr, F_yr, S_r = _paper_axle(plant, x, 0.0, -v.l_r, (N_r, v.k_r, v.c_r), warm[1], rear)
     cos, sin = math.cos(x[at.PITCH]), math.sin(x[at.PITCH])
     a_x, a_y = (F_xf + F_xr + F_u) / v.m, (F_yf + F_yr) / v.m
     a_z = pitch_acc = 0.0

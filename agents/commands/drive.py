@@ -1,0 +1,169 @@
+"""``offroad drive``: one episode as a plot, a video or in a window."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from agents.commands.output import OutputError, Results, console, table
+from offroad_env.errors import InvalidParameter, OffroadError
+
+if TYPE_CHECKING:
+    import gymnasium as gym
+    import numpy as np
+
+    from agents.episode import Drive as Episode
+    from agents.protocol import Agent
+
+__all__ = ["Drive"]
+
+_CONTROL_RATE = 50  # steps a second
+_FPS = {".gif": 10, ".mp4": 25}  # pictures a second: real time, and a GIF stays small
+
+
+@dataclass(kw_only=True)
+class Drive(Results):
+    """Drive one episode and plot it.
+
+    Writes the figure drive_SCENARIO_SEED.png. Agents: pure_pursuit and stanley hold a speed and know
+    nothing of the soil; nominal, conservative, aware and oracle plan their speed by what they hold the
+    soil to be.
+    """
+
+    scenario: str = "track"  #: track or speed
+    agent: str = "pure_pursuit"  #: pure_pursuit, stanley, nominal, conservative, aware or oracle
+    policy: Path | None = None  #: drive with the policy that offroad train wrote into this folder instead
+    terrain_info: Literal["none", "estimate", "truth"] | None = None  #: default: what the agent needs
+    n: float | None = None  #: true sinkage exponent; default: drawn from the scenario's range [-]
+    seed: int = 0  #: of course, soil and noise
+    model: Literal["full", "paper"] = "full"  #: full: wheel spin and slopes; paper: as published
+    vehicle_model: Literal["half_car", "bicycle"] = "half_car"  #: with or without heave and pitch
+    video: Path | None = None  #: also write a video, .mp4 or .gif (needs the extra view)
+    window: bool = False  #: watch it in a window (needs the extra view)
+
+    def run(self) -> None:
+        """Drive, then plot and print."""
+        import gymnasium as gym
+
+        from agents.figures.drive import drive_figure
+
+        if self.video is not None and self.window:
+            raise InvalidParameter("give --video or --window, not both")
+        try:
+            episode = self._drive(*self._make())
+        except gym.error.Error as error:  # no screen, or drawing is not installed
+            raise OffroadError(str(error)) from error
+        summary = self._summary(episode)
+        rows = [(name, _text(value)) for name, value in summary.items()]
+        console().print(table(f"{self.scenario}, seed {self.seed}: {episode.ending}", ("", ""), rows))
+        if self.video is not None:
+            console().print(f"video: {self.video}", markup=False)
+        self.save_figure(drive_figure(episode.log), f"drive_{self.scenario}_{self.seed}")
+        self.save_numbers({"summary": summary, "series": episode.log.columns()})
+
+    def _make(self) -> tuple[gym.Env, Agent]:
+        import gymnasium as gym
+
+        from agents.benchmark.runner import ENV_ID
+        from agents.episode import find_agent
+
+        if self.policy is None:
+            agent, terrain_info = find_agent(self.agent, self.scenario, self.terrain_info)
+        else:
+            agent, terrain_info = _load_policy(self.policy), self.terrain_info or "estimate"
+        mode = "rgb_array" if self.video is not None else "human" if self.window else None
+        env = gym.make(
+            ENV_ID,
+            scenario=self.scenario,
+            terrain_info=terrain_info,
+            model=self.model,
+            vehicle_model=self.vehicle_model,
+            render_mode=mode,
+        )
+        return env, agent
+
+    def _drive(self, env: gym.Env, agent: Agent) -> Episode:
+        from agents.episode import Drive as Episode
+
+        options = None if self.n is None else {"n": self.n}
+        episode = Episode(env, agent, seed=self.seed, options=options)
+        try:
+            if self.video is None:
+                for _ in _shown(episode):
+                    pass
+            else:
+                self._record(episode)
+        finally:
+            env.close()
+        return episode
+
+    def _record(self, episode: Episode) -> None:
+        from agents.recording import VIDEO_FORMATS, record_video
+
+        suffix = self.video.suffix.lower()
+        if suffix not in VIDEO_FORMATS:
+            raise InvalidParameter(f"video must end in {' or '.join(VIDEO_FORMATS)}, got {self.video}")
+        every = _CONTROL_RATE // _FPS[suffix]
+
+        def pictures() -> Iterator[np.ndarray]:
+            for step, _ in enumerate(_shown(episode)):
+                if step % every == 0:
+                    yield episode.env.render()
+
+        try:
+            self.video.parent.mkdir(parents=True, exist_ok=True)
+            record_video(pictures(), self.video, _FPS[suffix])
+        except OSError as error:
+            raise OutputError(f"cannot write {self.video}: {error.strerror or error}") from error
+
+    def _summary(self, episode: Episode) -> dict[str, Any]:
+        import numpy as np
+
+        info, columns = episode.info, episode.log.columns()
+        summary = {
+            "reached the goal": bool(info["success"]),
+            "failure": info["failure"] or None,
+            "true n [-]": float(info["n"]),
+            "time [s]": float(info["time"]),
+            "progress [m]": float(info["progress"]),
+            "length of the course [m]": float(info["path_length"]),
+            "mean speed [m/s]": float(columns["speed"].mean()),
+            "cross-track error, root mean square [m]": float(
+                np.sqrt(np.mean(columns["cross_track_error"] ** 2))
+            ),
+            "deepest sinkage [mm]": 1e3
+            * float(max(columns["sinkage_front"].max(), columns["sinkage_rear"].max())),
+            "reward [-]": episode.reward,
+        }
+        if episode.log.estimating:
+            summary["estimate of n at the end [-]"] = float(info["n_estimate"])
+            summary["its standard deviation [-]"] = float(info["n_estimate_sd"])
+        return summary
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.2f}" if isinstance(value, float) else str(value or "-").replace("_", " ")
+
+
+def _load_policy(folder: Path) -> Agent:
+    from agents.train import load_policy
+
+    try:
+        return load_policy(folder)
+    except FileNotFoundError as error:
+        raise OutputError(f"no policy in {folder} - train one with: offroad train --out {folder}") from error
+
+
+def _shown(episode: Episode) -> Iterator[dict[str, Any]]:
+    """The steps of an episode, with a bar of the way along the course."""
+    from rich.progress import Progress
+
+    with Progress(console=console(), transient=True) as bar:
+        task = bar.add_task("driving", total=None)
+        for info in episode:
+            bar.update(task, completed=max(info["progress"], 0.0), total=info["path_length"])
+            yield info

@@ -1,0 +1,97 @@
+"""Drive one episode step by step, keeping its log: for commands, figures and videos."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import gymnasium as gym
+
+from agents.arms import ARMS, make_arm
+from agents.protocol import Agent
+from agents.pure_pursuit import PurePursuitAgent
+from agents.recording import EpisodeLog
+from agents.stanley import StanleyAgent
+from offroad_env.errors import InvalidParameter
+
+__all__ = ["AGENTS", "Drive", "find_agent"]
+
+#: Agents that know nothing of the soil and drive every scenario.
+_TRACKERS: dict[str, Callable[[], Agent]] = {"pure_pursuit": PurePursuitAgent, "stanley": StanleyAgent}
+
+#: Names that `find_agent` knows.
+AGENTS = (*_TRACKERS, *ARMS)
+
+
+def find_agent(name: str, scenario: str, terrain_info: str | None) -> tuple[Agent, str]:
+    """An agent by name, and the ``terrain_info`` of the environment that it is to drive in.
+
+    Parameters
+    ----------
+    name
+        In `AGENTS`.
+    scenario
+        Whose tuned settings an arm takes.
+    terrain_info
+        None for what the agent needs, which is "none" for those that do not look at it.
+
+    Raises
+    ------
+    InvalidParameter
+        For an unknown name, or a ``terrain_info`` that starves the agent.
+    """
+    if name in _TRACKERS:
+        return _TRACKERS[name](), terrain_info or "none"
+    if name not in ARMS:
+        raise InvalidParameter(f"agent must be one of {', '.join(AGENTS)}, got {name!r}")
+    arm = make_arm(name, scenario=scenario)
+    if terrain_info not in (None, arm.terrain_info) and arm.terrain_info != "none":
+        raise InvalidParameter(
+            f'terrain_info must be "{arm.terrain_info}" for the agent {name!r}, got {terrain_info!r} '
+            "- leave it out?"
+        )
+    return arm.agent, terrain_info or arm.terrain_info
+
+
+class Drive:
+    """One episode, driven while it is iterated over: every item is ``info``, the first after reset.
+
+    Parameters
+    ----------
+    env
+        From ``gym.make``.
+    agent
+    seed
+        Of the reset.
+    options
+        Of the reset, for example ``{"n": 0.7}``.
+    """
+
+    log: EpisodeLog  #: one row a step
+    info: dict[str, Any]  #: of the last step
+    reward: float  #: sum so far
+
+    def __init__(
+        self, env: gym.Env, agent: Agent, *, seed: int, options: dict[str, Any] | None = None
+    ) -> None:
+        self.env, self.agent, self.seed, self.options = env, agent, seed, options
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        observation, self.info = self.env.reset(seed=self.seed, options=self.options)
+        self.agent.reset(self.env.unwrapped.briefing)
+        self.log, self.reward, done = EpisodeLog.start(self.env, self.info), 0.0, False
+        yield self.info
+        while not done:
+            action = self.agent.act(observation)
+            observation, reward, terminated, truncated, self.info = self.env.step(action)
+            self.log.add(action, self.info)
+            self.reward += float(reward)
+            done = terminated or truncated
+            yield self.info
+
+    @property
+    def ending(self) -> str:
+        """How it ended, in words."""
+        if self.info["success"]:
+            return "reached the goal"
+        return (self.info["failure"] or "time limit").replace("_", " ")

@@ -1,0 +1,355 @@
+"""Between logs and simulations: the plant, start and inputs of a log, and the log of a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from estimators.logs.config import STATE_KEYS, GnssSpec, ImuSpec, LogConfig, StartSpec, TerrainSpec
+from estimators.logs.log import Log
+from estimators.logs.writing import content_hash
+from offroad_env.errors import DataError, InvalidParameter
+from offroad_env.physics import state as at
+from offroad_env.physics.records import Ground
+from offroad_env.physics.sensor_kernels import CHANNELS, GNSS, IMU, WHEEL
+from offroad_env.sensors import SensorSuite
+from offroad_env.simulator import Plant, Trajectory, make_plant, plant_model, settled_state
+from offroad_env.terrain import paper_terrain
+
+__all__ = [
+    "Recorder",
+    "commands_at",
+    "config_of",
+    "held",
+    "log_from_run",
+    "plant_of",
+    "start_of",
+    "truth_of",
+]
+
+
+# ------------------------------------------------------------------ from a log
+
+
+def plant_of(log: Log, *, vehicle_model: str = "half_car") -> Plant:
+    """The plant that a log's YAML describes, with its prior soil; an unknown ground is level.
+
+    Raises
+    ------
+    DataError
+        For a wheel-rig log.
+    """
+    config = _vehicle_config(log)
+    return make_plant(
+        config.vehicle,
+        config.soil,
+        config.terrain.ground(),
+        model=config.model,
+        vehicle_model=vehicle_model,
+        slip=config.slip,
+    )
+
+
+def start_of(log: Log, plant: Plant | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """State (15,) and warm start (2, 3) at the first row.
+
+    Parameters
+    ----------
+    plant
+        What settles; default `plant_of` the log. Another soil needs its own.
+
+    Raises
+    ------
+    DataError
+        For a wheel-rig log.
+    SolverFailure
+        If the soil does not carry the vehicle.
+    """
+    start = _vehicle_config(log).start
+    plant = plant_of(log) if plant is None else plant
+    state, warm = settled_state(plant, x=start.x, y=start.y, yaw=start.yaw, v_x=start.v_x)
+    for name, value in start.state:
+        state[STATE_KEYS.index(name)] = value
+    return state, warm
+
+
+def held(log: Log, name: str, times: np.ndarray) -> np.ndarray:
+    """Input ``name`` at ``times`` [s] as the YAML says: held from its stamp, or straight between stamps.
+
+    Before its first sample an input has the value of that sample.
+
+    Raises
+    ------
+    DataError
+        If the log has no such channel.
+    """
+    t, values = log.samples(name)
+    times = np.asarray(times, dtype=np.float64)
+    if log.config.hold == "linear":
+        return np.interp(times, t, values)
+    return values[np.maximum(np.searchsorted(t, times, side="right") - 1, 0)]
+
+
+def commands_at(log: Log, times: np.ndarray) -> np.ndarray:
+    """Commands (K, 3) for the kernels at ``times`` (K,) [s].
+
+    Columns: steering [rad]; then drive and brake torque of all wheels [N m], or with
+    ``drivetrain: force`` the body force [N] and NaN (see `paper_derivative`).
+
+    Raises
+    ------
+    DataError
+        If the log holds neither torque nor force (only wheel speeds, say).
+    """
+    config = _vehicle_config(log)
+    steer = held(log, "steer", times)
+    if config.drivetrain == "force":
+        return np.column_stack([steer, held(log, "drive_force", times), np.full(len(steer), math.nan)])
+    axles = [name for name in ("torque_f", "torque_r") if name in log.channels]
+    if not axles:
+        raise DataError(f"{log.name}: has no torque_f or torque_r, so the drive is not known")
+    total = np.sum([held(log, name, times) for name in axles], axis=0)
+    return np.column_stack([steer, np.maximum(total, 0.0), np.maximum(-total, 0.0)])
+
+
+def _vehicle_config(log: Log) -> LogConfig:
+    if log.config.vehicle is None:
+        raise DataError(f"{log.name}: is a wheel-rig log: it has no vehicle")
+    return log.config
+
+
+# ------------------------------------------------------------------ to a log
+
+
+def config_of(plant: Plant, sensors: SensorSuite, start: StartSpec, *, hold: str = "zoh") -> LogConfig:
+    """The YAML of a run of ``plant`` (what may be known of it: pass the believed soil, not the true one).
+
+    Raises
+    ------
+    InvalidParameter
+        If the sensors do not fit a log: no noise, or an IMU that does not pitch as the model's does.
+    """
+    model, imu, gnss = plant_model(plant), sensors.imu, sensors.gnss
+    for name, value in (("accel_noise", imu.accel_noise), ("gyro_noise", imu.gyro_noise)):
+        if not value > 0.0:
+            raise InvalidParameter(f"a log states its noise: imu.{name} must be > 0, got {value:g}")
+    if imu.body_axes != (model == "full"):
+        raise InvalidParameter(
+            f"imu.body_axes must be {model == 'full'} for model={model!r}: the IMU of the paper is held level"
+        )
+    return LogConfig(
+        model=model,
+        drivetrain="torque" if model == "full" else "force",
+        slip=plant.slip,
+        vehicle=plant.vehicle,
+        soil=plant.soil,
+        terrain=_terrain_of(plant.ground),
+        imu=ImuSpec(
+            kinematic=imu.kind == "kinematic",
+            position=imu.lever_arm,
+            sd_a=imu.accel_noise,
+            sd_rate=imu.gyro_noise,
+        ),
+        gnss=None if gnss is None else GnssSpec(sd_position=gnss.position_sd, sd_speed=gnss.velocity_sd),
+        hold=hold,
+        start=start,
+    )
+
+
+def _terrain_of(ground: Ground) -> TerrainSpec:
+    """The shortest exact description of a ground."""
+    plane = (float(ground.H_0), float(ground.S_x), float(ground.S_y))
+    if len(ground.waves) == 0 and plane == (0.0, 0.0, 0.0):
+        return TerrainSpec(kind="flat")
+    if len(ground.waves) == 3 and plane == (0.0, 0.0, 0.0):
+        height = 2.0 * float(np.max(np.abs(ground.waves[:, 0])))
+        for H_0 in (height, -height):
+            if abs(H_0) <= 2.0 and np.array_equal(paper_terrain(H_0).waves, ground.waves):
+                return TerrainSpec(kind="paper", H_0=H_0)
+    rows = tuple(tuple(float(value) for value in row) for row in ground.waves)
+    return TerrainSpec(kind="waves", plane=plane, waves=rows)
+
+
+def truth_of(state: np.ndarray, readings: np.ndarray) -> dict[str, float]:
+    """What a simulated run knows and a measured one does not, for the ``ref_*`` columns."""
+    front, rear = readings[: at.AXLE], readings[at.AXLE : at.MOTION]
+    truth = {
+        "ref_x": state[at.X],
+        "ref_y": state[at.Y],
+        "ref_yaw": state[at.YAW],
+        "ref_z": state[at.Z],
+        "ref_pitch": state[at.PITCH],
+        "ref_v_x": state[at.V_X],
+        "ref_v_y": state[at.V_Y],
+        "ref_steer": state[at.STEER],
+    }
+    for axle, values in (("f", front), ("r", rear)):
+        truth[f"ref_n_{axle}"] = values[at.EXPONENT]
+        truth[f"ref_sinkage_{axle}"] = values[at.SINKAGE]
+        truth[f"ref_slip_{axle}"] = values[at.SLIP]
+        truth[f"ref_F_z_{axle}"] = values[at.N]
+    return {name: float(value) for name, value in truth.items()}
+
+
+class Recorder:
+    """Collects a run sample by sample and makes its log.
+
+    A command stands in the row of the stamp from which it holds; the samples that the sensors take
+    while it holds are the rows after. So ``start(sample)``, then for every control period
+    ``hold(command, samples)``, then ``log(name)``.
+
+    Parameters
+    ----------
+    config
+        What may be known of the run, from `config_of`.
+    period
+        Time between samples [s].
+
+    Raises
+    ------
+    InvalidParameter
+        For a period that is not positive, or calls in another order.
+    """
+
+    def __init__(self, config: LogConfig, *, period: float) -> None:
+        if not period > 0.0:
+            raise InvalidParameter(f"period must be > 0 s, got {period}")
+        self._config, self._period = config, float(period)
+        self._samples: list[np.ndarray] = []
+        self._commands: dict[int, tuple[float, ...]] = {}
+        self._truth: dict[int, Mapping[str, float]] = {}
+
+    def start(self, sample: np.ndarray, truth: Mapping[str, float] | None = None) -> None:
+        """The sample (CHANNELS,) at t = 0, and what `truth_of` says of that moment."""
+        if self._samples:
+            raise InvalidParameter("the recording has started: use a new Recorder for every run")
+        self._append(sample, truth)
+
+    def hold(
+        self, command: tuple[float, ...], samples: np.ndarray, truth: Mapping[str, float] | None = None
+    ) -> None:
+        """A command as the kernels take it, held while ``samples`` (S, CHANNELS) are taken.
+
+        ``truth`` belongs to the last of them.
+        """
+        if not self._samples:
+            raise InvalidParameter("call start(sample) before hold(command, samples)")
+        self._commands[len(self._samples) - 1] = tuple(float(value) for value in command)
+        for i, sample in enumerate(np.atleast_2d(samples)):
+            self._append(sample, truth if i == len(samples) - 1 else None)
+
+    def _append(self, sample: np.ndarray, truth: Mapping[str, float] | None) -> None:
+        row = np.array(sample, dtype=np.float64)
+        if row.shape != (CHANNELS,):
+            raise InvalidParameter(f"a sample has {CHANNELS} channels, got shape {row.shape}")
+        if truth is not None:
+            self._truth[len(self._samples)] = truth
+        self._samples.append(row)
+
+    def log(self, name: str) -> Log:
+        """The log so far; channels without a single sample (a sensor left out) are left out.
+
+        Raises
+        ------
+        InvalidParameter
+            Before two samples and one command are there.
+        """
+        if len(self._samples) < 2:
+            raise InvalidParameter("a log needs at least one command with its samples")
+        count = len(self._samples)
+        channels = {**self._inputs(count), **self._sensed(np.array(self._samples))}
+        channels = {key: values for key, values in channels.items() if not np.isnan(values).all()}
+        names = next(iter(self._truth.values()), {})
+        references = {key: self._column(count, self._truth, key) for key in names}
+        arrays = (t := self._period * np.arange(count), *channels.values(), *references.values())
+        for array in arrays:
+            array.flags.writeable = False
+        parts = {"t": t, "channels": channels, "references": references, "config": self._config}
+        return Log(name=name, **parts, hash=content_hash(Log(name=name, **parts, hash="")))
+
+    @staticmethod
+    def _column(count: int, rows: Mapping[int, Mapping], key: str | int) -> np.ndarray:
+        values = np.full(count, math.nan)
+        for i, row in rows.items():
+            values[i] = row[key]
+        return values
+
+    def _inputs(self, count: int) -> dict[str, np.ndarray]:
+        steer, first = (self._column(count, self._commands, i) for i in range(2))
+        if self._config.drivetrain == "force":
+            return {"steer": steer, "drive_force": first}
+        brake, vehicle = self._column(count, self._commands, 2), self._config.vehicle
+        return {
+            "steer": steer,
+            "torque_f": vehicle.drive_front * first - vehicle.brake_front * brake,
+            "torque_r": (1.0 - vehicle.drive_front) * first - (1.0 - vehicle.brake_front) * brake,
+        }
+
+    def _sensed(self, samples: np.ndarray) -> dict[str, np.ndarray]:
+        imu, wheel, gnss = samples[:, IMU].T, samples[:, WHEEL].T, samples[:, GNSS].T
+        sensed = {"omega_f": wheel[0] / self._config.vehicle.r, "omega_r": wheel[1] / self._config.vehicle.r}
+        sensed |= dict(zip(("a_x", "a_y", "a_z", "pitch_rate", "yaw_rate"), imu, strict=True))
+        sensed |= dict(zip(("x", "y", "speed", "course"), gnss, strict=True))
+        return {key: np.ascontiguousarray(values) for key, values in sensed.items()}
+
+
+def log_from_run(
+    trajectory: Trajectory,
+    plant: Plant,
+    commands: np.ndarray,
+    sensors: SensorSuite,
+    rng: np.random.Generator,
+    *,
+    belief: Plant | None = None,
+    hold: str = "zoh",
+    name: str = "run",
+) -> Log:
+    """Measure a simulated run with sensors and make its log.
+
+    Parameters
+    ----------
+    trajectory
+        From `simulate` or `simulate_commands`; its step must be the sensors' period.
+    plant
+        What ran.
+    commands : array (T - 1, 3) or (T - 1, 2)
+        Row i holds from ``trajectory.t[i]``: steering [rad], drive and brake torque [N m]; for the
+        paper's model steering and body force [N]. One more row (at the last instant) is left out.
+    sensors, rng
+        The sensors, and where their errors are drawn from.
+    belief
+        What the YAML says, where that is less than the truth: another n, say. Default: ``plant``.
+    hold
+        "zoh", or "linear" for inputs that were functions of time.
+
+    Raises
+    ------
+    InvalidParameter
+        If the steps, the counts or the sensors do not fit.
+    """
+    steps = len(trajectory.t) - 1
+    commands = np.asarray(commands, dtype=np.float64)
+    if commands.ndim != 2 or commands.shape[1] not in (2, 3) or commands.shape[0] not in (steps, steps + 1):
+        raise InvalidParameter(f"commands must have {steps} rows of 2 or 3, got shape {commands.shape}")
+    period = float(trajectory.t[1] - trajectory.t[0]) if steps else 0.0
+    if not math.isclose(period, sensors.period, rel_tol=1e-9):
+        raise InvalidParameter(
+            f"the run has a step of {period:g} s and the sensors a period of {sensors.period:g} s: make them one"
+        )
+    # Settled, not the state: how deep the vehicle stands would give the true soil away.
+    first = trajectory.states[0]
+    x, y, yaw, v_x = (float(first[i]) for i in (at.X, at.Y, at.YAW, at.V_X))
+    start = StartSpec(x=x, y=y, yaw=yaw, v_x=v_x)
+    recorder = Recorder(
+        config_of(plant if belief is None else belief, sensors, start, hold=hold), period=period
+    )
+    sensors.reset(rng)
+    for i, (state, readings) in enumerate(zip(trajectory.states, trajectory.readings, strict=True)):
+        sample = np.concatenate(sensors.sample(state, readings)[:3])
+        if i == 0:
+            recorder.start(sample, truth_of(state, readings))
+        else:
+            recorder.hold(tuple(commands[i - 1]), sample[None, :], truth_of(state, readings))
+    return recorder.log(name)
