@@ -44,7 +44,7 @@ def record_video(frames: Iterable[np.ndarray], path: str | os.PathLike[str], fps
         File to write; its folder must exist.
     fps
         Pictures a second [1/s]. GIF counts in hundredths of a second and knows at most 50; its pictures
-        are shrunk to a width of 800 pixels.
+        are shrunk to a width of 800 pixels, and equal neighbours become one that stays longer.
 
     Returns
     -------
@@ -174,9 +174,12 @@ def _write_mp4(frames: Iterator[np.ndarray], path: Path, fps: float) -> None:
         raise InvalidParameter(f"MP4 needs pictures of at least 2 x 2 pixels, got {frame.shape}")
     # macro_block_size=1: no rescaling to multiples of 16; H.264 itself asks for an even size only.
     options = {"codec": "libx264", "quality": 7, "macro_block_size": 1}
-    with get_writer(path, format="FFMPEG", mode="I", fps=fps, **options) as writer:
+    writer = get_writer(path, format="FFMPEG", mode="I", fps=fps, **options)
+    try:
         for picture in chain((frame,), frames):
             writer.append_data(picture[:height, :width])
+    finally:  # ``with`` would leave ffmpeg running after an error, to make the file anew
+        writer.close()
 
 
 #: Column of an episode -> how it is read from the environment's info.

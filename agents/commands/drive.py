@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["Drive"]
 
 _CONTROL_RATE = 50  # steps a second
-_FPS = {".gif": 10, ".mp4": 25}  # pictures a second: real time, and a GIF stays small
+_FPS = {".gif": 5, ".mp4": 25}  # pictures a second: real time, and a GIF stays small
 
 
 @dataclass(kw_only=True)

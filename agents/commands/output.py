@@ -46,7 +46,14 @@ def table(title: str, heading: Sequence[str], rows: Iterable[Sequence[str]], *, 
     from rich.markup import escape
     from rich.table import Table
 
-    result = Table(title=escape(title), title_justify="left", title_style="bold", box=None, pad_edge=False)
+    result = Table(
+        title=escape(title),
+        title_justify="left",
+        title_style="bold",
+        box=None,
+        pad_edge=False,
+        show_header=any(heading),
+    )
     for index, name in enumerate(heading):
         result.add_column(escape(name), justify="left" if index < texts else "right")
     for row in rows:

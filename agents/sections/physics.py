@@ -76,8 +76,8 @@ def forward_section(run: Run) -> Section:
         ),
         tables=(Table(heading=("", "here", "paper"), rows=rows),),
         notes=(
-            "The paper prints neither its vehicle nor speed and slip, on which the difference depends; what was "
-            "chosen instead stands, with reasons, in offroad_env/vehicles.py and estimators/paper.py.",
+            "The paper prints neither its vehicle nor speed and slip, on which the difference depends; what "
+            "was chosen instead stands, with reasons, in offroad_env/vehicles.py and estimators/paper.py.",
         ),
         key=(
             (

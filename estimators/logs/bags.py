@@ -151,7 +151,9 @@ def _messages(path: Path, topics: Topics) -> dict[str, tuple[list[int], dict[str
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise DataError(BAG_EXTRA) from None
-    wanted = {source.topic: [s for s in topics.sources if s.topic == source.topic] for source in topics.sources}
+    wanted = {
+        source.topic: [s for s in topics.sources if s.topic == source.topic] for source in topics.sources
+    }
     found: dict[str, tuple[list[int], dict[str, list[float]]]] = {
         topic: ([], {source.column: [] for source in sources}) for topic, sources in wanted.items()
     }
@@ -178,7 +180,9 @@ def _check_topics(reader: Any, wanted: Iterable[str], path: Path, section: Secti
     for topic in wanted:
         if topic not in reader.topics:
             near = nearest(topic, reader.topics)
-            names = f"did you mean {near}?" if near else f"it has {', '.join(sorted(reader.topics)) or 'none'}"
+            names = (
+                f"did you mean {near}?" if near else f"it has {', '.join(sorted(reader.topics)) or 'none'}"
+            )
             raise section.error(f"{path} has no topic {topic} - {names}")
 
 

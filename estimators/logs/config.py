@@ -411,7 +411,7 @@ def _assumed(given: Mapping[str, float]) -> dict[str, float]:
         "drag_area": 0.0,
         "rolling_resistance": 0.0,
         "steer_max": 1.5,
-        "steer_rate": 20.0,
+        "steer_rate": 19.0,
         "steer_lag": 0.0,
         "torque_lag": 0.0,
         "drive_torque_max": min(5.0 * GRAVITY * m * r, 1e6),
@@ -572,4 +572,3 @@ def _start_mapping(start: StartSpec) -> dict[str, Any]:
     if start.state:
         return {**pose, "state": dict(start.state)}
     return {"settled": True, **pose, "v_x": start.v_x}
-

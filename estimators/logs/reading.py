@@ -199,13 +199,13 @@ def _check_names(table: Table, known: dict[str, Column], rig: bool) -> None:
         raise table.error(f"needs one of the columns {', '.join(group)} ({title}), has none")
     if strangers:
         near = nearest(strangers[0], known)
-        hint = f"did you mean {near!r}?" if near else f"name it {REFERENCE}{strangers[0]} to keep it for looking"
+        hint = (
+            f"did you mean {near!r}?" if near else f"name it {REFERENCE}{strangers[0]} to keep it for looking"
+        )
         raise table.error(f"a log has no such column - {hint}", column=strangers[0])
 
 
-def _factors(
-    table: Table, known: dict[str, Column], config: LogConfig, top: Section
-) -> dict[str, float]:
+def _factors(table: Table, known: dict[str, Column], config: LogConfig, top: Section) -> dict[str, float]:
     """What each column named under ``units`` is multiplied by; SI columns stay bit for bit."""
     factors = {}
     for column, unit in config.units:

@@ -15,7 +15,7 @@ import numpy as np
 
 from offroad_env.errors import DataError
 
-__all__ = ["PARQUET_EXTRA", "Table", "csv_text", "parse_csv", "parse_parquet", "parquet_bytes", "read_bytes"]
+__all__ = ["PARQUET_EXTRA", "Table", "csv_text", "parquet_bytes", "parse_csv", "parse_parquet", "read_bytes"]
 
 PARQUET_EXTRA = 'reading and writing Parquet needs pyarrow: pip install "offroad-bekker[data]"'
 

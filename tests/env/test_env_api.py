@@ -137,7 +137,11 @@ def test_observations_are_in_their_space_and_as_documented(model, vehicle_model,
 
 
 def test_the_space_without_terrain_information_has_no_place_for_it():
-    assert set(make(terrain_info="none", estimator="parameter").observation_space) == {"imu", "motion", "path"}
+    assert set(make(terrain_info="none", estimator="parameter").observation_space) == {
+        "imu",
+        "motion",
+        "path",
+    }
 
 
 def test_spaces_of_two_environments_with_one_specification_are_equal():
@@ -395,7 +399,9 @@ def test_info_has_the_same_keys_and_types_at_reset_and_at_every_step(model, vehi
         assert all(array.dtype == np.float64 for array in arrays(entries))
         assert entries["reward_terms"].keys() == REWARD_TERMS
         assert {type(value) for value in entries["reward_terms"].values()} == {float}
-        assert all(np.isfinite(value).all() for value in entries.values() if not isinstance(value, (str, dict)))
+        assert all(
+            np.isfinite(value).all() for value in entries.values() if not isinstance(value, (str, dict))
+        )
 
 
 def test_time_in_info_is_the_time_of_the_simulation():
@@ -417,7 +423,9 @@ def test_the_reward_is_the_sum_of_its_named_terms_to_the_end(scenario):
         # One rounding per term.
         assert reward == pytest.approx(sum(info["reward_terms"].values()), abs=1e-14)
         weight = env.unwrapped.weights.progress
-        assert info["reward_terms"]["progress"] == pytest.approx(weight * (info["progress"] - progress), abs=1e-12)
+        assert info["reward_terms"]["progress"] == pytest.approx(
+            weight * (info["progress"] - progress), abs=1e-12
+        )
         progress = info["progress"]
     assert info["reward_terms"]["failure"] == -env.unwrapped.weights.failure
 

@@ -143,7 +143,8 @@ def coast(n, **kwargs):
 def test_the_drawn_exponent_reaches_the_physics(scenario, vehicle_model):
     """A larger n is a softer soil below 1 m of sinkage: deeper ruts, shorter coasting."""
     distances, sinkages = zip(
-        *(coast(n, scenario=scenario, vehicle_model=vehicle_model) for n in (0.3, 0.5, 0.7, 0.9, 1.1)), strict=True
+        *(coast(n, scenario=scenario, vehicle_model=vehicle_model) for n in (0.3, 0.5, 0.7, 0.9, 1.1)),
+        strict=True,
     )
     assert all(np.diff(distances) < 0.0)
     assert all(np.diff(sinkages) > 0.0)

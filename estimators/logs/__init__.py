@@ -1,0 +1,53 @@
+"""Measured and simulated logs: one format, read strictly, written whole, checked before use.
+
+A log is a CSV or Parquet file with a YAML of the same name, or a ROS bag with such a YAML.
+`read_log` refuses what cannot be right in one sentence; `quality` reports what can be read and is
+still doubtful; `plant_of`, `start_of` and `commands_at` are what a simulation needs; `Recorder` and
+`log_from_run` make logs of simulated runs in the same format.
+"""
+
+from __future__ import annotations
+
+from estimators.logs.config import GnssSpec, ImuSpec, LogConfig, StartSpec, TerrainSpec
+from estimators.logs.f1tenth import f1tenth_log
+from estimators.logs.log import Log
+from estimators.logs.quality import ChannelQuality, QualityReport, quality
+from estimators.logs.reading import read_log, read_logs
+from estimators.logs.runs import (
+    Recorder,
+    commands_at,
+    config_of,
+    held,
+    log_from_run,
+    plant_of,
+    start_of,
+    truth_of,
+)
+from estimators.logs.units import Check, Finding
+from estimators.logs.writing import write_log
+
+__all__ = [
+    "ChannelQuality",
+    "Check",
+    "Finding",
+    "GnssSpec",
+    "ImuSpec",
+    "Log",
+    "LogConfig",
+    "QualityReport",
+    "Recorder",
+    "StartSpec",
+    "TerrainSpec",
+    "commands_at",
+    "config_of",
+    "f1tenth_log",
+    "held",
+    "log_from_run",
+    "plant_of",
+    "quality",
+    "read_log",
+    "read_logs",
+    "start_of",
+    "truth_of",
+    "write_log",
+]

@@ -1,0 +1,411 @@
+"""The first answer to any log: how good the data are, before any model is blamed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from estimators.logs.log import Log
+from estimators.logs.schema import IMU, RIG_COLUMNS, VEHICLE_COLUMNS
+from estimators.logs.signals import (
+    ChannelTiming,
+    longest_run,
+    noise_sd,
+    offset,
+    resolution,
+    timing,
+    unwrapped,
+)
+from estimators.logs.units import Check, Finding, suspicions
+
+__all__ = ["ChannelQuality", "QualityReport", "quality"]
+
+_GYROS = ("roll_rate", "pitch_rate", "yaw_rate")
+_ACCELEROMETERS = ("a_x", "a_y", "a_z")
+_SENSED = (*_ACCELEROMETERS, *_GYROS, "omega_f", "omega_r")  #: channels that end somewhere and never rest
+
+#: Columns of the printed table: heading, and how a channel fills it.
+_TABLE: tuple[tuple[str, Callable[[ChannelQuality], str]], ...] = (
+    ("channel", lambda c: c.name),
+    ("unit", lambda c: c.unit),
+    ("samples", lambda c: f"{c.samples}"),
+    ("rate [Hz]", lambda c: _shown(c.rate)),
+    ("jitter [ms]", lambda c: _shown(1e3 * c.jitter)),
+    ("gaps", lambda c: f"{c.gaps}" + (f" (to {c.longest_gap:.2g} s)" if c.gaps else "")),
+    ("low", lambda c: _shown(c.low)),
+    ("high", lambda c: _shown(c.high)),
+    ("noise sd", lambda c: _shown(c.noise)),
+    ("signal/noise", lambda c: _shown(c.excitation)),
+    ("remarks", lambda c: ", ".join(c.remarks)),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelQuality:
+    """One row of the table. A wheel-rig log has no times: rate and what follows from it are NaN."""
+
+    name: str
+    unit: str
+    samples: int
+    rate: float  #: samples per second, from the median step [Hz]
+    jitter: float  #: standard deviation of the steps, gaps apart [s]
+    gaps: int  #: steps longer than five times the median
+    longest_gap: float  #: [s]
+    low: float
+    high: float
+    noise: float  #: standard deviation of what is white, from second differences
+    resolution: float  #: step of the numbers; NaN if there is none
+    excitation: float  #: standard deviation over ``noise``
+    saturated: float  #: share of the samples that stand at the end of the range
+    stuck: float  #: longest time at one value [s]
+    remarks: tuple[str, ...]  #: one word for each finding
+
+
+@dataclass(frozen=True, kw_only=True)
+class QualityReport:
+    """What the data of one log are worth."""
+
+    name: str
+    rows: int
+    duration: float  #: [s]
+    channels: tuple[ChannelQuality, ...]
+    findings: tuple[Finding, ...]  #: worst first
+    checks: tuple[Check, ...]  #: the laws by which units were weighed
+
+    @property
+    def problems(self) -> tuple[Finding, ...]:
+        """Findings after which no model should be blamed."""
+        return tuple(finding for finding in self.findings if finding.severity == "problem")
+
+    @property
+    def suspected_units(self) -> dict[str, str]:
+        """Channel -> the unit that it seems to be in."""
+        return {f.channel: f.suspected_unit for f in self.findings if f.suspected_unit is not None}
+
+    def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        """(headings, rows) as text, for a terminal or a page."""
+        return tuple(h for h, _ in _TABLE), [tuple(fill(c) for _, fill in _TABLE) for c in self.channels]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as JSON takes it: NaN becomes null."""
+        return _plain(
+            {
+                "name": self.name,
+                "rows": self.rows,
+                "duration": self.duration,
+                "channels": [asdict(channel) for channel in self.channels],
+                "findings": [asdict(finding) for finding in self.findings],
+                "checks": [check._asdict() for check in self.checks],
+                "suspected_units": self.suspected_units,
+            }
+        )
+
+    def __str__(self) -> str:
+        head, rows = self.table()
+        widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+        lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in (head, *rows)]
+        return "\n".join([*lines, *(f"{f.severity}: {f.sentence}" for f in self.findings)])
+
+
+def _shown(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.3g}"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return value
+
+
+def quality(log: Log) -> QualityReport:
+    """Rates, gaps, noise, saturation, stuck channels, units, clocks and excitation of a log.
+
+    Returns
+    -------
+    QualityReport
+        ``str()`` of it is a table with one sentence a finding; ``to_dict`` is for JSON.
+    """
+    findings: list[Finding] = []
+    checks: list[Check] = []
+    if log.rig:
+        findings += _rig_findings(log)
+    else:
+        findings, checks = suspicions(log)
+        findings += _clock_findings(log, {f.channel for f in findings if f.kind in ("axes", "sign")})
+        findings += _excitation_findings(log)
+    measured = {name: _measure(log, name, findings) for name in log.channels}
+    order = ("problem", "warning", "note")
+    findings.sort(key=lambda finding: order.index(finding.severity))
+    channels = tuple(
+        ChannelQuality(**values, remarks=_remarks(name, findings)) for name, values in measured.items()
+    )
+    return QualityReport(
+        name=log.name,
+        rows=len(log),
+        duration=log.duration,
+        channels=channels,
+        findings=tuple(findings),
+        checks=tuple(checks),
+    )
+
+
+def _remarks(name: str, findings: list[Finding]) -> tuple[str, ...]:
+    words = []
+    for finding in findings:
+        if finding.channel == name and finding.severity != "note":
+            words.append(f"{finding.suspected_unit}?" if finding.kind == "unit" else finding.kind)
+    return tuple(dict.fromkeys(words))
+
+
+# ------------------------------------------------------------------ channel by channel
+
+
+def _measure(log: Log, name: str, findings: list[Finding]) -> dict[str, Any]:
+    """All numbers of one row; appends what they show to ``findings``."""
+    column = (RIG_COLUMNS if log.rig else VEHICLE_COLUMNS)[name]
+    values = log.channels[name][~np.isnan(log.channels[name])]
+    t = np.arange(len(values), dtype=float) if log.rig else log.samples(name)[0]
+    when = ChannelTiming(math.nan, math.nan, 0, 0.0, 0.0) if log.rig else timing(t)
+    angle = column.dimension == "angle"
+    noise = math.nan if log.rig else noise_sd(unwrapped(values) if angle else values)
+    saturated = 0.0 if log.rig else _saturated(name, values)
+    stuck = 0.0 if log.rig else _stuck(name, t, values)
+    if not log.rig:
+        findings += _timing_findings(name, when)
+        findings += _end_findings(name, values, saturated, stuck)
+        findings += _noise_findings(log, name, noise)
+    spread = float(np.std(values))
+    return {
+        "name": name,
+        "unit": column.unit,
+        "samples": len(values),
+        "rate": when.rate,
+        "jitter": when.jitter,
+        "gaps": when.gaps,
+        "longest_gap": when.longest_gap,
+        "low": float(values.min()),
+        "high": float(values.max()),
+        "noise": noise,
+        "resolution": resolution(values),
+        "excitation": spread / noise if noise > 0.0 else math.nan,
+        "saturated": saturated,
+        "stuck": stuck,
+    }
+
+
+def _timing_findings(name: str, when: ChannelTiming) -> list[Finding]:
+    if when.longest_gap < 0.5:
+        return []
+    return [
+        Finding(
+            kind="gap",
+            channel=name,
+            severity="warning",
+            sentence=(
+                f"{name} is silent for {when.longest_gap:.3g} s from t = {when.gap_at:.3f} s "
+                f"({when.gaps} gaps in all)"
+            ),
+            numbers={"gaps": float(when.gaps), "longest": when.longest_gap, "at": when.gap_at},
+        )
+    ]
+
+
+def _saturated(name: str, values: np.ndarray) -> float:
+    """Share of the samples at the largest or smallest value, if they are more than chance puts there."""
+    if name not in _SENSED or len(np.unique(values)) < 20:
+        return 0.0
+    share = 0.0
+    for end in (values.min(), values.max()):
+        at_end = values == end
+        far = abs(end - np.median(values)) > 2.0 * np.std(values)
+        if far and at_end.sum() >= max(5, 0.001 * len(values)):
+            share += float(at_end.mean())
+    return share
+
+
+def _stuck(name: str, t: np.ndarray, values: np.ndarray) -> float:
+    """Longest time at one value [s]; a wheel may stand at zero."""
+    start, length = longest_run(values)
+    if length < 2 or (name.startswith("omega") and values[start] == 0.0):
+        return 0.0
+    return float(t[start + length - 1] - t[start])
+
+
+def _end_findings(name: str, values: np.ndarray, saturated: float, stuck: float) -> list[Finding]:
+    found = []
+    if saturated > 0.0:
+        found.append(
+            Finding(
+                kind="saturation",
+                channel=name,
+                severity="warning",
+                sentence=f"{name} stands at the end of its range ({values.min():g} ... {values.max():g}) in "
+                f"{100.0 * saturated:.2g} % of its samples: the sensor saturates",
+                numbers={"share": saturated},
+            )
+        )
+    if name in _SENSED and stuck >= 1.0 and longest_run(values)[1] >= 10:
+        value = values[longest_run(values)[0]]
+        found.append(
+            Finding(
+                kind="stuck",
+                channel=name,
+                severity="problem" if np.ptp(values) == 0.0 else "warning",
+                sentence=f"{name} stays at exactly {value:g} for {stuck:.3g} s: a sensor has noise, this is stuck",
+                numbers={"time": stuck},
+            )
+        )
+    return found
+
+
+def _noise_findings(log: Log, name: str, noise: float) -> list[Finding]:
+    """Whether the YAML's noise is of the order of the noise in the channel."""
+    if name not in (*IMU, "roll_rate") or not noise > 0.0:
+        return []
+    stated = log.config.imu.sd_a if name in _ACCELEROMETERS else log.config.imu.sd_rate
+    ratio = noise / stated
+    if 1.0 / 3.0 <= ratio <= 3.0:
+        return []
+    return [
+        Finding(
+            kind="noise",
+            channel=name,
+            severity="note",
+            sentence=f"{name} has a noise of {noise:.3g}, {ratio:.2g} times the {stated:g} that the YAML states",
+            numbers={"measured": noise, "stated": stated},
+        )
+    ]
+
+
+# ------------------------------------------------------------------ clocks
+
+
+def _clock_findings(log: Log, untrusted: set[str]) -> list[Finding]:
+    """Channels that show the same motion at different times."""
+    findings = []
+    for first, second, pair in _clock_pairs(log, untrusted):
+        found = offset(*pair)
+        if found is None or abs(found.delay) < max(0.015, 3.0 * found.error):
+            continue
+        late = f"{abs(found.delay):.3f} s {'after' if found.delay > 0.0 else 'before'}"
+        response = first == "steer"
+        cause = (
+            "dead time and lag of steering and vehicle, or two clocks"
+            if response
+            else "two clocks, or a filter that delays"
+        )
+        findings.append(
+            Finding(
+                kind="clock",
+                channel=second,
+                severity="note" if response else "warning",
+                sentence=f"{second} comes {late} {first} (standard error {found.error:.3f} s): {cause}",
+                numbers={"delay": found.delay, "error": found.error, "correlation": found.correlation},
+            )
+        )
+    return findings
+
+
+_Series = tuple[np.ndarray, np.ndarray]
+
+
+def _clock_pairs(log: Log, untrusted: set[str]) -> list[tuple[str, str, tuple[_Series, _Series]]]:
+    """(first, second, series): two channels with the same motion, each as times and values."""
+    pairs = []
+    rate = log.samples("yaw_rate")
+    if "yaw" in log.channels:
+        t, yaw = log.samples("yaw")
+        middle = 0.5 * (t[1:] + t[:-1])
+        turn = np.diff(unwrapped(yaw)) / np.diff(t)
+        pairs.append(("yaw_rate", "yaw", (rate, (middle, turn))))
+    wheel = next((name for name in ("omega_r", "omega_f") if name in log.channels), None)
+    if wheel is None:
+        return pairs
+    vehicle = log.config.vehicle
+    t, omega = log.samples(wheel)
+    if len(t) < 4:
+        return pairs
+    if "a_x" not in untrusted:
+        middle = 0.5 * (t[1:] + t[:-1])
+        pairs.append((wheel, "a_x", ((middle, np.diff(omega) * vehicle.r / np.diff(t)), log.samples("a_x"))))
+    steer_t, steer = log.samples("steer")
+    steered = np.interp(steer_t, t, omega) * vehicle.r * np.tan(steer)
+    if np.ptp(steered) > 0.0 and len(steer_t) >= 4:
+        pairs.append(("steer", "yaw_rate", ((steer_t, steered), rate)))
+    return pairs
+
+
+# ------------------------------------------------------------------ excitation
+
+
+def _excitation_findings(log: Log) -> list[Finding]:
+    """What the run does not exercise, and so cannot tell about."""
+    findings = []
+    steer = log.samples("steer")[1]
+    if np.ptp(steer) < 0.02 and np.max(np.abs(steer)) < 0.02:
+        findings.append(
+            _dull("steer", "never moves: nothing lateral can be learned from this run", np.ptp(steer))
+        )
+    for name in ("omega_r", "omega_f", "v_x", "speed"):
+        if name not in log.channels:
+            continue
+        values = log.samples(name)[1]
+        low, high = np.quantile(values, [0.05, 0.95])
+        if high - low < 0.1 * max(abs(low), abs(high), 1e-9):
+            findings.append(
+                _dull(name, "varies by less than 10 %: nothing that grows with speed shows", high - low)
+            )
+        break
+    return findings
+
+
+def _dull(channel: str, sentence: str, spread: float) -> Finding:
+    return Finding(
+        kind="excitation",
+        channel=channel,
+        severity="note",
+        sentence=f"{channel} {sentence}",
+        numbers={"spread": float(spread)},
+    )
+
+
+# ------------------------------------------------------------------ wheel rigs
+
+
+def _rig_findings(log: Log) -> list[Finding]:
+    findings = []
+    r = log.config.wheel.r
+    sinkage = log.channels.get("sinkage")
+    if sinkage is not None and float(np.nanmax(sinkage)) > r:
+        deepest = float(np.nanmax(sinkage))
+        row = int(np.nanargmax(sinkage)) + 1
+        unit = next((u for u, f in (("cm", 1e-2), ("mm", 1e-3)) if deepest * f <= r), "mm")
+        findings.append(
+            Finding(
+                kind="unit",
+                channel="sinkage",
+                severity="problem",
+                sentence=f"sinkage reaches {deepest:g} m in trial {row}, more than the wheel's radius {r:g} m: "
+                f"sinkage is in {unit}",
+                suspected_unit=unit,
+                numbers={"deepest": deepest},
+            )
+        )
+    slip = log.channels["slip"]
+    if np.nanmax(slip) - np.nanmin(slip) < 0.1:
+        findings.append(
+            _dull(
+                "slip",
+                "spans less than 0.1: nothing that grows with slip shows",
+                np.nanmax(slip) - np.nanmin(slip),
+            )
+        )
+    return findings

@@ -1,0 +1,263 @@
+"""Channels over common windows of time: what irregular, multi-rate channels are compared by.
+
+Nothing here is handed to a filter: interpolation serves the quality checks only.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.logs.log import Log
+
+__all__ = [
+    "ChannelTiming",
+    "Likeness",
+    "Offset",
+    "Windows",
+    "likeness",
+    "longest_run",
+    "noise_sd",
+    "offset",
+    "resolution",
+    "timing",
+    "unwrapped",
+]
+
+_LONGEST_GAP = 0.25  # a window with a longer silence than this (or 3 steps) is left out [s]
+
+
+class ChannelTiming(NamedTuple):
+    """When a channel has samples."""
+
+    rate: float  #: samples per second, from the median step [Hz]
+    jitter: float  #: standard deviation of the steps without gaps [s]
+    gaps: int  #: steps longer than five times the median
+    longest_gap: float  #: [s]
+    gap_at: float  #: where the longest gap begins [s]
+
+
+def timing(t: np.ndarray) -> ChannelTiming:
+    """Rate, jitter and gaps of the stamps ``t`` [s]."""
+    if len(t) < 2:
+        return ChannelTiming(0.0, 0.0, 0, 0.0, float(t[0]) if len(t) else 0.0)
+    step = np.diff(t)
+    typical = float(np.median(step))
+    long = step > 5.0 * typical
+    worst = int(np.argmax(step))
+    return ChannelTiming(
+        rate=1.0 / typical,
+        jitter=float(np.std(step[~long])),
+        gaps=int(long.sum()),
+        longest_gap=float(step[worst]) if long.any() else 0.0,
+        gap_at=float(t[worst]),
+    )
+
+
+def noise_sd(values: np.ndarray) -> float:
+    """Standard deviation of white noise on a smooth signal, from second differences; robust to spikes.
+
+    For white noise of variance s^2 the second difference has 6 s^2.
+    """
+    if len(values) < 8:
+        return math.nan
+    second = np.diff(values, 2)
+    return float(1.4826 * np.median(np.abs(second - np.median(second))) / math.sqrt(6.0))
+
+
+def resolution(values: np.ndarray) -> float:
+    """Step of the numbers (quantisation), or NaN where they have none.
+
+    Starts at the smallest difference and sharpens it on ever larger multiples, since files round.
+    """
+    distinct = np.unique(np.abs(values))
+    if len(distinct) < 8 or distinct[-1] == 0.0:
+        return math.nan
+    steps = np.diff(distinct)
+    q = float(np.median(steps[steps < 1.5 * steps.min()]))
+    reach = 8.0 * q
+    while reach < 2.0 * distinct[-1]:
+        near = distinct[(distinct <= reach) & (distinct > 0.5 * q)]
+        multiple = np.round(near / q)
+        if len(near):
+            q = float(near @ multiple / (multiple @ multiple))
+        reach *= 2.0
+    off = np.abs(distinct / q - np.round(distinct / q))
+    coarse = distinct[-1] / q < 1e5  # beyond, every double is near a multiple
+    return q if coarse and float(np.mean(off < 0.1)) > 0.98 else math.nan
+
+
+def longest_run(values: np.ndarray) -> tuple[int, int]:
+    """(start, length) of the longest run of equal values."""
+    change = np.flatnonzero(np.diff(values) != 0.0) + 1
+    edges = np.concatenate([[0], change, [len(values)]])
+    lengths = np.diff(edges)
+    longest = int(np.argmax(lengths))
+    return int(edges[longest]), int(lengths[longest])
+
+
+def unwrapped(angle: np.ndarray) -> np.ndarray:
+    """The angle without jumps of a full turn, whether the turn is 2 pi or, by mistake, 360."""
+    spread = float(np.ptp(angle)) if len(angle) else 0.0
+    if spread <= 2.1 * math.pi:
+        return np.unwrap(angle)
+    return np.unwrap(angle, period=360.0) if 300.0 < spread <= 361.0 else angle
+
+
+class Windows:
+    """Windows of one length over a log, half overlapping."""
+
+    def __init__(self, log: Log, length: float = 1.0) -> None:
+        self.log, self.length = log, length
+        t = log.t
+        self.starts = np.arange(t[0], t[-1] - length, 0.5 * length)
+
+    def _series(self, name: str) -> tuple[np.ndarray, np.ndarray] | None:
+        if name not in self.log.channels:
+            return None
+        t, values = self.log.samples(name)
+        return (t, values) if len(t) >= 4 else None
+
+    def _blank_gaps(self, t: np.ndarray, result: np.ndarray) -> np.ndarray:
+        """NaN for windows that touch a gap, or where the channel has not begun or has ended."""
+        step = np.diff(t)
+        limit = max(_LONGEST_GAP, 3.0 * float(np.median(step)))
+        result = result.copy()
+        ends = self.starts + self.length
+        result[(self.starts < t[0] - limit) | (ends > t[-1] + limit)] = math.nan
+        for i in np.flatnonzero(step > limit):
+            result[(self.starts < t[i + 1]) & (ends > t[i])] = math.nan
+        return result
+
+    def mean(self, name: str) -> np.ndarray | None:
+        """Mean of a channel over each window (trapezium rule), NaN where it has a gap."""
+        series = self._series(name)
+        if series is None:
+            return None
+        t, values = series
+        total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))])
+        begin, end = (np.interp(at, t, total) for at in (self.starts, self.starts + self.length))
+        return self._blank_gaps(t, (end - begin) / self.length)
+
+    def slope(self, name: str, *, angle: bool = False) -> np.ndarray | None:
+        """Change of a channel over each window divided by its length."""
+        series = self._series(name)
+        if series is None:
+            return None
+        t, values = series
+        values = unwrapped(values) if angle else values
+        begin, end = (np.interp(at, t, values) for at in (self.starts, self.starts + self.length))
+        return self._blank_gaps(t, (end - begin) / self.length)
+
+    def displacement(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Mean velocity over ground (X, Y) in each window [m/s]."""
+        x, y = self.slope("x"), self.slope("y")
+        return None if x is None or y is None else (x, y)
+
+    def course_rate(self) -> np.ndarray | None:
+        """Turning rate of the direction of travel [rad/s]: from the window before to the one after."""
+        velocity = self.displacement()
+        if velocity is None:
+            return None
+        moved = np.hypot(*velocity) * self.length
+        gnss = self.log.config.gnss
+        # Ten standard deviations: the direction is then known to about 0.1 rad.
+        enough = moved > 10.0 * (gnss.sd_position if gnss else 0.05)
+        course = np.where(enough, np.arctan2(velocity[1], velocity[0]), math.nan)
+        # Windows overlap by half, so those two before and after share no sample with each other.
+        turn = np.full(len(course), math.nan)
+        change = course[2:] - course[:-2]
+        turn[1:-1] = np.arctan2(np.sin(change), np.cos(change)) / self.length
+        return turn
+
+
+class Likeness(NamedTuple):
+    """How one signal follows another."""
+
+    factor: float  #: first over second, with sign
+    correlation: float
+    windows: int  #: how many windows have both
+
+
+def likeness(first: np.ndarray, second: np.ndarray, *, centred: bool = False) -> Likeness | None:
+    """Compare two signals over the windows that have both; None with fewer than ten.
+
+    Without ``centred`` a constant turn counts as evidence, with it only what varies. The factor is
+    the ratio of root mean squares, which noise on either side shifts less than a regression.
+    """
+    both = np.isfinite(first) & np.isfinite(second)
+    if both.sum() < 10:
+        return None
+    a, b = first[both], second[both]
+    # The largest 2 % are left to spikes and to jumps of a filter.
+    kept = (np.abs(a) <= np.quantile(np.abs(a), 0.98)) & (np.abs(b) <= np.quantile(np.abs(b), 0.98))
+    a, b = a[kept], b[kept]
+    if centred:
+        a, b = a - a.mean(), b - b.mean()
+    power_a, power_b = float(a @ a), float(b @ b)
+    if min(power_a, power_b) <= 0.0:
+        return None
+    correlation = float(a @ b) / math.sqrt(power_a * power_b)
+    factor = math.copysign(math.sqrt(power_a / power_b), correlation)
+    return Likeness(factor, correlation, int(both.sum()))
+
+
+class Offset(NamedTuple):
+    """By how much the second signal comes after the first."""
+
+    delay: float  #: [s]
+    error: float  #: standard error over blocks of the log [s]
+    correlation: float
+
+
+_GRID, _REACH, _BLOCKS = 0.02, 0.6, 5
+
+
+def offset(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray]) -> Offset | None:
+    """Delay of ``second`` after ``first``, each (times, values), by cross-correlation in blocks.
+
+    None where fewer than three blocks of the log show a clear peak.
+    """
+    begin, end = max(first[0][0], second[0][0]), min(first[0][-1], second[0][-1])
+    if end - begin < _BLOCKS * 4.0:
+        return None
+    grid = np.arange(begin, end, _GRID)
+    a, b = (_smooth(np.interp(grid, *series)) for series in (first, second))
+    found = [_peak(x, y) for x, y in zip(np.array_split(a, _BLOCKS), np.array_split(b, _BLOCKS), strict=True)]
+    peaks = np.array([peak for peak in found if peak is not None])
+    if len(peaks) < 3:
+        return None
+    error = float(np.std(peaks[:, 0], ddof=1)) / math.sqrt(len(peaks))
+    return Offset(float(np.median(peaks[:, 0])), error, float(np.median(peaks[:, 1])))
+
+
+def _smooth(values: np.ndarray) -> np.ndarray:
+    """Two moving averages over 0.2 s: symmetric, so they delay nothing."""
+    kernel = np.ones(11) / 11.0
+    for _ in range(2):
+        values = np.convolve(np.pad(values, 5, mode="edge"), kernel, mode="valid")
+    return values
+
+
+def _peak(a: np.ndarray, b: np.ndarray) -> tuple[float, float] | None:
+    """(delay of b [s], correlation) at the highest correlation, between grid points by a parabola."""
+    reach = round(_REACH / _GRID)
+    core = a[reach:-reach] - a[reach:-reach].mean()
+    if len(core) < 4 * reach or not core.any():
+        return None
+    shifts = np.arange(-reach, reach + 1)
+    values = np.zeros(len(shifts))
+    for i, shift in enumerate(shifts):
+        other = b[reach + shift : len(b) - reach + shift]
+        other = other - other.mean()
+        power = float(core @ core) * float(other @ other)
+        values[i] = float(core @ other) / math.sqrt(power) if power > 0.0 else 0.0
+    best = int(np.argmax(values))
+    if values[best] < 0.8 or best in (0, len(shifts) - 1):
+        return None
+    left, middle, right = values[best - 1 : best + 2]
+    bend = left - 2.0 * middle + right
+    fine = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
+    return (float(shifts[best]) + fine) * _GRID, float(middle)
