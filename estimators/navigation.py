@@ -146,14 +146,11 @@ def _correct_gnss(x, P, gnss, noise):
 
 @kernel
 def _correct_wheels(x, P, rim_speeds, noise):
-    """Mean rim speed = v + creep. A jump beyond 3 sd is a wheel that spins up or locks: creep takes it."""
+    """Mean rim speed = v + creep."""
     row = np.zeros(SIZE)
     row[V] = row[CREEP] = 1.0
     rim = 0.5 * (rim_speeds[0] + rim_speeds[1])
-    residual = rim - x[V] - x[CREEP]
-    variance = noise[4] ** 2 + (0.01 * rim) ** 2
-    P[CREEP, CREEP] += max(residual**2 - 9.0 * (P[V, V] + P[CREEP, CREEP] + variance), 0.0)
-    _correct(x, P, row, residual, variance)
+    _correct(x, P, row, rim - x[V] - x[CREEP], noise[4] ** 2 + (0.01 * rim) ** 2)
 
 
 @kernel

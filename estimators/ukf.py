@@ -4,7 +4,7 @@
 
 filterpy 1.4.5 reuses the sigma points drawn before the process noise is added, so R_n never
 reaches the gain; on a linear problem, where this filter must equal the Kalman filter, it is off
-by 5 %. filterpy 2.0 draws them again after the prediction, hence ``filterpy>=2.0``.
+by 0.01 standard deviations and more. filterpy 2.0 draws them again, hence ``filterpy>=2.0``.
 """
 
 from __future__ import annotations

@@ -329,6 +329,11 @@ class OffroadBekkerEnv(gym.Env):
             self._navigation.arguments,
             (FULL_STEP, steps, CONTROL_PERIOD / _SAMPLES if steps else 0.0),
         )
+        if status >= NO_ROOT:
+            # What is reported of a diverged episode is its last sound state, never a NaN.
+            self.state[:], self.readings[:] = self._sound
+            return status
+        self._sound = self.state.copy(), self.readings.copy()
         if status < SUNK and self.estimator is not None:
             for sample in self._samples:
                 self._estimate = self.estimator.update(command, sample[IMU], sample[WHEEL], sample[GNSS])

@@ -168,6 +168,15 @@ def simulate(
     return Trajectory(t=half_steps[::2], states=states, readings=readings, status=status)
 
 
+def _checked_commands(commands: np.ndarray) -> np.ndarray:
+    rows = np.asarray(commands, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        raise InvalidParameter(f"commands must be (K, 3): steer, drive, brake, got shape {rows.shape}")
+    if not np.isfinite(rows).all():
+        raise InvalidParameter("commands must be finite, got NaN or infinity")
+    return rows
+
+
 def simulate_commands(
     plant: Plant,
     state: np.ndarray,
@@ -188,9 +197,20 @@ def simulate_commands(
     Returns
     -------
     Trajectory
-        K + 1 rows, one per command boundary; the readings are of the last step before each.
+        K + 1 rows, one per command boundary; the readings are those of the state in the same row, and
+        row 0 repeats row 1's.
+
+    Raises
+    ------
+    InvalidParameter
+        When ``commands`` are not rows of three finite numbers, or ``interval`` is no multiple of ``dt``.
+    SolverFailure
+        When a contact has no solution or the state is not finite, with the time it happened.
     """
+    commands = _checked_commands(commands)
     steps = round(interval / dt)
+    if steps < 1 or abs(steps * dt - interval) > 1e-9 * interval:
+        raise InvalidParameter(f"interval must be a multiple of dt = {dt:g} s, got {interval:g} s")
     x, warm = state.copy(), warm.copy()
     states, readings = (
         np.empty((len(commands) + 1, at.STATE_SIZE)),
@@ -198,7 +218,7 @@ def simulate_commands(
     )
     states[0] = x
     worst = 0.0
-    for i, row in enumerate(np.asarray(commands, dtype=np.float64)):
+    for i, row in enumerate(commands):
         command = (float(row[0]), float(row[1]), float(row[2]))
         status = full_advance(x, warm, command, plant, float(dt), steps, readings[i + 1])
         worst = max(worst, status)

@@ -119,7 +119,7 @@ def _vehicle() -> Vehicle:
         drag_area=0.0,
         rolling_resistance=0.0,
         steer_lag=0.0,
-        steer_rate=20.0,
+        steer_rate=19.0,
         torque_lag=0.0,
     )
 

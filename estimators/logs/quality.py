@@ -34,7 +34,7 @@ _TABLE: tuple[tuple[str, Callable[[ChannelQuality], str]], ...] = (
     ("unit", lambda c: c.unit),
     ("samples", lambda c: f"{c.samples}"),
     ("rate [Hz]", lambda c: _shown(c.rate)),
-    ("jitter [ms]", lambda c: _shown(1e3 * c.jitter)),
+    ("jitter [ms]", lambda c: _shown(round(1e3 * c.jitter, 6))),
     ("gaps", lambda c: f"{c.gaps}" + (f" (to {c.longest_gap:.2g} s)" if c.gaps else "")),
     ("low", lambda c: _shown(c.low)),
     ("high", lambda c: _shown(c.high)),
@@ -259,7 +259,7 @@ def _end_findings(name: str, values: np.ndarray, saturated: float, stuck: float)
                 kind="stuck",
                 channel=name,
                 severity="problem" if np.ptp(values) == 0.0 else "warning",
-                sentence=f"{name} stays at exactly {value:g} for {stuck:.3g} s: a sensor has noise, this is stuck",
+                sentence=f"{name} stays at exactly {value:g} for {stuck:.3g} s, without any noise: stuck",
                 numbers={"time": stuck},
             )
         )
@@ -279,7 +279,7 @@ def _noise_findings(log: Log, name: str, noise: float) -> list[Finding]:
             kind="noise",
             channel=name,
             severity="note",
-            sentence=f"{name} has a noise of {noise:.3g}, {ratio:.2g} times the {stated:g} that the YAML states",
+            sentence=f"{name} has a noise of {noise:.3g}, {ratio:.2g} times the {stated:g} in the YAML",
             numbers={"measured": noise, "stated": stated},
         )
     ]
@@ -393,7 +393,7 @@ def _rig_findings(log: Log) -> list[Finding]:
                 kind="unit",
                 channel="sinkage",
                 severity="problem",
-                sentence=f"sinkage reaches {deepest:g} m in trial {row}, more than the wheel's radius {r:g} m: "
+                sentence=f"sinkage reaches {deepest:g} m in trial {row}, beyond the wheel's radius {r:g} m: "
                 f"sinkage is in {unit}",
                 suspected_unit=unit,
                 numbers={"deepest": deepest},

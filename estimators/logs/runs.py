@@ -336,7 +336,7 @@ def log_from_run(
     period = float(trajectory.t[1] - trajectory.t[0]) if steps else 0.0
     if not math.isclose(period, sensors.period, rel_tol=1e-9):
         raise InvalidParameter(
-            f"the run has a step of {period:g} s and the sensors a period of {sensors.period:g} s: make them one"
+            f"the step of the run must be the sensors' period, {sensors.period:g} s, got {period:g} s"
         )
     # Settled, not the state: how deep the vehicle stands would give the true soil away.
     first = trajectory.states[0]

@@ -229,8 +229,8 @@ def _gyro_range(log: Log, judge: _Judge, yaw_unit: str | None) -> None:
                     channel=name,
                     severity="problem",
                     sentence=(
-                        f"{name} adds up to a swing of {swing:.1f} rad within 20 s, and no vehicle on its wheels "
-                        f"turns over: {name} is in {yaw_unit or 'deg/s'}"
+                        f"{name} adds up to a swing of {swing:.1f} rad within 20 s, and no vehicle on its "
+                        f"wheels turns over: {name} is in {yaw_unit or 'deg/s'}"
                     ),
                     suspected_unit=yaw_unit or "deg/s",
                     numbers={"swing": swing},
@@ -259,10 +259,13 @@ def _speed_laws(windows: Windows, judge: _Judge) -> None:
     path_speed = None if velocity is None else np.hypot(*velocity)
     for name in ("v_x", "speed"):
         mean = windows.mean(name)
-        candidates = tuple(
-            _Candidate(factor, name, unit)
-            for factor, unit in ((3.6, "km/h"), (2.237, "mph"), (1000.0, "mm/s"))
-        ) + (_Candidate(1e-3, "x", "mm"), _Candidate(1e-2, "x", "cm"))
+        candidates = (
+            _Candidate(3.6, name, "km/h"),
+            _Candidate(2.237, name, "mph"),
+            _Candidate(1000.0, name, "mm/s"),
+            _Candidate(1e-3, "x", "mm"),
+            _Candidate(1e-2, "x", "cm"),
+        )
         seen = None if mean is None else _compare(np.abs(mean), path_speed)
         judge.weigh(_Law(f"{name} against the path x, y", name, seen, candidates, math.log(1.25)))
     forward = next((m for m in map(windows.mean, ("v_x", "speed")) if m is not None), path_speed)

@@ -93,6 +93,14 @@ def test_without_steering_the_bicycle_stays_at_another_root_and_the_half_car_doe
     assert half_car.filter.n[-1] < 0.78  # beyond the turning point that separates the roots
 
 
+def test_on_rough_clay_the_estimate_leaves_the_first_guess_for_the_right_side(truths):
+    # Sigma points without a height of their own feel the forces at a sinkage that belongs to
+    # another n, where F_x falls with n instead of rising, and run to the upper bound.
+    run = run_row(ROWS[0], truth=truths[1])
+    assert run.filter.n.max() < 1.2
+    assert run.mse < 0.1
+
+
 def test_the_seed_is_the_noise(truths):
     short = row_truth(ROWS[6], duration=2.0)
     same, again, other = (run_row(ROWS[6], truth=short, seed=seed).filter.n for seed in (5, 5, 6))

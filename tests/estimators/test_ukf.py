@@ -33,7 +33,7 @@ def kalman_step(w, P, H, z):
 @pytest.mark.parametrize("alpha", [0.1, 1.0])
 def test_on_a_linear_problem_the_unscented_filter_is_the_kalman_filter(filter_class, alpha):
     # With filterpy 1.4.5, whose update uses sigma points from before the process noise, the
-    # reference is off by 5e-2 here.
+    # reference is off by 1e-2 here.
     rng = np.random.default_rng(0)
     w, P = rng.normal(size=3), np.diag([1.0, 2.0, 0.5])
     ukf = filter_class(w, P, R_N, R_E, alpha)
