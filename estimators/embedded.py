@@ -172,7 +172,11 @@ def _before(state, navigation, sensors, command, vehicle, setting, points):
 
 @kernel
 def _after(state, nav, imu, points, predicted, setting):
-    """Compare what the copies (3, 5) predicted with the sample that belongs to it, learn, pull."""
+    """Compare what the copies (3, 5) predicted with the sample that belongs to it, learn, pull.
+
+    That sample is the previous one, taken at the state before the step: so a step yields its
+    prediction without another force evaluation, and every sample is used one period late.
+    """
     belief, copies, _, last, memory, mean_innovation = state
     _, weights, R, gains, gates, dt = setting
     channels = np.empty((3, 3))
@@ -329,11 +333,7 @@ class EmbeddedParameterUKF:
         return self.estimate
 
     def _wake(self) -> None:
-        """Settle every copy on its own soil, rolling at the navigation filter's speed.
-
-        Samples are used one period late: the reading that belongs to a state before its step is
-        the previous one, and so a step yields the prediction without another force evaluation.
-        """
+        """Settle every copy on its own soil, rolling at the navigation filter's speed."""
         belief, copies, warms, last, memory, _ = self._state
         nav, scale = self.navigation.x, math.sqrt(self._setting[1][3] * belief[1])
         pose = (nav[X], nav[Y], nav[YAW])
@@ -342,6 +342,7 @@ class EmbeddedParameterUKF:
             own = plant_with_exponent(self.plant, n)
             status, x, warms[i] = settle(own, pose, nav[V], self._full)
             if status >= SUNK or not np.isfinite(x).all():
+                memory[SURPRISE] = math.inf
                 return
             x[at.V_Y], x[at.STEER :] = nav[V_SIDE], copies[i, at.STEER :]
             copies[i] = x
@@ -349,11 +350,11 @@ class EmbeddedParameterUKF:
         memory[AWAKE] = 1.0
 
     def _sleep(self) -> None:
-        """Some copy found no contact: hold, and start all of them again at the next sample."""
+        """Some copy found no contact: hold, not valid, and start all of them again at the next sample."""
         _, copies, _, _, memory, _ = self._state
         copies[:, : at.STEER] = 0.0
         copies[~np.isfinite(copies)] = 0.0
-        memory[AWAKE], memory[HELD] = 0.0, 1.0
+        memory[AWAKE], memory[HELD], memory[SURPRISE] = 0.0, 1.0, math.inf
 
     @property
     def estimate(self) -> Estimate:

@@ -16,7 +16,7 @@ from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.packing import unpack
 from offroad_env.physics.contact import SUNK
-from offroad_env.physics.full_model import full_step
+from offroad_env.physics.full_model import WORK_ROWS, full_step
 from offroad_env.physics.paper_model import paper_derivative, paper_step
 from offroad_env.physics.sensor_kernels import imu_reading
 from offroad_env.physics.vehicle_model import Plant, with_exponent
@@ -114,7 +114,7 @@ def step_full_copies(copies, warms, packed, exponents, command, dt, mount, predi
     The worst contact status.
     """
     plant = unpack(packed)
-    work, readings = np.empty((4, at.READINGS_SIZE)), np.empty(at.READINGS_SIZE)
+    work, readings = np.empty((WORK_ROWS, at.READINGS_SIZE)), np.empty(at.READINGS_SIZE)
     worst = 0.0
     for i in range(copies.shape[0]):
         x = copies[i]

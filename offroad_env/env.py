@@ -26,7 +26,15 @@ from offroad_env.physics.sensor_kernels import CHANNELS, GNSS, IMU, WHEEL
 from offroad_env.rewards import Outcome, RewardWeights, reward_terms
 from offroad_env.scenarios import Course, Scenario, find_scenario
 from offroad_env.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
-from offroad_env.simulator import FULL_STEP, MODELS, VEHICLE_MODELS, Plant, make_plant, settled_state
+from offroad_env.simulator import (
+    FULL_STEP,
+    MODELS,
+    PAPER_SLIP,
+    VEHICLE_MODELS,
+    Plant,
+    make_plant,
+    settled_state,
+)
 from offroad_env.soils import SOILS, make_soil
 from offroad_env.vehicles import VEHICLES
 
@@ -39,7 +47,6 @@ ESTIMATORS = ("parameter", "none")
 _SAMPLES = 2  # IMU samples per control period
 _STEPS = round(CONTROL_PERIOD / _SAMPLES / FULL_STEP)  # steps of the plant per IMU sample
 _PAPER_FORCE = 3.0  # body force at full drive, per unit of mass [m/s^2]: above the paper's largest, 2.4
-_PAPER_SLIP = {"clay": 0.03}  # constant slip of the paper's model where it is not zero
 _STUCK_TIME, _STUCK_SPEED, _STUCK_DRIVE = 4.0, 0.1, 0.3  # [s], [m/s], [-]
 _ROLLOVER_TIME = 0.2  # [s]
 
@@ -230,7 +237,7 @@ class OffroadBekkerEnv(gym.Env):
         self._path_length = self.course.path.length
         self.sensors.reset(self.np_random)
         self._sensor_errors = self.sensors.errors
-        slip = _PAPER_SLIP.get(self.soil_name, 0.0)
+        slip = PAPER_SLIP.get(self.soil_name, 0.0)
         kinds = {"model": self.model, "vehicle_model": self.vehicle_model, "slip": slip}
         truth = make_soil(self._believed_soil, n=n)
         self.plant = make_plant(self.vehicle, truth, self.course.ground, **kinds)

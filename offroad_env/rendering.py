@@ -784,6 +784,13 @@ class _Axes:
         """A curve."""
         self.canvas.stroke(self.points(time, values), colour, width)
 
+    def dashed(self, time: np.ndarray, values: np.ndarray, colour: Colour, width: float = 2.0) -> None:
+        """A curve in dashes that stand still while it grows, so that another shows beneath."""
+        dash = 7.0 * self.span / self.box[2]
+        for start in np.arange(0.0, time[-1], 2.0 * dash):
+            ends = np.minimum([start, start + dash], time[-1])
+            self.line(ends, np.interp(ends, time, values), colour, width)
+
     def level(self, value: float, colour: Colour) -> None:
         """A dashed horizontal line."""
         y = round(float(self.points(np.zeros(1), np.array([value]))[0, 1]))
@@ -838,7 +845,7 @@ class _Charts:
             else:
                 axes.band(time, mean - 2.0 * sd, mean + 2.0 * sd, _ESTIMATE_BAND)
                 axes.line(time, mean, _ESTIMATE)
-            axes.line(time, rows[:, _History.N], _INK)
+            axes.dashed(time, rows[:, _History.N], _INK)
         if estimate is None:
             words.append((f"no estimator: prior {low:g} \u2026 {high:g}", _MUTED))
         else:

@@ -23,6 +23,7 @@ from offroad_env.physics.vehicle_model import Plant
 
 __all__ = [
     "FULL_STEP",
+    "PAPER_SLIP",
     "Plant",
     "Trajectory",
     "make_plant",
@@ -34,6 +35,10 @@ __all__ = [
 
 #: Step of the full model [s]; what halving it changes is tested and stated in the tests.
 FULL_STEP = 0.005
+
+#: Constant slip of the paper's model by soil [-], the paper gives none; `estimators.paper` says how
+#: they were found.
+PAPER_SLIP = {"clay": 0.0275, "dry_sand": -0.0785}
 
 MODELS = ("full", "paper")
 VEHICLE_MODELS = ("half_car", "bicycle")
@@ -197,8 +202,7 @@ def simulate_commands(
     Returns
     -------
     Trajectory
-        K + 1 rows, one per command boundary; the readings are those of the state in the same row, and
-        row 0 repeats row 1's.
+        K + 1 rows, one per command boundary; the readings are those of the state in the same row.
 
     Raises
     ------
@@ -217,16 +221,15 @@ def simulate_commands(
         np.zeros((len(commands) + 1, at.READINGS_SIZE)),
     )
     states[0] = x
-    worst = 0.0
+    # No step: only the readings of the start, which depend on the actuators' state and not on the command.
+    worst = full_advance(x, warm, (0.0, 0.0, 0.0), plant, float(dt), 0, readings[0])
     for i, row in enumerate(commands):
         command = (float(row[0]), float(row[1]), float(row[2]))
         status = full_advance(x, warm, command, plant, float(dt), steps, readings[i + 1])
         worst = max(worst, status)
-        if status > SUNK:
+        if status >= SUNK:
             raise SolverFailure(
                 f"the simulation failed at t = {i * interval:.3f} s (contact status {status:g})"
             )
         states[i + 1] = x
-    if len(commands):
-        readings[0] = readings[1]
     return Trajectory(t=interval * np.arange(len(states)), states=states, readings=readings, status=worst)

@@ -148,20 +148,22 @@ def parse_yaml(text: str, file: str) -> tuple[dict[str, Any], dict[str, int]]:
     DataError
         For a syntax error, a key given twice, or anything but a mapping, with file and line.
     """
-    loader = _Loader(text)
+    loader = None
     try:
+        loader = _Loader(text)
         node = loader.get_single_node()
         lines: dict[str, int] = {}
         _note_lines(node, "", lines, file)
         data = None if node is None else loader.construct_document(node)
     except yaml.YAMLError as error:
-        raise DataError(_syntax(error, file)) from None
+        raise DataError(_syntax(error, text, file)) from None
     except (ValueError, TypeError, OverflowError) as error:
         raise DataError(f"{file}: a value cannot be read: {error}") from None
     except RecursionError:
         raise DataError(f"{file}: nested too deeply to be the description of a log") from None
     finally:
-        loader.dispose()
+        if loader is not None:
+            loader.dispose()
     if data is None:
         raise DataError(f"{file}: is empty; it must describe vehicle, soil, terrain, IMU and start")
     if not isinstance(data, dict):
@@ -169,9 +171,10 @@ def parse_yaml(text: str, file: str) -> tuple[dict[str, Any], dict[str, int]]:
     return data, lines
 
 
-def _syntax(error: yaml.YAMLError, file: str) -> str:
-    mark = getattr(error, "problem_mark", None)
-    where = f", line {mark.line + 1}" if mark else ""
+def _syntax(error: yaml.YAMLError, text: str, file: str) -> str:
+    mark, position = getattr(error, "problem_mark", None), getattr(error, "position", None)
+    line = mark.line + 1 if mark else text.count("\n", 0, position) + 1 if position else None
+    where = "" if line is None else f", line {line}"
     problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not YAML"
     return f"{file}{where}: YAML syntax: {problem}"
 

@@ -133,12 +133,12 @@ def quality(log: Log) -> QualityReport:
     QualityReport
         ``str()`` of it is a table with one sentence a finding; ``to_dict`` is for JSON.
     """
-    findings: list[Finding] = []
     checks: list[Check] = []
     if log.rig:
-        findings += _rig_findings(log)
+        findings = _rig_findings(log)
     else:
         findings, checks = suspicions(log)
+        findings += _timing_findings("t", timing(log.t), 0.5)
         findings += _clock_findings(log, {f.channel for f in findings if f.kind in ("axes", "sign")})
         findings += _excitation_findings(log)
     measured = {name: _measure(log, name, findings) for name in log.channels}
@@ -179,9 +179,11 @@ def _measure(log: Log, name: str, findings: list[Finding]) -> dict[str, Any]:
     saturated = 0.0 if log.rig else _saturated(name, values)
     stuck = 0.0 if log.rig else _stuck(name, t, values)
     if not log.rig:
-        findings += _timing_findings(name, when)
+        # A silence of the whole log is told once, not for every channel.
+        findings += _timing_findings(name, when, max(0.5, 1.1 * timing(log.t).longest_gap))
         findings += _end_findings(name, values, saturated, stuck)
-        findings += _noise_findings(log, name, noise)
+        if not any(f.kind == "unit" and f.channel == name for f in findings):
+            findings += _noise_findings(log, name, noise)
     spread = float(np.std(values))
     return {
         "name": name,
@@ -201,16 +203,17 @@ def _measure(log: Log, name: str, findings: list[Finding]) -> dict[str, Any]:
     }
 
 
-def _timing_findings(name: str, when: ChannelTiming) -> list[Finding]:
-    if when.longest_gap < 0.5:
+def _timing_findings(name: str, when: ChannelTiming, allowed: float) -> list[Finding]:
+    if when.longest_gap < allowed:
         return []
+    subject = "the log" if name == "t" else name
     return [
         Finding(
             kind="gap",
             channel=name,
             severity="warning",
             sentence=(
-                f"{name} is silent for {when.longest_gap:.3g} s from t = {when.gap_at:.3f} s "
+                f"{subject} is silent for {when.longest_gap:.3g} s from t = {when.gap_at:.3f} s "
                 f"({when.gaps} gaps in all)"
             ),
             numbers={"gaps": float(when.gaps), "longest": when.longest_gap, "at": when.gap_at},
@@ -248,7 +251,7 @@ def _end_findings(name: str, values: np.ndarray, saturated: float, stuck: float)
                 channel=name,
                 severity="warning",
                 sentence=f"{name} stands at the end of its range ({values.min():g} ... {values.max():g}) in "
-                f"{100.0 * saturated:.2g} % of its samples: the sensor saturates",
+                f"{100.0 * saturated:.2g} % of its samples: the sensor or the drive is at its limit",
                 numbers={"share": saturated},
             )
         )

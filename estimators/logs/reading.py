@@ -150,7 +150,9 @@ def _assemble(table: Table, top: Section, name: str, digest: str) -> Log:
     channels: dict[str, np.ndarray] = {}
     references: dict[str, np.ndarray] = {}
     for column, values in table.columns.items():
-        values = values * factors[column] if column in factors else values
+        if column in factors:
+            with np.errstate(over="ignore"):  # infinity is refused below, with its row
+                values = values * factors[column]
         values.flags.writeable = False
         if column.startswith(REFERENCE):
             references[column] = values

@@ -168,9 +168,19 @@ class Windows:
         course = np.where(enough, np.arctan2(velocity[1], velocity[0]), math.nan)
         # Windows overlap by half, so those two before and after share no sample with each other.
         turn = np.full(len(course), math.nan)
+        if len(course) < 3:
+            return turn
         change = course[2:] - course[:-2]
         turn[1:-1] = np.arctan2(np.sin(change), np.cos(change)) / self.length
         return turn
+
+    @staticmethod
+    def as_course_rate(rate: np.ndarray) -> np.ndarray:
+        """The window means ``rate`` smoothed as `course_rate` is: it takes the mean course of two windows."""
+        smooth = np.full(len(rate), math.nan)
+        if len(rate) >= 3:
+            smooth[1:-1] = 0.25 * rate[:-2] + 0.5 * rate[1:-1] + 0.25 * rate[2:]
+        return smooth
 
 
 class Likeness(NamedTuple):

@@ -71,8 +71,9 @@ def suspicions(log: Log) -> tuple[list[Finding], list[Check]]:
     _gyro_range(log, judge, yaw_unit)
     _speed_laws(windows, judge)
     gravity_unit = _gravity(log, judge)
-    if speed is not None:
-        turn = windows.mean("yaw_rate") / (_DEGREES if yaw_unit == "deg/s" else 1.0)
+    turn = windows.mean("yaw_rate")
+    if speed is not None and turn is not None:
+        turn = turn / (_DEGREES if yaw_unit == "deg/s" else 1.0)
         _acceleration_laws(windows, (speed * turn, _speed_change(windows)), judge, gravity_unit)
     return judge.findings, judge.checks
 
@@ -179,7 +180,7 @@ def _speed_change(windows: Windows) -> np.ndarray | None:
 
 def _heading_laws(windows: Windows, speed: np.ndarray | None, judge: _Judge) -> str | None:
     """Yaw rate against heading, course and steering; returns its suspected unit."""
-    rate = windows.mean("yaw_rate")
+    rate, steer = windows.mean("yaw_rate"), windows.mean("steer")
     fast = _Candidate(_DEGREES, "yaw_rate", "deg/s")
     laws = [
         _Law(
@@ -191,13 +192,13 @@ def _heading_laws(windows: Windows, speed: np.ndarray | None, judge: _Judge) -> 
         _Law(
             "yaw_rate against the turn of the path x, y",
             "yaw_rate",
-            _compare(rate, windows.course_rate()),
+            _compare(None if rate is None else windows.as_course_rate(rate), windows.course_rate()),
             (fast,),
         ),
     ]
-    if speed is not None:
+    if speed is not None and steer is not None:
         vehicle = windows.log.config.vehicle
-        steered = speed * windows.mean("steer") / (vehicle.l_f + vehicle.l_r)
+        steered = speed * steer / (vehicle.l_f + vehicle.l_r)
         small = (fast, _Candidate(1.0 / _DEGREES, "steer", "deg"))
         laws.append(
             _Law("yaw_rate against speed x steer / wheelbase", "steer", _compare(rate, steered), small)

@@ -29,10 +29,14 @@ from offroad_env.physics.vehicle_model import (
 )
 from offroad_env.physics.wheel_soil import rigid_forces, wheel_reaction
 
-__all__ = ["full_advance", "full_derivative", "full_step"]
+__all__ = ["WORK_ROWS", "full_advance", "full_derivative", "full_step"]
 
 #: L-stable choice of the two-stage Rosenbrock method.
 _GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
+#: Error of a rim speed, as a share of v_eps, above which a step is halved; the shortest part of a step.
+_SPIN_ERROR, _SHORTEST = 0.2, 0.1
+#: Rows of the scratch array of `full_step`.
+WORK_ROWS = 6
 
 
 @inline_kernel
@@ -252,39 +256,114 @@ def _implicit_slips(plant, x, stiffness, held, gamma_dt, k):
         k[at.PITCH_RATE] += traction * lever / v.I_y
 
 
-@kernel
-def full_step(x, warm, command, plant, dt, work, readings):
-    """One step of a two-stage Rosenbrock W-method of order 2, implicit in the wheels' slip, in place.
+@inline_kernel
+def _side_stiffness(readings):
+    """-F_c/v_c of an axle [N s/m]: the secant, at least as steep as the tangent; 0 without side slip."""
+    v_c = readings[at.V_C]
+    return max(-readings[at.F_C] / v_c, 0.0) if abs(v_c) > 1e-9 else 0.0
 
-    Verwer, Spee, Blom & Hundsdorfer, SIAM J. Sci. Comput. 20 (1999), eq. 2.4: order 2 for any
-    approximate Jacobian, so it may hold nothing but the stiff directions. The spin rate constant
-    reaches 1e4 1/s at walking pace, where an explicit method needs steps of 0.2 ms. Returns the
-    worst contact status; ``readings`` belong to the state before the step.
+
+@inline_kernel
+def _implicit_sides(plant, x, stiffness, gamma_dt, k):
+    """Solve (1 - gamma dt J) k = right side, in place, J = - sum over axles of S M^-1 w w^T.
+
+    w is the gradient of an axle's side speed v_c, S its stiffness: near standstill the side force
+    is as stiff as the traction.
     """
-    k_1, k_2, stage, later = work[0], work[1], work[2], work[3]
-    size = x.shape[0]
     v = plant.vehicle
-    full_derivative(x, command, plant, warm, k_1, readings)
+    cos, sin = math.cos(x[at.STEER]), math.sin(x[at.STEER])
+    lever = v.h_cg * math.cos(x[at.PITCH]) if plant.half_car > 0.5 else 0.0
+    s_f, s_r = gamma_dt * stiffness[0], gamma_dt * stiffness[1]
+    m_ff = 1.0 + s_f * (
+        sin * sin * (1.0 / v.m + lever * lever / v.I_y) + cos * cos * (1.0 / v.m + v.l_f * v.l_f / v.I_z)
+    )
+    m_rr = 1.0 + s_r * (1.0 / v.m + v.l_r * v.l_r / v.I_z)
+    cross = cos * (1.0 / v.m - v.l_f * v.l_r / v.I_z)
+    c_f = cos * (k[at.V_Y] + v.l_f * k[at.YAW_RATE]) - sin * (k[at.V_X] + lever * k[at.PITCH_RATE])
+    c_r = k[at.V_Y] - v.l_r * k[at.YAW_RATE]
+    determinant = m_ff * m_rr - s_f * s_r * cross * cross
+    push_f = -s_f * (m_rr * c_f - s_r * cross * c_r) / determinant
+    push_r = -s_r * (m_ff * c_r - s_f * cross * c_f) / determinant
+    k[at.V_X] -= sin * push_f / v.m
+    k[at.V_Y] += (cos * push_f + push_r) / v.m
+    k[at.YAW_RATE] += (cos * v.l_f * push_f - v.l_r * push_r) / v.I_z
+    if plant.half_car > 0.5:
+        k[at.PITCH_RATE] -= sin * lever * push_f / v.I_y
+
+
+@inline_kernel
+def _stiffness(plant, x, readings):
+    """What the Jacobian holds: (slip, held, side), each front and rear."""
+    v = plant.vehicle
+    front, rear = readings[: at.AXLE], readings[at.AXLE : at.MOTION]
     _, brake_f, _, brake_r = _axle_torques(v, x)
     omega_f, omega_r = x[at.OMEGA_F], x[at.OMEGA_R]
-    stiffness = (
-        _slip_stiffness(plant, omega_f, readings[: at.AXLE]),
-        _slip_stiffness(plant, omega_r, readings[at.AXLE : at.MOTION]),
+    return (
+        (_slip_stiffness(plant, omega_f, front), _slip_stiffness(plant, omega_r, rear)),
+        (
+            _held_spin_stiffness(v, omega_f, front[at.N], brake_f, plant.v_eps),
+            _held_spin_stiffness(v, omega_r, rear[at.N], brake_r, plant.v_eps),
+        ),
+        (_side_stiffness(front), _side_stiffness(rear)),
     )
-    held = (
-        _held_spin_stiffness(v, omega_f, readings[at.N], brake_f, plant.v_eps),
-        _held_spin_stiffness(v, omega_r, readings[at.AXLE + at.N], brake_r, plant.v_eps),
-    )
-    _implicit_slips(plant, x, stiffness, held, _GAMMA * dt, k_1)
+
+
+@inline_kernel
+def _solve_stages(plant, x, stiffness, gamma_dt, k):
+    """Solve (1 - gamma dt J) k = right side, in place, along and then across the wheels."""
+    slip, held, side = stiffness
+    _implicit_slips(plant, x, slip, held, gamma_dt, k)
+    _implicit_sides(plant, x, side, gamma_dt, k)
+
+
+@inline_kernel
+def _stages(x, warm, command, plant, stiffness, dt, work):
+    """(status, spin error [m/s]) of a step of ``dt`` from the slope work[0]; stages into work[1], work[2]."""
+    slope, k_1, k_2, stage, later = work[0], work[1], work[2], work[3], work[4]
+    size = x.shape[0]
+    for i in range(size):
+        k_1[i] = slope[i]
+    _solve_stages(plant, x, stiffness, _GAMMA * dt, k_1)
     for i in range(size):
         stage[i] = x[i] + dt * k_1[i]
     full_derivative(stage, command, plant, warm, k_2, later)
     for i in range(size):
         k_2[i] -= 2.0 * k_1[i]
-    _implicit_slips(plant, x, stiffness, held, _GAMMA * dt, k_2)
-    for i in range(size):
-        x[i] += dt * (1.5 * k_1[i] + 0.5 * k_2[i])
-    return max(readings[at.STATUS], later[at.STATUS])
+    _solve_stages(plant, x, stiffness, _GAMMA * dt, k_2)
+    front, rear = k_1[at.OMEGA_F] + k_2[at.OMEGA_F], k_1[at.OMEGA_R] + k_2[at.OMEGA_R]
+    return later[at.STATUS], 0.5 * dt * plant.vehicle.r * max(abs(front), abs(rear))
+
+
+@kernel
+def full_step(x, warm, command, plant, dt, work, readings):
+    """One step of a two-stage Rosenbrock W-method of order 2, implicit in the wheels' slip, in place.
+
+    Verwer, Spee, Blom & Hundsdorfer, SIAM J. Sci. Comput. 20 (1999), eq. 2.4: order 2 for any
+    approximate Jacobian, so it may hold nothing but the stiff directions, and be the product of two
+    factors, along and across the wheels. The spin rate constant reaches 1e4 1/s at walking pace,
+    where an explicit method needs steps of 0.2 ms. Where a wheel grips or locks within a step, the
+    two stages disagree, and the step is taken in parts. Returns the worst contact status;
+    ``readings`` belong to the state before the step. ``work`` (6, READINGS_SIZE).
+    """
+    k_1, k_2, again = work[1], work[2], work[5]
+    full_derivative(x, command, plant, warm, work[0], readings)
+    stiffness = _stiffness(plant, x, readings)
+    status = readings[at.STATUS]
+    part, left = dt, dt
+    while True:
+        later, error = _stages(x, warm, command, plant, stiffness, part, work)
+        if error > _SPIN_ERROR * plant.v_eps and part > _SHORTEST * dt:
+            part *= 0.5
+            continue
+        status = max(status, later)
+        for i in range(x.shape[0]):
+            x[i] += part * (1.5 * k_1[i] + 0.5 * k_2[i])
+        left -= part
+        if left < 1e-9 * dt:
+            return status
+        full_derivative(x, command, plant, warm, work[0], again)
+        stiffness = _stiffness(plant, x, again)
+        status = max(status, again[at.STATUS])
 
 
 @kernel
@@ -294,7 +373,7 @@ def full_advance(x, warm, command, plant, dt, steps, readings):
     ``readings`` become those of the state reached, so a sensor sees no lag. Stops at a state that
     is not finite or has no contact solution, with status NO_ROOT.
     """
-    work = np.empty((4, max(at.STATE_SIZE, at.READINGS_SIZE)))
+    work = np.empty((WORK_ROWS, at.READINGS_SIZE))
     worst = 0.0
     for _ in range(steps):
         worst = max(worst, full_step(x, warm, command, plant, dt, work, readings))

@@ -26,6 +26,8 @@ from offroad_env.vehicles import VEHICLES
 MRZR = VEHICLES["mrzr"]
 SAND = make_soil(SOILS["dry_sand"], n=0.7)
 ACCELERATIONS = slice(at.A_X, at.A_Z + 1)
+#: Mud and loose snow, in which wheels of 0.33 m under 340 kg each find no hold.
+TOO_SOFT = {"sandy_loam_wet", "snow", "snow_harrison", "snow_sweden"}
 ROUGH = rough_terrain("B", np.random.default_rng(5))
 
 
@@ -33,12 +35,15 @@ def plant_on(soil=SAND, ground=None, vehicle=MRZR, **kwargs):
     return make_plant(vehicle, soil, flat() if ground is None else ground, **kwargs)
 
 
-def ordinary_drive(seconds, seed=0, interval=0.02):
-    """Commands (K, 3) of somebody who drives about: speeding up, bends, coasting, some braking."""
+def ordinary_drive(seconds, seed=0, interval=0.02, most=0.8):
+    """Commands (K, 3) of somebody who drives about: speeding up, bends, coasting, some braking.
+
+    ``most`` is the largest share of the drive torque: soft ground asks for more.
+    """
     rng = np.random.default_rng(seed)
     count = round(seconds / interval)
     held = round(0.5 / interval)
-    drive = np.repeat(rng.uniform(-0.2, 0.8, count // held + 1), held)[:count]
+    drive = np.repeat(rng.uniform(-0.2, most, count // held + 1), held)[:count]
     phase = rng.uniform(0.0, 2.0 * math.pi)
     steer = 0.25 * np.sin(2.0 * math.pi * interval * np.arange(count) / 4.0 + phase)
     torque, brake = drive.clip(0.0) * MRZR.drive_torque_max, (-drive).clip(0.0) * MRZR.brake_torque_max
@@ -72,31 +77,28 @@ def test_parts_that_mean_nothing_are_refused(kwargs, words):
 # ---------------------------------------------------------------------- the settled start
 
 
-def carried(soil, model, vehicle_model):
-    plant = plant_on(SOILS[soil], model=model, vehicle_model=vehicle_model)
-    try:
-        return plant, *settled_state(plant, x=2.0, y=-1.0, yaw=0.6)
-    except SolverFailure:
-        pytest.skip(f"{soil} does not carry the vehicle")
+def settled(soil, vehicle_model="half_car"):
+    plant = plant_on(SOILS[soil], vehicle_model=vehicle_model)
+    return plant, *settled_state(plant, x=2.0, y=-1.0, yaw=0.6)
 
 
 @pytest.mark.parametrize("vehicle_model", ["half_car", "bicycle"])
-@pytest.mark.parametrize("soil", sorted(SOILS))
+@pytest.mark.parametrize("soil", sorted(set(SOILS) - TOO_SOFT))
 def test_a_vehicle_settled_on_flat_ground_is_at_rest_and_stays(soil, vehicle_model):
-    plant, state, warm = carried(soil, "full", vehicle_model)
+    plant, state, warm = settled(soil, vehicle_model)
     run = simulate_commands(plant, state, warm, np.zeros((100, 3)))
-    # Solves end at 1e-11 of the load; the steps before the start's readings are one command long.
-    assert np.abs(run.readings[:, ACCELERATIONS]).max() < 1e-6
+    # A millionth of gravity, from solves that end at 1e-11 of the sinkage: its share in the load is n times
+    # the radius over the sinkage and more.
+    assert np.abs(run.readings[:, ACCELERATIONS]).max() < 1e-6 * GRAVITY
     assert np.abs(run.states - state).max() < 1e-6
-    if vehicle_model == "half_car":
-        loads = run.readings[0, [at.N, at.AXLE + at.N]]
-        assert loads.sum() == pytest.approx(MRZR.m * GRAVITY, rel=1e-9)
+    loads = run.readings[0, [at.N, at.AXLE + at.N]]
+    assert loads.sum() == pytest.approx(MRZR.m * GRAVITY, rel=1e-6)
 
 
-@pytest.mark.parametrize("soil", ["clay", "dry_sand", "snow_harrison", "hard_ground"])
+@pytest.mark.parametrize("soil", ["clay", "dry_sand", "lean_clay_wet", "hard_ground"])
 def test_a_vehicle_at_rest_stands_as_deep_as_its_wheels_sink(soil):
     """z = 0 is the undeformed ground: the settled body sits by the sinkage below it."""
-    _, state, warm = carried(soil, "full", "half_car")
+    _, state, warm = settled(soil)
     front, rear = warm[:, 0]
     assert state[at.Z] == pytest.approx(
         -(front * MRZR.l_r + rear * MRZR.l_f) / (MRZR.l_f + MRZR.l_r), abs=1e-9
@@ -110,8 +112,7 @@ def test_a_vehicle_settled_in_motion_rolls_without_torque(v_x):
     """No torque at any wheel and no vertical acceleration: the soil's drag is all that acts."""
     plant = plant_on()
     state, warm = settled_state(plant, v_x=v_x)
-    run = simulate_commands(plant, state, warm, np.zeros((1, 3)), interval=1e-6, dt=1e-6)
-    readings = run.readings[0]
+    readings = simulate_commands(plant, state, warm, np.empty((0, 3))).readings[0]
     assert state[at.V_X] == v_x
     weight = MRZR.m * GRAVITY
     assert abs(readings[at.TORQUE]) < 1e-4 * weight
@@ -127,29 +128,34 @@ def test_on_rough_ground_too_the_start_is_a_state_that_the_drive_could_have_reac
     """At the start nothing jumps: the first vertical accelerations are those of driving on."""
     plant = plant_on(ground=ROUGH)
     state, warm = settled_state(plant, x=3.0, y=1.0, yaw=0.3, v_x=4.0)
-    run = simulate_commands(plant, state, warm, np.tile([0.0, 300.0, 0.0], (250, 1)))
+    run = simulate_commands(plant, state, warm, np.tile([0.0, 900.0, 0.0], (250, 1)))
+    assert 3.0 < run.states[:, at.V_X].min() < run.states[:, at.V_X].max() < 6.0
     vertical = np.abs(run.readings[:, at.A_Z])
-    assert vertical[1:10].max() < 1.5 * vertical[50:].max()
+    assert vertical[:10].max() < 1.5 * vertical[50:].max()
 
 
-def test_ground_that_cannot_carry_the_vehicle_is_an_error_that_says_so():
-    plant = plant_on(make_soil(SOILS["snow"], n=1.9))
-    with pytest.raises(SolverFailure, match=r"soil \(n = 1.9\) does not carry the vehicle"):
-        settled_state(plant)
+@pytest.mark.parametrize("soil", sorted(TOO_SOFT))
+def test_ground_that_cannot_carry_the_vehicle_is_an_error_that_says_so(soil):
+    with pytest.raises(SolverFailure, match=rf"soil \(n = {SOILS[soil].n:g}\) does not carry the vehicle"):
+        settled(soil)
 
 
 # ---------------------------------------------------------------------- the full model under commands
 
 
 @pytest.mark.parametrize("vehicle_model", ["half_car", "bicycle"])
-@pytest.mark.parametrize(("soil", "n"), [("dry_sand", 0.4), ("dry_sand", 1.1), ("clay", 0.5)])
-def test_halving_the_step_of_the_environment_moves_the_end_by_less_than_a_centimetre(soil, n, vehicle_model):
-    """10 s of ordinary driving on rough ground, 5 ms against 2.5 ms, some 40 m from the start."""
-    commands = ordinary_drive(10.0)
+@pytest.mark.parametrize(
+    ("soil", "n", "most"), [("dry_sand", 0.4, 0.8), ("dry_sand", 1.1, 1.4), ("clay", 0.4, 1.4)]
+)
+def test_halving_the_step_moves_the_end_of_ten_seconds_by_less_than_a_centimetre(
+    soil, n, most, vehicle_model
+):
+    """Ordinary driving on rough ground, 5 ms against 2.5 ms: the environment's step is fine enough."""
+    commands = ordinary_drive(10.0, most=most)
     plant = plant_on(make_soil(SOILS[soil], n=n), ROUGH, vehicle_model=vehicle_model)
     start = settled_state(plant, v_x=3.0)
     coarse, fine = (simulate_commands(plant, *start, commands, dt=dt) for dt in (FULL_STEP, 0.5 * FULL_STEP))
-    assert np.linalg.norm(fine.states[-1, :2]) > 10.0
+    assert np.linalg.norm(fine.states[-1, :2]) > 15.0
     assert np.linalg.norm(coarse.states[-1, :2] - fine.states[-1, :2]) < 0.01
 
 
@@ -211,7 +217,7 @@ def test_on_flat_ground_at_a_steady_speed_half_car_and_bicycle_go_the_same_way()
         # Without the lever of the ground forces no load is transferred.
         plant = plant_on(vehicle_model=vehicle_model, vehicle=MRZR._replace(h_cg=0.0))
         start = settled_state(plant, v_x=3.0)
-        run = simulate_commands(plant, *start, np.tile([0.1, 350.0, 0.0], (250, 1)))
+        run = simulate_commands(plant, *start, np.tile([0.1, 900.0, 0.0], (250, 1)))
         ends[vehicle_model] = run.states[-1]
     half_car, bicycle = ends["half_car"], ends["bicycle"]
     assert np.linalg.norm(half_car[:2]) > 5.0
@@ -240,7 +246,7 @@ def test_a_patch_of_other_soil_is_felt_where_it_lies():
     patched = plant_on(soil_map=soil_map([(30.0, 0.0, 10.0, 1.1)]))
     plain = plant_on()
     start = settled_state(plain, v_x=5.0)
-    commands = np.tile([0.0, 500.0, 0.0], (500, 1))
+    commands = np.tile([0.0, 900.0, 0.0], (500, 1))
     on_patch, beside = (simulate_commands(plant, *start, commands) for plant in (patched, plain))
     before = on_patch.states[:, at.X] < 15.0
     assert (on_patch.states[before] == beside.states[before]).all()

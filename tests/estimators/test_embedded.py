@@ -179,6 +179,16 @@ def test_a_reset_forgets_everything(drive):
     assert repr(estimates_of(drive, estimator)) == repr(first)
 
 
+def test_a_belief_that_cannot_carry_the_vehicle_is_not_valid(drive):
+    drive = drive(0.6, seed=14, duration=0.5)
+    bog = make_soil("dry_sand", k_phi=2e4, k_c=0.0)
+    estimator = EmbeddedParameterUKF(make_plant(VEHICLES["mrzr"], bog, flat()), N_RANGE)
+    estimates = estimates_of(drive, estimator)
+    assert estimator.held
+    assert not estimates[-1].valid
+    assert estimates[-1].sd > PRIOR[1]
+
+
 def test_a_lost_inertial_unit_holds_the_estimate(drive):
     drive = drive(0.6, seed=13, duration=4.0)
     drive.imu[200:250] = np.nan

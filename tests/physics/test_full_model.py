@@ -15,11 +15,12 @@ from offroad_env.physics.records import Ground
 from offroad_env.physics.vehicle_model import static_loads
 from offroad_env.simulator import FULL_STEP, Trajectory, make_plant, settled_state, simulate_commands
 from offroad_env.soils import SOILS
-from offroad_env.terrain import flat, grade, paper_terrain, soil_map
+from offroad_env.terrain import flat, grade, heights, paper_terrain, soil_map
 from offroad_env.vehicles import VEHICLES, make_vehicle
 
 CAR = VEHICLES["mrzr"]
-FREE = make_vehicle("mrzr", rolling_resistance=0.0, drag_area=0.0)  # nothing but the ground takes energy
+#: Nothing but dampers and the ground take energy.
+FREE = make_vehicle("mrzr", rolling_resistance=0.0, drag_area=0.0)
 #: Same front and rear, so that reversing is a mirror image.
 EVEN = make_vehicle("paper", drive_front=0.5, brake_front=0.5)
 GROUNDS = ("clay", "dry_sand", "lete_sand", "heavy_clay", "hard_ground")
@@ -56,6 +57,20 @@ def moving_energy(vehicle, states) -> np.ndarray:
     return body + turning + spin
 
 
+def mechanical_energy(plant, states) -> np.ndarray:
+    """Kinetic energy, height, and springs [J] on hard ground; a spring carries its static load at rest."""
+    v = plant.vehicle
+    energy = moving_energy(v, states) + v.m * GRAVITY * states[:, at.Z]
+    for arm, k, N_static in zip((v.l_f, -v.l_r), (v.k_f, v.k_r), static_loads(v), strict=True):
+        # The contact point lies h_cg below the CG, and so ahead of it when the nose is up.
+        reach = arm + v.h_cg * np.sin(states[:, at.PITCH])
+        x = states[:, at.X] + reach * np.cos(states[:, at.YAW])
+        y = states[:, at.Y] + reach * np.sin(states[:, at.YAW])
+        longer = states[:, at.Z] + arm * np.sin(states[:, at.PITCH]) - heights(plant.ground, x, y)
+        energy += 0.5 * k * longer**2 - N_static * longer
+    return energy
+
+
 # --- the step ---------------------------------------------------------------------------------------
 
 
@@ -78,17 +93,14 @@ def test_the_error_of_a_smooth_drive_falls_with_the_square_of_the_step(soil):
 @pytest.mark.parametrize("vehicle", list(VEHICLES))
 @pytest.mark.parametrize("soil", GROUNDS)
 def test_the_step_does_not_decide_the_result_not_even_from_and_to_rest(vehicle, soil):
-    """From a standstill through full drive and full brakes: the working step is within 1 mm of a quarter of it."""
+    """From a standstill through full drive and full brakes: within 1 mm of a run with an eighth of the step."""
     vehicle = VEHICLES[vehicle]
     plant = make_plant(vehicle, SOILS[soil], paper_terrain(0.05 if vehicle.m > 100.0 else 0.005))
     commands = random_commands(np.random.default_rng(1), vehicle, 4.0)
-    coarse, fine = (run(plant, commands, dt=dt) for dt in (FULL_STEP, 0.25 * FULL_STEP))
-    travelled = np.linalg.norm(fine.states[-1, :2])
-    apart = np.linalg.norm(coarse.states[:, :2] - fine.states[:, :2], axis=1)
-    assert travelled > 0.1
-    assert apart.max() < 1e-3
-    # A wheel that breaks away for an instant may do so a few milliseconds earlier: hence the tenth.
-    assert np.abs(coarse.states[:, at.V_X] - fine.states[:, at.V_X]).max() < 0.1
+    coarse, fine = (run(plant, commands, dt=dt) for dt in (FULL_STEP, 0.125 * FULL_STEP))
+    assert np.linalg.norm(fine.states[-1, :2]) > 0.1
+    assert np.linalg.norm(coarse.states[:, :2] - fine.states[:, :2], axis=1).max() < 1e-3
+    assert np.abs(coarse.states[:, at.V_X] - fine.states[:, at.V_X]).max() < 0.01
 
 
 # --- energy -------------------------------------------------------------------------------------------
@@ -98,31 +110,29 @@ def test_the_step_does_not_decide_the_result_not_even_from_and_to_rest(vehicle, 
 def test_coasting_on_a_hard_grade_trades_speed_for_height(slope):
     plant = make_plant(FREE, SOILS["hard_ground"], grade(slope))
     coast = run(plant, held(seconds=2.0), v_x=8.0).states
-    energy = moving_energy(FREE, coast)
-    height = FREE.m * GRAVITY * coast[:, at.Z]
-    traded = abs(height[-1] - height[0])
-    assert traded > 0.25 * energy[0]
-    # Left over: the slip that spins the wheels up or down, and the springs' first breath.
-    np.testing.assert_allclose(energy + height, energy[0] + height[0], atol=5e-3 * traded)
+    total = mechanical_energy(plant, coast)
+    traded = FREE.m * GRAVITY * abs(coast[-1, at.Z] - coast[0, at.Z])
+    assert traded > 0.4 * moving_energy(FREE, coast)[0]
+    # The dampers take a little while the springs find the load of the slope; nothing gives.
+    assert (np.diff(total) < 1e-6 * traded).all()
+    assert total[0] - total[-1] < 5e-3 * traded
     # The car follows the ground: it climbs with the slope it stands on.
     assert coast[-1, at.PITCH] == pytest.approx(slope, abs=0.02)
-    assert (coast[-1, at.Z] - coast[0, at.Z]) / (coast[-1, at.X] - coast[0, at.X]) == pytest.approx(
-        math.tan(slope), rel=0.02
-    )
+    climbed = (coast[-1, at.Z] - coast[0, at.Z]) / (coast[-1, at.X] - coast[0, at.X])
+    assert climbed == pytest.approx(math.tan(slope), rel=0.02)
 
 
 def test_a_coasting_car_rolls_up_stops_and_rolls_back_without_gaining():
     plant = make_plant(FREE, SOILS["hard_ground"], grade(0.15))
     coast = run(plant, held(seconds=8.0), v_x=4.0).states
-    assert coast[:, at.V_X].max() > 3.9
     assert coast[-1, at.V_X] < -2.0
-    total = moving_energy(FREE, coast) + FREE.m * GRAVITY * coast[:, at.Z]
-    lost = (total[0] - total) / moving_energy(FREE, coast)[0]
-    assert lost.min() > -2e-3
-    assert lost.max() < 0.05  # the wide regularisation of hard ground lets it slip a little at the turn
+    total = mechanical_energy(plant, coast)
+    kinetic = moving_energy(FREE, coast)[0]
+    assert (np.diff(total) < 1e-6 * kinetic).all()
+    assert total[0] - total[-1] < 5e-3 * kinetic
     # Where it comes back to its start, it has the speed that it left with.
     back = np.interp(0.0, -coast[100:, at.X], coast[100:, at.V_X])
-    assert -back == pytest.approx(4.0, rel=0.03)
+    assert back == pytest.approx(-4.0, rel=0.01)
 
 
 @pytest.mark.parametrize("soil", GROUNDS)
@@ -131,8 +141,8 @@ def test_a_car_without_drive_only_loses_energy_on_level_ground(soil, v_x):
     plant = make_plant(CAR, SOILS[soil], flat())
     coast = run(plant, held(seconds=3.0, steer=0.1), v_x=v_x).states
     energy = moving_energy(CAR, coast)
-    # Heave and pitch give back what the first nod put into the springs: well under a percent.
-    assert (np.diff(energy) < 2e-3 * energy[0]).all()
+    # Heave and pitch give back what the first nod put into the springs, and no more.
+    assert (np.diff(energy) < 0.02 * energy[0]).all()
     assert energy[-1] < 0.9 * energy[0]
 
 
@@ -182,7 +192,7 @@ def test_braking_ends_at_rest_without_chatter(soil):
     stop = run(plant, held(brake=CAR.brake_torque_max, seconds=5.0), v_x=5.0)
     speed = stop.states[:, at.V_X]
     assert abs(speed[-1]) < 5e-3
-    assert speed.min() > -0.1  # the springs rock it back a little
+    assert speed.min() > -0.15  # the springs rock it back a little
     assert np.abs(np.diff(speed[-50:])).max() < 1e-3
     # Wheels lock, and do not spin backwards.
     assert stop.states[:, [at.OMEGA_F, at.OMEGA_R]].min() > -0.3
@@ -287,15 +297,16 @@ def test_the_steering_turns_no_faster_than_it_can():
 
 @pytest.mark.parametrize("soil", ["clay", "hard_ground"])
 def test_a_car_thrown_half_a_metre_up_falls_at_g_between_contacts(soil):
-    plant = make_plant(FREE, SOILS[soil], flat())
+    light = make_vehicle("paper", rolling_resistance=0.0, drag_area=0.0)
+    plant = make_plant(light, SOILS[soil], flat())
     state, warm = settled_state(plant, v_x=2.0)
     state[at.Z] += 0.5
     # One step an interval, so that every row is a state of the integrator and its own reading.
-    thrown = simulate_commands(plant, state, warm, held(seconds=20.0), interval=FULL_STEP)
+    thrown = simulate_commands(plant, state, warm, held(seconds=15.0), interval=FULL_STEP)
     normal = thrown.readings[1:, [at.N, at.AXLE + at.N]]
     flying = (normal == 0.0).all(axis=1)
     assert thrown.status == AIRBORNE
-    assert flying.sum() > 80
+    assert flying.sum() > 40
     np.testing.assert_allclose(thrown.readings[1:][flying, at.A_Z], -GRAVITY, rtol=1e-12)
     np.testing.assert_allclose(thrown.readings[1:][flying, at.A_X], 0.0, atol=1e-12)
     assert (normal >= 0.0).all()
@@ -307,7 +318,8 @@ def test_a_car_thrown_half_a_metre_up_falls_at_g_between_contacts(soil):
 
 def test_a_car_that_jumps_a_crest_is_never_pulled_down_by_the_ground():
     plant = make_plant(CAR, SOILS["lete_sand"], paper_terrain(0.25))
-    jump = run(plant, held(drive=800.0, seconds=3.0), v_x=9.0)
+    state, warm = settled_state(plant, v_x=9.0)
+    jump = simulate_commands(plant, state, warm, held(drive=800.0, seconds=8.0), interval=FULL_STEP)
     normal = jump.readings[:, [at.N, at.AXLE + at.N]]
     assert jump.status == AIRBORNE
     assert (normal >= 0.0).all()
