@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 
 from agents.arms import ARMS, make_arm
 from agents.protocol import Agent
@@ -14,7 +15,7 @@ from agents.recording import EpisodeLog
 from agents.stanley import StanleyAgent
 from offroad_env.errors import InvalidParameter
 
-__all__ = ["AGENTS", "Drive", "find_agent"]
+__all__ = ["AGENTS", "Drive", "HalfWayPicture", "find_agent"]
 
 #: Agents that know nothing of the soil and drive every scenario.
 _TRACKERS: dict[str, Callable[[], Agent]] = {"pure_pursuit": PurePursuitAgent, "stanley": StanleyAgent}
@@ -95,3 +96,20 @@ class Drive:
         if self.info["success"]:
             return "reached the goal"
         return (self.info["failure"] or "time limit").replace("_", " ")
+
+
+class HalfWayPicture:
+    """Keeps the picture of the moment when half of the course was done, or the last one before.
+
+    The charts in a picture show the past only where pictures were made, so it looks now and then.
+    """
+
+    EVERY = 10  #: steps between two looks
+
+    def __init__(self) -> None:
+        self.frame: np.ndarray | None = None  #: (H, W, 3) uint8
+
+    def look(self, env: gym.Env, step: int, info: dict[str, Any]) -> None:
+        """Take a picture, if this step is one for it; call after every step."""
+        if step % self.EVERY == 0 and (self.frame is None or info["progress"] < 0.5 * info["path_length"]):
+            self.frame = env.render()

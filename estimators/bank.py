@@ -8,8 +8,11 @@ likelihood of what each predicted (D. L. Alspach & H. W. Sorenson, IEEE Trans. A
 linearisation only for the width of one component.
 
 Components that carry no weight are dropped, and such as have become the same are merged with
-their moments kept. Where all that are left keep predicting badly, a new fan is drawn from the
-best state: nothing that was dropped is lost for good.
+their moments kept. Where all that are left keep predicting badly - the soil has changed, or the
+true one was dropped - a new fan is drawn from the best state: nothing is lost for good.
+
+The bank vouches for its estimate (`valid`) while one mode holds nearly all weight, its width is
+small, and the innovations are as large as they should be.
 """
 
 from __future__ import annotations
@@ -26,24 +29,37 @@ from estimators.joint import (
     JointModel,
     JointSettings,
     check_run,
+    hypothesis,
     joint_step,
-    prior,
 )
-from estimators.transforms import moments, to_range
+from estimators.transforms import from_range, moments, range_slope, to_range
 from estimators.ukf_compiled import guarded_cholesky
-from offroad_env.errors import InvalidParameter
+from offroad_env.errors import InvalidParameter, SolverFailure
+from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.contact import SUNK
 
-__all__ = ["BankRun", "BankSettings", "Mode", "bank_step", "modes_of", "run_bank", "start_bank"]
+__all__ = [
+    "BankRun",
+    "BankSettings",
+    "BankState",
+    "Mode",
+    "Rules",
+    "bank_rules",
+    "bank_step",
+    "run_bank",
+    "start_bank",
+]
 
 #: Samples between two looks at which components to drop and to merge.
 _TIDY = 10
 #: Columns of what a bank reports per sample.
-(MEAN, SD, LOW, HIGH, NIS, TOP, ALIVE) = range(7)
-_REPORT = 7
-#: Half width of a 95 % interval in standard deviations.
-_Z95 = 1.959964
+(MEAN, SD, LOW, HIGH, NIS, MODE, SURPRISE, VALID) = range(8)
+_REPORT = 8
+#: Components further apart than this many of their standard deviations belong to two modes.
+_APART = 3.0
+#: What the state of the best component is trusted less when a new fan is drawn from it.
+_DISTRUST = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +75,12 @@ class BankSettings:
     drop: float = 1e-8  #: weight below which a component is dropped
     merge: float = 0.5  #: squared Mahalanobis distance (11 states) below which two are one
 
+    sure: float = 0.95  #: weight that the largest mode must have for a valid estimate
+    widest: float = 0.1  #: largest standard deviation of n for a valid estimate [-]
+    watch_time: float = 2.0  #: time over which innovations are averaged [s]
+    surprise: float = 5.0  #: their mean excess in its standard deviations: more is no valid estimate
+    renew: float = 10.0  #: and more than this draws a new fan
+
     def __post_init__(self) -> None:
         low, high = self.joint.n_range
         if not low < self.n_fan[0] < self.n_fan[1] < high:
@@ -67,8 +89,9 @@ class BankSettings:
             raise InvalidParameter(f"components must be in [1, 200], got {self.components}")
         if not 0.0 < self.drop < 0.1:
             raise InvalidParameter(f"drop must be in (0, 0.1), got {self.drop}")
-        if not (self.overlap > 0.0 and self.merge > 0.0):
-            raise InvalidParameter("overlap and merge must be > 0")
+        for name in ("n_prior_sd", "overlap", "merge", "widest", "watch_time", "surprise", "renew"):
+            if not getattr(self, name) > 0.0:
+                raise InvalidParameter(f"{name} must be > 0, got {getattr(self, name)}")
 
 
 class Mode(NamedTuple):
@@ -86,6 +109,45 @@ class BankState(NamedTuple):
     covs: np.ndarray  #: (K, 11, 11)
     warms: np.ndarray  #: (K, 23, 2, 3)
     log_weights: np.ndarray  #: (K,)
+    watch: np.ndarray  #: (2,) mean excess of the innovations in standard deviations; time since a fan [s]
+
+
+class Rules(NamedTuple):
+    """The settings as the kernels need them."""
+
+    log_drop: float
+    merge: float
+    sure: float
+    widest: float
+    watch_time: float
+    surprise: float
+    renew: float
+    etas: np.ndarray  #: (K,) centres of the fan
+    variances: np.ndarray  #: (K,) variances of eta in it
+    log_prior: np.ndarray  #: (K,)
+    start: np.ndarray  #: (10,) variances of the start
+
+
+def bank_rules(model: JointModel, settings: BankSettings) -> Rules:
+    """The kernels' view of the settings."""
+    low, high = settings.n_fan
+    spacing = (high - low) / settings.components
+    n = low + (np.arange(settings.components) + 0.5) * spacing
+    etas = np.array([from_range(value, model.low, model.high) for value in n])
+    slopes = np.array([range_slope(eta, model.low, model.high) for eta in etas])
+    return Rules(
+        log_drop=math.log(settings.drop),
+        merge=float(settings.merge),
+        sure=float(settings.sure),
+        widest=float(settings.widest),
+        watch_time=float(settings.watch_time),
+        surprise=float(settings.surprise),
+        renew=float(settings.renew),
+        etas=etas,
+        variances=(settings.overlap * spacing / slopes) ** 2,
+        log_prior=-0.5 * ((n - settings.n_prior) / settings.n_prior_sd) ** 2,
+        start=np.square(np.array(settings.joint.start)),
+    )
 
 
 def start_bank(
@@ -100,20 +162,22 @@ def start_bank(
     v_x : float
         Speed [m/s].
     """
+    rules = bank_rules(model, settings)
     K = settings.components
-    state = BankState(
-        np.empty((K, SIZE)),
-        np.empty((K, SIZE, SIZE)),
-        np.empty((K, 2 * SIZE + 1, 2, 3)),
-        np.zeros(K),
-    )
-    low, high = settings.n_fan
-    spacing = (high - low) / K
+    covs, warms = np.empty((K, SIZE, SIZE)), np.empty((K, 2 * SIZE + 1, 2, 3))
+    state = BankState(np.empty((K, SIZE)), covs, warms, rules.log_prior.copy(), np.zeros(2))
+    place = tuple(float(p) for p in pose)
     for i in range(K):
-        n = low + (i + 0.5) * spacing
-        mean, cov, warm = prior(model, settings.joint, n, settings.overlap * spacing, pose, v_x)
-        state.means[i], state.covs[i], state.warms[i] = mean, cov, warm
-        state.log_weights[i] = -0.5 * ((n - settings.n_prior) / settings.n_prior_sd) ** 2
+        status, state.means[i], covs[i], warm = hypothesis(
+            model, rules.etas[i], rules.variances[i], place, float(v_x)
+        )
+        if status >= SUNK:
+            raise SolverFailure(
+                f"the soil with n = {to_range(rules.etas[i], model.low, model.high):.3f} of the fan does not "
+                "carry the vehicle: narrow n_fan"
+            )
+        covs[i, np.arange(ETA), np.arange(ETA)] += rules.start
+        warms[i] = warm
     _normalise(state.log_weights)
     return state
 
@@ -202,33 +266,95 @@ def _quantile(state, probability):
 
 
 @kernel
-def _report(state, nis, model, out):
-    """Mean, sd, 95 % interval, NIS and largest weight of the sum into ``out``."""
+def _mode_weights(state, modes):
+    """Number the modes of the sum in the order of eta into ``modes`` (K,); returns the largest weight.
+
+    A new mode begins where neighbours are more than three of their standard deviations apart.
+    Free places get -1.
+    """
+    order = np.argsort(state.means[:, ETA])
+    modes[:] = -1
+    number, reach, weight, largest = -1, -math.inf, 0.0, 0.0
+    for a in range(order.shape[0]):
+        i = order[a]
+        if state.log_weights[i] > -math.inf:
+            spread = _APART * math.sqrt(state.covs[i, ETA, ETA])
+            if state.means[i, ETA] - spread > reach:
+                number, weight = number + 1, 0.0
+            reach = max(reach, state.means[i, ETA] + spread)
+            modes[i] = number
+            weight += math.exp(state.log_weights[i])
+            largest = max(largest, weight)
+    return largest
+
+
+@kernel
+def _report(state, nis, rules, model, out):
+    """Mean, sd, 95 % interval, NIS, weight of the largest mode and validity of the sum into ``out``."""
     mean = square = mean_nis = 0.0
-    alive = 0
-    for i in range(state.log_weights.shape[0]):
+    K = state.log_weights.shape[0]
+    for i in range(K):
         if state.log_weights[i] > -math.inf:
             w = math.exp(state.log_weights[i])
             m, s = moments(state.means[i, ETA], state.covs[i, ETA, ETA], model.low, model.high)
             mean += w * m
             square += w * (s * s + m * m)
             mean_nis += w * nis[i]
-            alive += 1
     out[MEAN], out[SD] = mean, math.sqrt(max(square - mean * mean, 0.0))
     out[LOW] = to_range(_quantile(state, 0.025), model.low, model.high)
     out[HIGH] = to_range(_quantile(state, 0.975), model.low, model.high)
-    out[NIS], out[TOP], out[ALIVE] = mean_nis, math.exp(state.log_weights.max()), alive
+    out[NIS], out[MODE] = mean_nis, _mode_weights(state, np.empty(K, np.int64))
+    out[SURPRISE] = state.watch[0]
+    sound = out[MODE] >= rules.sure and out[SD] <= rules.widest and state.watch[0] <= rules.surprise
+    out[VALID] = 1.0 if sound and state.watch[1] > rules.watch_time else 0.0
 
 
 @kernel
-def bank_step(state, inputs, z, model, out):
-    """One sample for every component, in place; returns (repairs, failed components).
+def _watch(state, nis, channels, rules, dt):
+    """Follow the mean excess of the innovations, in standard deviations of that mean.
+
+    A NIS of m channels has mean m and variance 2 m; a mean over the time T that forgets
+    exponentially has dt / (2 T) of the variance of a sample.
+    """
+    excess = 0.0
+    for i in range(nis.shape[0]):
+        if state.log_weights[i] > -math.inf and math.isfinite(nis[i]):
+            excess += math.exp(state.log_weights[i]) * (nis[i] - channels) / math.sqrt(2.0 * channels)
+    share = min(dt / rules.watch_time, 1.0)
+    state.watch[0] += share * (excess * math.sqrt(2.0 * rules.watch_time / dt) - state.watch[0])
+    state.watch[1] += dt
+
+
+@kernel
+def _renew(state, rules, model):
+    """Draw a new fan: every soil again, with the pose and speeds of the best component, settled on its own."""
+    best = np.argmax(state.log_weights)
+    base, cov = state.means[best].copy(), state.covs[best].copy()
+    pose, speed = (base[at.X], base[at.Y], base[at.YAW]), max(base[at.V_X], 0.0)
+    _, own, _, _ = hypothesis(model, base[ETA], 1.0, pose, speed)
+    for i in range(state.log_weights.shape[0]):
+        status, mean, spread, warm = hypothesis(model, rules.etas[i], rules.variances[i], pose, speed)
+        state.log_weights[i] = rules.log_prior[i] if status < SUNK else -math.inf
+        state.means[i] = mean
+        for p in range(ETA):
+            state.means[i, p] += base[p] - own[p]  # keeps the motion about the settled height
+            spread[p, p] += rules.start[p]
+            for q in range(ETA):
+                spread[p, q] += _DISTRUST * cov[p, q]
+        state.covs[i], state.warms[i] = spread, warm
+    state.watch[:] = 0.0
+    _normalise(state.log_weights)
+
+
+@kernel
+def bank_step(state, inputs, z, rules, model, out):
+    """One sample for every component, in place; returns (repairs, failed components, renewed 0 or 1).
 
     ``inputs`` and ``z`` as in `joint.joint_step`; ``out`` receives the report.
     """
     K = state.log_weights.shape[0]
     nis, before = np.full(K, math.nan), state.log_weights.copy()
-    repairs = failed = 0
+    repairs = failed = renewed = 0
     for i in range(K):
         if before[i] > -math.inf:
             log_likelihood, nis[i], repaired, status = joint_step(
@@ -238,27 +364,124 @@ def bank_step(state, inputs, z, model, out):
             failed += 1 if status >= SUNK else 0
             state.log_weights[i] += log_likelihood
     if not _normalise(state.log_weights):
+        # No soil of the bank explains the sample at all: that is no evidence between them.
         state.log_weights[:] = before
-    _report(state, nis, model, out)
-    return repairs, failed
+    channels = np.isfinite(z).sum()
+    if channels > 0:
+        _watch(state, nis, channels, rules, model.dt)
+        if state.watch[0] > rules.renew and state.watch[1] > rules.watch_time:
+            _renew(state, rules, model)
+            renewed = 1
+    _report(state, nis, rules, model, out)
+    return repairs, failed, renewed
 
 
 @kernel
-def _run(state, inputs, z, model, limits, report, history):
-    """The loop behind `run_bank`; returns (repairs, failed). ``history`` = (log weights, eta, variance)."""
-    log_drop, merge = limits
+def _run(state, inputs, z, rules, model, report, history):
+    """The loop behind `run_bank`; returns (repairs, failed, renewed). ``history`` = (log weights, eta, variance)."""
     logs, etas, variances = history
-    repairs = failed = 0
-    K = state.log_weights.shape[0]
-    _report(state, np.full(K, math.nan), model, report[0])
+    repairs = failed = renewed = 0
+    _report(state, np.full(state.log_weights.shape[0], math.nan), rules, model, report[0])
     for k in range(z.shape[0]):
         if k > 0:
-            repaired, lost = bank_step(state, inputs[2 * k - 2 : 2 * k + 1], z[k], model, report[k])
-            repairs += repaired
-            failed += lost
+            counts = bank_step(state, inputs[2 * k - 2 : 2 * k + 1], z[k], rules, model, report[k])
+            repairs += counts[0]
+            failed += counts[1]
+            renewed += counts[2]
             if k % _TIDY == 0:
-                _tidy(state, log_drop, merge)
+                _tidy(state, rules.log_drop, rules.merge)
         logs[k] = state.log_weights
         etas[k] = state.means[:, ETA]
         variances[k] = state.covs[:, ETA, ETA]
-    return repairs, failed
+    return repairs, failed, renewed
+
+
+@dataclass(frozen=True, kw_only=True)
+class BankRun:
+    """What a bank believed. Row k belongs to the k-th sample; row 0 is the prior."""
+
+    n: np.ndarray  #: (T,) mean of n [-]
+    sd: np.ndarray  #: (T,) standard deviation of n [-]
+    low: np.ndarray  #: (T,) lower end of the 95 % interval of the sum [-]
+    high: np.ndarray  #: (T,) its upper end [-]
+    nis: np.ndarray  #: (T,) normalised innovation squared, weighted over the components
+    mode_weight: np.ndarray  #: (T,) weight of the largest mode [-]
+    surprise: np.ndarray  #: (T,) mean excess of the innovations in standard deviations
+    valid: np.ndarray  #: (T,) bool: the bank vouches for mean and interval
+    weights: np.ndarray  #: (T, K) weights of the components, 0 for free places
+    exponents: np.ndarray  #: (T, K) n of the components [-]
+    spreads: np.ndarray  #: (T, K) their standard deviations, to first order [-]
+    repairs: int  #: repaired factorisations
+    failed: int  #: updates of components that had no contact solution
+    renewed: int  #: fans drawn anew
+
+    def modes(self, k: int) -> list[Mode]:
+        """The modes of n at sample ``k``, heaviest first."""
+        alive = np.flatnonzero(self.weights[k] > 0.0)
+        alive = alive[np.argsort(self.exponents[k, alive])]
+        groups: list[list[int]] = []
+        reach = -math.inf
+        for i in alive:
+            spread = _APART * self.spreads[k, i]
+            if self.exponents[k, i] - spread > reach:
+                groups.append([])
+            groups[-1].append(int(i))
+            reach = max(reach, self.exponents[k, i] + spread)
+        return sorted((self._mode(k, group) for group in groups), reverse=True)
+
+    def _mode(self, k: int, group: list[int]) -> Mode:
+        w, n = self.weights[k, group], self.exponents[k, group]
+        total = float(w.sum())
+        mean = float(w @ n) / total
+        return Mode(
+            total, mean, math.sqrt(float(w @ (self.spreads[k, group] ** 2 + (n - mean) ** 2)) / total)
+        )
+
+
+def run_bank(
+    model: JointModel,
+    settings: BankSettings,
+    inputs: np.ndarray,
+    z: np.ndarray,
+    *,
+    pose: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    v_x: float,
+) -> BankRun:
+    """Filter a whole run with a bank that starts settled.
+
+    Parameters
+    ----------
+    model : JointModel
+        Of `joint.joint_model`, made with ``settings.joint``.
+    inputs, z
+        As in `joint.run_joint_filter`.
+    pose : (X, Y, yaw)
+        At the start [m, m, rad].
+    v_x : float
+        Speed at the start [m/s].
+    """
+    inputs, z = check_run(inputs, z)
+    T, K = len(z), settings.components
+    state, rules = start_bank(model, settings, pose, v_x), bank_rules(model, settings)
+    report = np.empty((T, _REPORT))
+    history = (np.empty((T, K)), np.empty((T, K)), np.empty((T, K)))
+    repairs, failed, renewed = _run(state, inputs, z, rules, model, report, history)
+    logs, etas, variances = history
+    share = 1.0 / (1.0 + np.exp(-etas))
+    span = model.high - model.low
+    return BankRun(
+        n=report[:, MEAN],
+        sd=report[:, SD],
+        low=report[:, LOW],
+        high=report[:, HIGH],
+        nis=report[:, NIS],
+        mode_weight=report[:, MODE],
+        surprise=report[:, SURPRISE],
+        valid=report[:, VALID] > 0.5,
+        weights=np.exp(logs),
+        exponents=model.low + span * share,
+        spreads=span * share * (1.0 - share) * np.sqrt(variances),
+        repairs=int(repairs),
+        failed=int(failed),
+        renewed=int(renewed),
+    )

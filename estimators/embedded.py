@@ -36,7 +36,7 @@ import numpy as np
 from estimators.models import plant_with_exponent, step_full_copies, step_paper_copies
 from estimators.navigation import GYRO_BIAS, V_SIDE, YAW, NavigationFilter, V, X, Y, navigate
 from estimators.protocol import Estimate, Pose
-from estimators.transforms import from_range, moments, range_slope, to_range
+from estimators.transforms import belief_of, moments, to_range
 from estimators.ukf_compiled import check_alpha, merwe_weights, sigma_points, unscented_update
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
@@ -282,11 +282,8 @@ class EmbeddedParameterUKF:
         low, high = self.n_range
         if not low <= n_prior <= high:
             raise InvalidParameter(f"n_prior must be in n_range = [{low}, {high}], got {n_prior}")
-        if not sd > 0.0:
-            raise InvalidParameter(f"sd must be > 0, got {sd} - a filter that is certain learns nothing")
         belief, copies, warms, last, memory, mean_innovation = self._state
-        eta = from_range(float(n_prior), *self._bounds)
-        belief[:] = eta, (sd / range_slope(eta, *self._bounds)) ** 2
+        belief[:] = belief_of(n_prior, sd, *self._bounds)
         copies[:], warms[:], memory[:], mean_innovation[:] = 0.0, 0.0, 0.0, 0.0
         last[:] = memory[NIS] = math.nan
         self.navigation.reset(*pose)

@@ -22,7 +22,7 @@ from estimators.joint import (
     read_point,
 )
 from estimators.paper import CHOICES, Row, row_truth
-from estimators.transforms import from_range
+from estimators.transforms import from_range, to_range
 from offroad_env.errors import SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
@@ -48,12 +48,8 @@ class RowTwin:
     inputs: np.ndarray  #: (2 T - 1, 3) steer [rad], F_u [N], NaN at every half step
     truth: np.ndarray  #: (T, 11) true states and eta
     z: np.ndarray  #: (T, 11) readings of all sensors, `joint.CHANNELS`, at every sample
+    n: np.ndarray  #: (T,) true sinkage exponent [-]
     dt: float  #: [s]
-
-    @property
-    def n(self) -> float:
-        """True sinkage exponent [-]."""
-        return SOILS[self.row.soil].n
 
     @property
     def t(self) -> np.ndarray:
@@ -93,7 +89,14 @@ def _draw(x, warm, inputs, model, noise, states, readings):
     return states.shape[0]
 
 
-def row_twin(row: Row, seed: int, settings: JointSettings, *, duration: float = 100.0) -> RowTwin:
+def row_twin(
+    row: Row,
+    seed: int,
+    settings: JointSettings,
+    *,
+    duration: float = 100.0,
+    change: tuple[float, float] | None = None,
+) -> RowTwin:
     """Simulate a row with the noise that ``settings`` state.
 
     Parameters
@@ -105,6 +108,8 @@ def row_twin(row: Row, seed: int, settings: JointSettings, *, duration: float = 
     settings : JointSettings
     duration : float
         [s]
+    change : (time, n), optional
+        From this time [s] on the true soil has this exponent [-].
 
     Raises
     ------
@@ -120,9 +125,12 @@ def row_twin(row: Row, seed: int, settings: JointSettings, *, duration: float = 
     x[ETA] = from_range(SOILS[row.soil].n, model.low, model.high)
     T = len(inputs) // 2 + 1
     noise = rng.normal(size=(T, SIZE)) * np.sqrt(model.Q)
+    if change is not None:
+        noise[round(change[0] / model.dt), ETA] += from_range(change[1], model.low, model.high) - x[ETA]
     truth, z = np.empty((T, SIZE)), np.empty((T, len(CHANNELS)))
     done = _draw(x, warm, inputs, model, noise, truth, z)
     if done < T or not np.isfinite(z).all():
         raise SolverFailure(f"row {row.number}, seed {seed}: no contact at t = {done * model.dt:.2f} s")
     z += rng.normal(size=z.shape) * np.sqrt(model.R)
-    return RowTwin(row=row, seed=seed, inputs=inputs, truth=truth, z=z, dt=model.dt)
+    n = np.array([to_range(eta, model.low, model.high) for eta in truth[:, ETA]])
+    return RowTwin(row=row, seed=seed, inputs=inputs, truth=truth, z=z, n=n, dt=model.dt)

@@ -11,18 +11,24 @@ and every sigma point is a possible soil.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
+from scipy.optimize import brentq
 
+from offroad_env.errors import InvalidParameter
 from offroad_env.physics._jit import kernel
 
-__all__ = ["from_range", "interval", "moments", "range_slope", "to_range"]
+__all__ = ["belief_of", "from_range", "interval", "moments", "range_slope", "to_range"]
 
 #: Gauss-Hermite rule of 9 nodes for a standard normal variable.
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
 _WEIGHTS = _WEIGHTS / math.sqrt(2.0 * math.pi)
 #: |eta| beyond which n is its bound to 15 digits: more would only lose the slope.
 _FURTHEST = 35.0
+#: Logarithm of the widest variance of eta that a prior may have. Beyond a standard deviation of 3 the
+#: belief piles up at both bounds, which no filter with three sigma points can handle.
+_WIDEST = math.log(9.0)
 
 
 @kernel
@@ -61,6 +67,35 @@ def moments(eta, variance, low, high):
         mean += _WEIGHTS[i] * d
         square += _WEIGHTS[i] * d * d
     return middle + mean, math.sqrt(max(square - mean * mean, 0.0))
+
+
+@lru_cache(maxsize=256)  # the same prior at every start of an episode
+def belief_of(mean: float, sd: float, low: float, high: float) -> tuple[float, float]:
+    """``(eta, variance)`` of the belief whose n has this mean and standard deviation: `moments` inverted.
+
+    Raises
+    ------
+    InvalidParameter
+        For a mean outside (low, high), or a standard deviation too wide for it.
+    """
+    if not low < mean < high:
+        raise InvalidParameter(f"the mean must be in ({low:g}, {high:g}), got {mean}")
+
+    def centre(variance: float) -> float:
+        """eta at which the mean is right: the mean grows with eta."""
+        return brentq(lambda eta: moments(eta, variance, low, high)[0] - mean, -_FURTHEST, _FURTHEST)
+
+    def spread(log_variance: float) -> float:
+        variance = math.exp(log_variance)
+        return moments(centre(variance), variance, low, high)[1]
+
+    widest = spread(_WIDEST)
+    if not 0.0 < sd <= widest:
+        raise InvalidParameter(f"sd must be in (0, {widest:.3g}] for a mean of {mean:g}, got {sd}")
+    # sd grows with the variance; to first order it is dn/deta sqrt(variance).
+    first = 2.0 * math.log(sd / range_slope(from_range(float(mean), low, high), low, high))
+    log_variance = brentq(lambda value: spread(value) - sd, min(first, _WIDEST) - 4.0, _WIDEST)
+    return centre(math.exp(log_variance)), math.exp(log_variance)
 
 
 def interval(

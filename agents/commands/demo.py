@@ -21,8 +21,8 @@ __all__ = ["Demo"]
 class Demo:
     """Run every part of the project once and write one HTML page with figures and numbers.
 
-    Writes demo.html (self-contained) and demo.json (all numbers) into --out. Takes two to three
-    minutes on two cores; the first run also compiles the kernels.
+    Writes demo.html (self-contained) and demo.json (all numbers) into --out. Takes two to three minutes
+    on two cores, of which the first run needs about one to compile the physics.
     """
 
     out: Path = Path("demo")  #: folder for the page, the numbers and the trained policy

@@ -7,20 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from agents.commands.output import OutputError, Results, console, table
+from agents.commands.output import OutputError, Results, console, table, write_bytes
 from offroad_env.errors import InvalidParameter, OffroadError
 
 if TYPE_CHECKING:
     import gymnasium as gym
-    import numpy as np
-
     from agents.episode import Drive as Episode
     from agents.protocol import Agent
 
 __all__ = ["Drive"]
 
 _CONTROL_RATE = 50  # steps a second
-_FPS = {".gif": 5, ".mp4": 25}  # pictures a second: real time, and a GIF stays small
+_FPS = {".gif": 5, ".mp4": 25}  # pictures a second; few for GIF, which compresses badly
 
 
 @dataclass(kw_only=True)
@@ -40,6 +38,8 @@ class Drive(Results):
     seed: int = 0  #: of course, soil and noise
     model: Literal["full", "paper"] = "full"  #: full: wheel spin and slopes; paper: as published
     vehicle_model: Literal["half_car", "bicycle"] = "half_car"  #: with or without heave and pitch
+    duration: float | None = None  #: end the episode after this time [s]
+    picture: Path | None = None  #: also write a picture half way, .png (needs the extra view)
     video: Path | None = None  #: also write a video, .mp4 or .gif (needs the extra view)
     window: bool = False  #: watch it in a window (needs the extra view)
 
@@ -49,8 +49,10 @@ class Drive(Results):
 
         from agents.figures.drive import drive_figure
 
-        if self.video is not None and self.window:
-            raise InvalidParameter("give --video or --window, not both")
+        if self.window and (self.video or self.picture):
+            raise InvalidParameter("give --window, or --video and --picture, not both: a window shows itself")
+        if self.duration is not None and not self.duration > 0.0:
+            raise InvalidParameter(f"duration must be > 0 s, got {self.duration:g}")
         try:
             episode = self._drive(*self._make())
         except gym.error.Error as error:  # no screen, or drawing is not installed
@@ -58,8 +60,9 @@ class Drive(Results):
         summary = self._summary(episode)
         rows = [(name, _text(value)) for name, value in summary.items()]
         console().print(table(f"{self.scenario}, seed {self.seed}: {episode.ending}", ("", ""), rows))
-        if self.video is not None:
-            console().print(f"video: {self.video}", markup=False)
+        for kind, path in (("picture", self.picture), ("video", self.video)):
+            if path is not None:
+                console().print(f"{kind}: {path}", markup=False)
         self.save_figure(drive_figure(episode.log), f"drive_{self.scenario}_{self.seed}")
         self.save_numbers({"summary": summary, "series": episode.log.columns()})
 
@@ -73,7 +76,8 @@ class Drive(Results):
             agent, terrain_info = find_agent(self.agent, self.scenario, self.terrain_info)
         else:
             agent, terrain_info = _load_policy(self.policy), self.terrain_info or "estimate"
-        mode = "rgb_array" if self.video is not None else "human" if self.window else None
+        mode = "human" if self.window else "rgb_array" if self.video or self.picture else None
+        steps = None if self.duration is None else max(round(self.duration * _CONTROL_RATE), 1)
         env = gym.make(
             ENV_ID,
             scenario=self.scenario,
@@ -81,6 +85,7 @@ class Drive(Results):
             model=self.model,
             vehicle_model=self.vehicle_model,
             render_mode=mode,
+            max_episode_steps=steps,
         )
         return env, agent
 
@@ -89,32 +94,39 @@ class Drive(Results):
 
         options = None if self.n is None else {"n": self.n}
         episode = Episode(env, agent, seed=self.seed, options=options)
+        steps = _shown(episode)
+        if self.picture is not None:
+            steps = self._pictured(steps, episode)
         try:
-            if self.video is None:
-                for _ in _shown(episode):
-                    pass
-            else:
-                self._record(episode)
+            if self.video is not None:
+                self._record(steps, episode)
+            for _ in steps:  # what a video has not used up
+                pass
         finally:
             env.close()
         return episode
 
-    def _record(self, episode: Episode) -> None:
+    def _pictured(self, steps: Iterator[dict[str, Any]], episode: Episode) -> Iterator[dict[str, Any]]:
+        from agents.episode import HalfWayPicture
+        from agents.report import frame_png
+
+        picture = HalfWayPicture()
+        for step, info in enumerate(steps):
+            picture.look(episode.env, step, info)
+            yield info
+        write_bytes(self.picture, frame_png(picture.frame))
+
+    def _record(self, steps: Iterator[dict[str, Any]], episode: Episode) -> None:
         from agents.recording import VIDEO_FORMATS, record_video
 
         suffix = self.video.suffix.lower()
         if suffix not in VIDEO_FORMATS:
             raise InvalidParameter(f"video must end in {' or '.join(VIDEO_FORMATS)}, got {self.video}")
         every = _CONTROL_RATE // _FPS[suffix]
-
-        def pictures() -> Iterator[np.ndarray]:
-            for step, _ in enumerate(_shown(episode)):
-                if step % every == 0:
-                    yield episode.env.render()
-
+        pictures = (episode.env.render() for step, _ in enumerate(steps) if step % every == 0)
         try:
             self.video.parent.mkdir(parents=True, exist_ok=True)
-            record_video(pictures(), self.video, _FPS[suffix])
+            record_video(pictures, self.video, _FPS[suffix])
         except OSError as error:
             raise OutputError(f"cannot write {self.video}: {error.strerror or error}") from error
 

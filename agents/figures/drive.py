@@ -139,7 +139,7 @@ def _draw_error(axes: Axes, log: EpisodeLog, columns: dict[str, np.ndarray]) -> 
 def _draw_commands(axes: Axes, log: EpisodeLog, columns: dict[str, np.ndarray]) -> None:
     axes.axhline(0.0, color=_GREY, lw=0.8)
     axes.plot(
-        columns["time"], columns["steer"] / log.steer_max, color="#CC79A7", lw=1.2, label="steering, left +"
+        columns["time"], columns["steer"] / log.steer_max, color="#CC79A7", lw=1.2, label="steer, left +"
     )
     axes.plot(columns["time"], columns["drive"], color="black", lw=1.2, label="drive, brake \u2212")
     axes.set_ylim(-1.06, 1.06)
@@ -173,7 +173,7 @@ def _draw_exponent(axes: Axes, log: EpisodeLog, columns: dict[str, np.ndarray]) 
         axes.plot(time, mean, color=_ESTIMATE, lw=1.6, label="estimate \u00b1 2 sd")
     else:
         axes.fill_between(time, low, high, color="0.88", lw=0.0, label="prior (no estimator)")
-    axes.plot(time, columns["n_front"], color="black", lw=1.4, label="true")
+    axes.plot(time, columns["n_front"], color="black", lw=1.4, ls=(0, (4, 3)), label="true")
     margin = max(0.12 * (high - low), 0.05)
     axes.set_ylim(low - margin, high + margin)
     _title(axes, "Exponent n [-]")

@@ -12,11 +12,9 @@ import numpy as np
 
 from agents.arms import make_arm
 from agents.benchmark.runner import ENV_ID
-from agents.episode import Drive
+from agents.episode import Drive, HalfWayPicture
 
 __all__ = ["DemoSettings", "Driven", "Run", "drive_aware"]
-
-_PICTURE_EVERY = 10  # steps: the charts of a picture show the past only where pictures were made
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,22 +49,16 @@ def drive_aware(settings: DemoSettings, tick: Callable[[float], None]) -> Driven
     """Drive the episode of ``settings.seed``; ``tick`` hears the share of the course that is done."""
     arm = make_arm("aware", scenario=settings.scenario)
     env = gym.make(ENV_ID, scenario=settings.scenario, terrain_info=arm.terrain_info, render_mode="rgb_array")
-    drive, frame = Drive(env, arm.agent, seed=settings.seed), None
+    drive, picture, drawable = Drive(env, arm.agent, seed=settings.seed), HalfWayPicture(), True
     for step, info in enumerate(drive):
-        share = info["progress"] / info["path_length"]
-        if step % _PICTURE_EVERY == 0 and (share < 0.5 or frame is None):
-            frame = _picture(env)
-            tick(share)
+        try:
+            if drawable:
+                picture.look(env, step, info)
+        except gym.error.DependencyNotInstalled:  # the base install does not draw
+            drawable = False
+        tick(info["progress"] / info["path_length"])
     env.close()
-    return Driven(drive=drive, frame=frame)
-
-
-def _picture(env: gym.Env) -> np.ndarray | None:
-    """A picture of the environment, or None where drawing is not installed."""
-    try:
-        return env.render()
-    except gym.error.DependencyNotInstalled:
-        return None
+    return Driven(drive=drive, frame=picture.frame)
 
 
 @dataclass

@@ -82,7 +82,11 @@ def arms_sentence(result: Benchmark) -> str:
 
 def learning_section(run: Run) -> Section:
     """A short run of PPO: that trainer, environment, saving and loading fit together."""
-    settings, title, command = run.settings, "Learning to drive", "offroad train --time-budget 60"
+    settings, title = run.settings, "Learning to drive"
+    command = (
+        f"offroad train --scenario {settings.scenario} --seed {settings.seed} "
+        f"--time-budget {settings.learning_time:g}"
+    )
     args = TrainArgs(
         scenario=settings.scenario,
         seed=settings.seed,
@@ -107,7 +111,7 @@ def learning_section(run: Run) -> Section:
         sees=sees,
         command=command,
         tables=(_learning_table(result),),
-        notes=(f"Here the time was limited to {settings.learning_time:g} s.",),
+        notes=("With more time (--time-budget in seconds, or --total-steps) the same command learns on.",),
         key=(("PPO smoke run", f"{result.steps} steps in {result.wall_time:.0f} s"),),
         data={"result": result},
     )
@@ -118,8 +122,8 @@ def _learning_table(result: TrainResult) -> Table:
     course = ", ".join(f"{episode.progress:.0f}" for episode in result.evaluation)
     rows = (
         ("updates", f"{len(result.curve)}"),
-        ("mean reward of an episode, first", f"{rewards[0]:.1f}" if rewards else "-"),
-        ("mean reward of an episode, last", f"{rewards[-1]:.1f}" if rewards else "-"),
+        ("mean reward of an episode, first", f"{rewards[0]:.1f}" if rewards else "no episode ended"),
+        ("mean reward of an episode, last", f"{rewards[-1]:.1f}" if rewards else "no episode ended"),
         ("way along the course in the test episodes [m]", course),
     )
     return Table(heading=("", ""), rows=rows)

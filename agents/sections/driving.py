@@ -26,8 +26,8 @@ def drive_section(run: Run) -> Section:
         f"{speed.max():.1f} m/s at most; the true exponent is {info['n']:.2f}."
     )
     caption = (
-        "Half way: from above with path and corridor, from the side with sinkage, suspension and pitch, the "
-        "exponent true and estimated over time."
+        "Half way, as --window and --video show it: from above with path and corridor, from the side with "
+        "sinkage, suspension and pitch, and the exponent, true and estimated."
     )
     pictures = [figure_picture(drive_figure(log), "The whole episode, as the command plots it.")]
     if driven.frame is not None:
@@ -76,8 +76,8 @@ def estimate_section(run: Run) -> Section:
         pictures=(figure_picture(figure, "Mean and band of two standard deviations of each filter."),),
         tables=(_error_table(results, settings.row_duration),),
         notes=(
-            f"The paper's errors are over 100 s, those here over {settings.row_duration:g} s and one seed of "
-            f"the noise. On board, the covariance had to be repaired {repairs} times.",
+            f"Errors: over {settings.row_duration:g} s and one seed of the noise, the paper's over 100 s. On "
+            f"board the filter's covariance had to be repaired {repairs} times.",
         ),
         key=(("Estimate of n on board after one episode", f"{end} (true {true:.2f})"),),
         data={

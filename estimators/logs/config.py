@@ -44,6 +44,7 @@ STATE_KEYS = (
 
 _NEEDED_VEHICLE = ("m", "I_z", "I_y", "l_f", "l_r", "k_f", "k_r", "c_f", "c_r", "m_w", "r", "b")
 _SOIL_KEYS = ("k_c", "k_phi", "n", "c", "phi", "k_x", "k_y", "a_0", "a_1", "b_0", "b_1")
+_NEEDED_SOIL = ("k_phi", "n", "c", "phi")
 _RIGID_KEYS = ("mu", "C_alpha")
 
 _SLIP = Quantity("in (-1, 1)", -1.0, 1.0, True, True, mistakes=((1.0, 100.0, "per cent"),))
@@ -155,6 +156,8 @@ def parse_yaml(text: str, file: str) -> tuple[dict[str, Any], dict[str, int]]:
         lines: dict[str, int] = {}
         _note_lines(node, "", lines, file)
         data = None if node is None else loader.construct_document(node)
+    except DataError:
+        raise
     except yaml.YAMLError as error:
         raise DataError(_syntax(error, text, file)) from None
     except (ValueError, TypeError, OverflowError) as error:
@@ -430,7 +433,8 @@ def _soil(section: Section) -> Soil:
     if kind == "rigid":
         given = {name: section.number(name, _ANY) for name in _RIGID_KEYS}
     else:
-        given = {name: section.number(name, _ANY, None) for name in _SOIL_KEYS}
+        needed = {name: section.number(name, _ANY) for name in _NEEDED_SOIL}
+        given = needed | {name: section.number(name, _ANY, None) for name in _SOIL_KEYS if name not in needed}
         given = {name: value for name, value in given.items() if value is not None}
     section.finish()
     try:

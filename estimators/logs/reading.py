@@ -239,7 +239,7 @@ def _check_values(table: Table, column: Column, values: np.ndarray) -> None:
     if infinite.any():
         i = int(np.argmax(infinite))
         raise table.error(
-            f"{values[i]} is infinite: leave the cell empty where there is no sample", column=name, index=i
+            "the value is infinite: leave the cell empty where there is no sample", column=name, index=i
         )
     beyond = np.abs(np.where(missing, 0.0, values)) > column.limit
     if beyond.any():

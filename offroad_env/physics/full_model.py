@@ -291,7 +291,7 @@ def _implicit_sides(plant, x, stiffness, gamma_dt, k):
         k[at.PITCH_RATE] -= sin * lever * push_f / v.I_y
 
 
-@inline_kernel
+@kernel
 def _stiffness(plant, x, readings):
     """What the Jacobian holds: (slip, held, side), each front and rear."""
     v = plant.vehicle
@@ -308,7 +308,7 @@ def _stiffness(plant, x, readings):
     )
 
 
-@inline_kernel
+@kernel
 def _solve_stages(plant, x, stiffness, gamma_dt, k):
     """Solve (1 - gamma dt J) k = right side, in place, along and then across the wheels."""
     slip, held, side = stiffness
@@ -316,7 +316,7 @@ def _solve_stages(plant, x, stiffness, gamma_dt, k):
     _implicit_sides(plant, x, side, gamma_dt, k)
 
 
-@inline_kernel
+@kernel
 def _stages(x, warm, command, plant, stiffness, dt, work):
     """(status, spin error [m/s]) of a step of ``dt`` from the slope work[0]; stages into work[1], work[2]."""
     slope, k_1, k_2, stage, later = work[0], work[1], work[2], work[3], work[4]

@@ -21,7 +21,9 @@ from helpers import run_fresh
 from offroad_env.env import OffroadBekkerEnv
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
-from offroad_env.rendering import FRAME_SIZE, Renderer, _axle, _History, _SideView
+from offroad_env.rendering import FRAME_SIZE, Renderer
+from offroad_env.rendering.history import History
+from offroad_env.rendering.side import SideView, axle_place
 
 WIDTH, HEIGHT = FRAME_SIZE
 ACTIONS = [np.array([0.4 * math.sin(0.1 * k), 0.5]) for k in range(12)]
@@ -119,7 +121,7 @@ def test_the_side_view_is_at_rest_where_the_vehicle_is():
     env = started(n=0.6)
     snapshot = env.snapshot()
     for front, offset in ((True, 0), (False, at.AXLE)):
-        axle = _axle(snapshot, front=front)
+        axle = axle_place(snapshot, front=front)
         sinkage, ground = (snapshot.readings[offset + i] for i in (at.SINKAGE, at.HEIGHT))
         assert axle.bottom == pytest.approx(ground - sinkage, abs=1e-12)
         # Settled: the springs carry the static load, up to what rolling over uneven ground adds.
@@ -130,7 +132,7 @@ def test_braking_compresses_the_front_springs():
     env = started(n=0.6)
     for _ in range(25):
         env.step(np.array([0.0, -1.0]))
-    front, rear = (_axle(env.snapshot(), front=front) for front in (True, False))
+    front, rear = (axle_place(env.snapshot(), front=front) for front in (True, False))
     assert front.bottom - front.mount > 2e-3
     assert rear.bottom - rear.mount < -1e-3
 
@@ -140,9 +142,9 @@ def test_the_enlarged_soil_touches_the_wheel():
     env.render()
     snapshot = env.snapshot()
     r = env.vehicle.r
-    side = _SideView(None)
+    side = SideView(None)
     for front in (True, False):
-        axle = _axle(snapshot, front=front)
+        axle = axle_place(snapshot, front=front)
         x, line = side._surface(snapshot, axle).T
         arc = r - np.sqrt(np.maximum(r * r - x * x, 0.0)) - axle.sinkage
         under = np.abs(x) < 0.5 * math.sqrt(2.0 * r * axle.sinkage)
@@ -154,7 +156,7 @@ def test_the_enlarged_soil_touches_the_wheel():
 
 def test_history_is_thinned_to_what_a_chart_can_show():
     env = started()
-    history = _History()
+    history = History()
     snapshot = env.snapshot()
     for k in range(1500):
         object.__setattr__(snapshot, "time", 0.02 * k)

@@ -154,7 +154,9 @@ def zipped(_: str) -> bytes:
 def rig(change: Callable[[list[list[str]]], None], **keys: object) -> Callable[[Path], None]:
     def make(folder: Path) -> None:
         rows = [["slip", "slip_angle", "load", "drawbar", "sinkage"]]
-        rows += [[f"{0.1 * i:.1f}", "0.0", "20.0", f"{2.0 * i}", f"{0.015 + 0.003 * i:.3f}"] for i in range(8)]
+        rows += [
+            [f"{0.1 * i:.1f}", "0.0", "20.0", f"{2.0 * i}", f"{0.015 + 0.003 * i:.3f}"] for i in range(8)
+        ]
         change(rows)
         data = {"wheel": {"r": 0.058, "b": 0.05}, "soil": DESCRIPTION["soil"]} | keys
         write(folder, text_of(rows), {k: v for k, v in data.items() if v is not DROP})
@@ -193,8 +195,14 @@ CASES = (
     Case("decimal comma in quotes", cell("a_x", 12, '"0,25"'), ("'a_x'", "row 12", "decimal comma")),
     Case("no header", table(lambda text: text.split("\n", 1)[1]), ("row 1", "name the columns")),
     Case("comment first", table(lambda text: "# logger 3, 7\n" + text), ("row 1", "comment")),
-    Case("cut off in a row", table(lambda text: text[: text.rindex(",12.4,") + 3]), ("'a_x'", "row 41", "cut off")),
-    Case("a cell too many", table(lambda text: text.replace("300.0,", "300.0,0.0,", 1)), ("row 2", "14 values")),
+    Case(
+        "cut off in a row",
+        table(lambda text: text[: text.rindex(",12.4,") + 3]),
+        ("'a_x'", "row 41", "cut off"),
+    ),
+    Case(
+        "a cell too many", table(lambda text: text.replace("300.0,", "300.0,0.0,", 1)), ("row 2", "14 values")
+    ),
     Case("quote left open", table(lambda text: text.replace("300.0", '"300.0', 1)), ("row",)),
     Case("duplicate column", rename("torque_r", "torque_f"), ("'torque_f'", "two columns")),
     Case("column without a name", rename("x", ""), ("row 1", "column 12", "no name")),
@@ -203,7 +211,9 @@ CASES = (
     Case("error of a spreadsheet", cell("a_z", 30, "#REF!"), ("'a_z'", "row 30", "#REF!")),
     Case("digits with underscore", cell("x", 8, "1_000"), ("'x'", "row 8", "1_000")),
     Case("hexadecimal", cell("torque_f", 8, "0x12C"), ("'torque_f'", "row 8")),
-    Case("date as time", column("t", lambda i, _: f"2024-05-01 10:00:{i:02d}"), ("'t'", "row 2", "2024-05-01")),
+    Case(
+        "date as time", column("t", lambda i, _: f"2024-05-01 10:00:{i:02d}"), ("'t'", "row 2", "2024-05-01")
+    ),
     Case("infinite value", cell("a_x", 21, "inf"), ("'a_x'", "row 21", "infinite")),
     Case("number beyond double", cell("a_x", 22, "1e999"), ("'a_x'", "row 22", "infinite")),
     # columns
@@ -211,9 +221,7 @@ CASES = (
     Case("no steering", drop("steer"), ("'steer'", "missing")),
     Case("no yaw rate", drop("yaw_rate"), ("'yaw_rate'", "missing")),
     Case("no IMU", drop("a_x", "a_y", "a_z", "pitch_rate", "yaw_rate"), ("'a_x'", "missing")),
-    Case(
-        "no drive at all", drop("torque_f", "torque_r", "omega_f", "omega_r"), ("drive_force", "omega_f")
-    ),
+    Case("no drive at all", drop("torque_f", "torque_r", "omega_f", "omega_r"), ("drive_force", "omega_f")),
     Case("misspelt column", rename("steer", "steering"), ("'steer'", "missing", "'steering'")),
     Case("unit in the heading", rename("a_x", "a_x [m/s^2]"), ("'a_x'", "'a_x [m/s^2]'")),
     Case("misspelt optional column", rename("x", "v_xx"), ("'v_xx'", "'v_x'")),
@@ -233,7 +241,9 @@ CASES = (
     Case("time in minutes", column("t", lambda i, _: repr(i * 1e-6 / 60.0)), ("'t'", "min")),
     # values that no vehicle has
     Case("steering in degrees", column("steer", lambda i, _: f"{i - 20}.0"), ("'steer'", "row 2", "degrees")),
-    Case("raw gyro counts", column("yaw_rate", lambda i, _: f"{1200 + i}"), ("'yaw_rate'", "row 2", "counts")),
+    Case(
+        "raw gyro counts", column("yaw_rate", lambda i, _: f"{1200 + i}"), ("'yaw_rate'", "row 2", "counts")
+    ),
     Case("raw accelerometer counts", cell("a_z", 3, "16384"), ("'a_z'", "row 3", "counts")),
     Case("torque of a ship", cell("torque_r", 40, "-3e9"), ("'torque_r'", "row 40", "impossible")),
     # the description: file and syntax
@@ -245,7 +255,12 @@ CASES = (
     Case("YAML is one word", yaml_text("full\n"), ("line 1", "'full'"), YAML),
     Case("YAML runs code", yaml_text("model: !!python/object/apply:os.getcwd []\n"), ("line 1",), YAML),
     Case("YAML nested without end", yaml_text("[" * 5000), ("nested",), YAML),
-    Case("YAML key twice", yaml_text("model: full\nmodel: paper\n"), ("line 2", "model", "line 1"), YAML),
+    Case(
+        "YAML key twice",
+        yaml_text("model: full\nmodel: paper\n"),
+        ("run.yaml, line 2: model is given twice", "line 1"),
+        YAML,
+    ),
     Case("YAML impossible date", yaml_text("model: 2024-13-45\n"), ("cannot be read",), YAML),
     # the description: keys and values
     Case("no vehicle", description("vehicle", DROP), ("vehicle is missing",), YAML),
@@ -255,7 +270,9 @@ CASES = (
     Case("no start", description("start", DROP), ("start is missing",), YAML),
     Case("no start speed", description("start", "v_x", DROP), ("start.v_x is missing",), YAML),
     Case("no mass", description("vehicle", "m", DROP), ("vehicle.m is missing",), YAML),
-    Case("mass without a value", description("vehicle", "m", None), ("line 4", "vehicle.m", "no value"), YAML),
+    Case(
+        "mass without a value", description("vehicle", "m", None), ("line 4", "vehicle.m", "no value"), YAML
+    ),
     Case("negative mass", description("vehicle", "m", -1378.0), ("line 4", "vehicle.m", "-1378"), YAML),
     Case("mass in words", description("vehicle", "m", "heavy"), ("line 4", "vehicle.m", "'heavy'"), YAML),
     Case("mass true", description("vehicle", "m", True), ("line 4", "vehicle.m", "True"), YAML),
@@ -264,13 +281,18 @@ CASES = (
     Case("mass in grams", description("vehicle", "m", 1378e6), ("line 4", "vehicle.m"), YAML),
     Case("wheelbase in mm", description("vehicle", "l_f", 1537.0), ("vehicle.l_f", "mm given as m"), YAML),
     Case("stiffness in N/mm", description("vehicle", "k_f", 2.8), ("vehicle.k_f", "N/m"), YAML),
-    Case("misspelt vehicle key", description("vehicle", "wheels_per_axel", 2), ("wheels_per_axel", "'wheels_per_axle'"), YAML),
+    Case(
+        "misspelt vehicle key",
+        description("vehicle", "wheels_per_axel", 2),
+        ("wheels_per_axel", "'wheels_per_axle'"),
+        YAML,
+    ),
     Case("misspelt top key", description("vehicel", {}), ("'vehicel'", "'vehicle'"), YAML),
     Case("unknown key", description("weather", "wet"), ("'weather'", "known:"), YAML),
     Case("vehicle is a number", description("vehicle", 3), ("line 3", "vehicle must hold keys"), YAML),
     Case("friction angle in degrees", description("soil", "phi", 28.0), ("soil.phi", "degrees"), YAML),
     Case("cohesion in kPa", description("soil", "c", 4.14), ("soil.c", "kPa"), YAML),
-    Case("soil without n", description("soil", "n", DROP), ("soil", "missing: n"), YAML),
+    Case("soil without n", description("soil", "n", DROP), ("soil.n is missing",), YAML),
     Case("no such soil kind", description("soil", {"kind": "ice", "mu": 0.1}), ("soil.kind", "rigid"), YAML),
     Case("rigid without mu", description("soil", {"kind": "rigid", "C_alpha": 9.0}), ("soil.mu",), YAML),
     Case("paper ground without H0", description("terrain", {"kind": "paper"}), ("terrain.H0",), YAML),
@@ -288,21 +310,32 @@ CASES = (
     Case("state without speed", description("start", {"state": {"x": 1.0}}), ("start.state.v_x",), YAML),
     Case("topics without a bag", description("topics", {"imu": "/imu"}), ("'topics'",), YAML),
     # units
-    Case("unit of something else", description("units", {"a_x": "deg"}), ("units.a_x", "m/s^2, g", "'deg'"), YAML),
+    Case(
+        "unit of something else",
+        description("units", {"a_x": "deg"}),
+        ("units.a_x", "m/s^2, g", "'deg'"),
+        YAML,
+    ),
     Case("no such unit", description("units", {"steer": "gon"}), ("units.steer", "rad, deg", "'gon'"), YAML),
-    Case("unit of no column", description("units", {"yawrate": "deg/s"}), ("units.yawrate", "'yaw_rate'"), YAML),
+    Case(
+        "unit of no column", description("units", {"yawrate": "deg/s"}), ("units.yawrate", "'yaw_rate'"), YAML
+    ),
     Case("unit is a number", description("units", {"steer": 57.3}), ("units.steer", "57.3"), YAML),
-    Case("drive of the other kind", lambda folder: force_with_torque_only(folder), ("'drive_force'", "force")),
+    Case(
+        "drive of the other kind", lambda folder: force_with_torque_only(folder), ("'drive_force'", "force")
+    ),
     # wheel rigs
     Case("rig without load", rig(lambda rows: [row.pop(2) for row in rows]), ("'load'", "missing")),
-    Case("rig without results", rig(lambda rows: [row.__delitem__(slice(3, 5)) for row in rows]), ("drawbar",)),
+    Case(
+        "rig without results", rig(lambda rows: [row.__delitem__(slice(3, 5)) for row in rows]), ("drawbar",)
+    ),
     Case("rig slip in per cent", rig(put(6, 0, "40")), ("'slip'", "row 6", "per cent")),
     Case("rig angle in degrees", rig(put(4, 1, "15")), ("'slip_angle'", "row 4", "degrees")),
     Case("rig load negative", rig(put(5, 2, "-20")), ("'load'", "row 5", "positive")),
     Case("rig sinkage in mm", rig(put(3, 4, "18.0")), ("'sinkage'", "row 3", "mm")),
     Case("rig without wheel", rig(no_change, wheel=DROP), ("wheel is missing",), YAML),
     Case("rig wheel in mm", rig(no_change, wheel={"r": 58.0, "b": 50.0}), ("wheel.r", "mm"), YAML),
-)  # fmt: skip
+)
 
 
 def force_with_torque_only(folder: Path) -> None:
@@ -315,6 +348,15 @@ def sentence_of(path: Path) -> str:
     with pytest.raises(DataError) as caught:
         read_log(path)
     return str(caught.value)
+
+
+def refusal(path: Path) -> str:
+    """The sentence by which a log is refused, "" if it is read."""
+    try:
+        read_log(path)
+    except DataError as error:
+        return str(error)
+    return ""
 
 
 def test_the_log_from_which_all_bad_ones_are_made_is_good(tmp_path):
@@ -397,11 +439,10 @@ def test_a_file_cut_anywhere_is_read_as_the_rows_it_still_has_or_refused(tmp_pat
     refused = 0
     for cut in range(0, len(text), 41):
         (tmp_path / "run.csv").write_text(text[:cut])
-        try:
-            log = read_log(tmp_path / "run.csv")
-        except DataError:
+        if refusal(tmp_path / "run.csv"):
             refused += 1
             continue
+        log = read_log(tmp_path / "run.csv")
         # The last number of the last row may have lost digits: it is a reference column.
         assert np.array_equal(log.t, whole.t[: len(log)])
         assert np.array_equal(log.channels["a_z"], whole.channels["a_z"][: len(log)])
@@ -413,16 +454,11 @@ def test_damaged_bytes_never_end_in_anything_but_a_log_or_a_sentence(file, tmp_p
     write(tmp_path, text_of(good_rows()[:12]))
     content = (tmp_path / file).read_bytes()
     rng = np.random.default_rng(11)
-    outcomes = {"read": 0, "refused": 0}
+    refused = 0
     for _ in range(250):
         damaged = bytearray(content)
         for position in rng.integers(0, len(content), rng.integers(1, 6)):
             damaged[position] = int(rng.integers(0, 256))
         (tmp_path / file).write_bytes(bytes(damaged))
-        try:
-            read_log(tmp_path / "run.csv")
-            outcomes["read"] += 1
-        except DataError as error:
-            outcomes["refused"] += 1
-            assert str(tmp_path) in str(error)
-    assert outcomes["refused"] > 100
+        refused += refusal(tmp_path / "run.csv").startswith(str(tmp_path))
+    assert refused > 100

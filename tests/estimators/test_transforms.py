@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.transforms import from_range, interval, moments, range_slope, to_range
+from estimators.transforms import belief_of, from_range, interval, moments, range_slope, to_range
+from offroad_env.errors import InvalidParameter
 
 LOW, HIGH = 0.3, 1.1
 
@@ -36,6 +37,18 @@ def test_moments_are_those_of_the_distribution(eta, sd):
     # Four standard errors of the sample mean, the same for the standard deviation.
     assert mean == pytest.approx(samples.mean(), abs=4.0 * samples.std() / np.sqrt(samples.size))
     assert spread == pytest.approx(samples.std(), rel=0.01)
+
+
+@pytest.mark.parametrize(("mean", "sd"), [(0.7, 0.2), (0.35, 0.03), (1.05, 0.002), (0.5, 0.15)])
+def test_a_belief_has_the_moments_that_were_asked_for(mean, sd):
+    eta, variance = belief_of(mean, sd, LOW, HIGH)
+    assert moments(eta, variance, LOW, HIGH) == pytest.approx((mean, sd), rel=1e-9)
+
+
+@pytest.mark.parametrize(("mean", "sd", "message"), [(1.2, 0.1, "mean"), (0.7, 0.0, "sd"), (0.7, 0.4, "sd")])
+def test_a_belief_that_cannot_be_is_refused(mean, sd, message):
+    with pytest.raises(InvalidParameter, match=f"{message} must be in"):
+        belief_of(mean, sd, LOW, HIGH)
 
 
 def test_the_interval_holds_its_share_and_stays_inside():
