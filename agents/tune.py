@@ -1,7 +1,7 @@
 """Tune the knobs of every arm with one budget: ``python -m agents.tune``.
 
-The same search for each arm, over the same training episodes (never those of a benchmark): a
-low-discrepancy sample of the box of its knobs, then rounds in which the best survive, change a
+The same search for each arm, over the same training episodes (never those of a benchmark): the
+middle and a low-discrepancy sample of the box of its knobs, then rounds in which the best survive, change a
 little, and drive more episodes. The lowest mean score wins (`agents.benchmark.runner`). The result
 is the module `agents.tuned`.
 """
@@ -25,11 +25,12 @@ _COMMON = {"margin": (0.5, 1.1), "slip_angle": (0.15, 0.52), "feed_forward": (0.
 
 #: Knobs of each arm with the ranges that are searched, the same for all arms. ``slip_angle`` ends
 #: where the table of `agents.capability` does; ``n`` is a place in the prior: whoever believes more
-#: than its middle leaves the corridor on the softer half.
+#: than its middle leaves the corridor on the softer half. ``z`` starts above 0: an arm that heeds no
+#: doubt is not the aware arm.
 KNOBS: dict[str, dict[str, tuple[float, float]]] = {
     "nominal": {**_COMMON, "n": (0.0, 0.5)},
     "conservative": _COMMON,
-    "aware": {**_COMMON, "z": (0.0, 2.0)},
+    "aware": {**_COMMON, "z": (0.5, 2.0)},
     "oracle": _COMMON,
 }
 
@@ -78,6 +79,7 @@ def tune_arm(name: str, args: TuneArgs, *, progress: Callable[[str, int, int], N
     low, high = (np.array([limits[i] for limits in box.values()]) for i in (0, 1))
     rng = np.random.default_rng(args.seed)
     population = qmc.Halton(len(box), rng=rng).random(args.rounds[0].children)
+    population[0] = 0.5
     driven = 0
     for index, stage in enumerate(args.rounds):
         if index > 0:

@@ -327,7 +327,7 @@ def _watch(state, nis, channels, rules, dt):
 
 @kernel
 def _renew(state, rules, model):
-    """Draw a new fan: every soil again, with the pose and speeds of the best component, settled on its own."""
+    """Draw a new fan: every soil again, at the pose and speed of the best component, settled on its own."""
     best = np.argmax(state.log_weights)
     base, cov = state.means[best].copy(), state.covs[best].copy()
     pose, speed = (base[at.X], base[at.Y], base[at.YAW]), max(base[at.V_X], 0.0)
@@ -378,7 +378,10 @@ def bank_step(state, inputs, z, rules, model, out):
 
 @kernel
 def _run(state, inputs, z, rules, model, report, history):
-    """The loop behind `run_bank`; returns (repairs, failed, renewed). ``history`` = (log weights, eta, variance)."""
+    """The loop behind `run_bank`; ``history`` = (log weights, eta, variance), each (T, K).
+
+    Returns (repairs, failed, renewed).
+    """
     logs, etas, variances = history
     repairs = failed = renewed = 0
     _report(state, np.full(state.log_weights.shape[0], math.nan), rules, model, report[0])

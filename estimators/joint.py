@@ -263,7 +263,7 @@ def update(mean, cov, points, predicted, z, R, weights):
     As `ukf_compiled.unscented_update` (bound to it by a test), with independent sensor noise
     ``R`` (m,) and the log density of the measurement, which weighs one hypothesis against another.
     """
-    a_0_m, a_0_c, a_i, _ = weights
+    _, a_0_c, a_i, _ = weights
     L, m, count = mean.shape[0], z.shape[0], points.shape[0]
     expected, S_zz, S = np.empty(m), np.empty((m, m)), np.empty((m, m))
     transform_moments(predicted, weights, expected, S_zz)
@@ -301,7 +301,7 @@ def update(mean, cov, points, predicted, z, R, weights):
 
 @kernel
 def _measured(predicted, z):
-    """The columns of ``predicted`` and the entries of ``z`` that were measured (not NaN), and their indices."""
+    """What was measured (not NaN): columns of ``predicted``, entries of ``z``, and their indices."""
     index = np.flatnonzero(np.isfinite(z))
     present = np.empty(index.shape[0])
     columns = np.empty((predicted.shape[0], index.shape[0]))

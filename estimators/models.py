@@ -14,9 +14,9 @@ import numpy as np
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
-from offroad_env.physics.packing import unpack
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.full_model import WORK_ROWS, full_step
+from offroad_env.physics.packing import unpack
 from offroad_env.physics.paper_model import paper_derivative, paper_step
 from offroad_env.physics.sensor_kernels import imu_reading
 from offroad_env.physics.vehicle_model import Plant, with_exponent

@@ -12,6 +12,7 @@ from offroad_env.errors import InvalidParameter, OffroadError
 
 if TYPE_CHECKING:
     import gymnasium as gym
+
     from agents.episode import Drive as Episode
     from agents.protocol import Agent
 

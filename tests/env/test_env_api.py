@@ -92,9 +92,7 @@ def arrays(value):
 
 @every_task
 def test_it_passes_gymnasiums_checker_with_warnings_as_errors(scenario, terrain_info):
-    env = make(scenario=scenario, terrain_info=terrain_info)
-    # Pictures have their own tests; here the checker would open a window for every task.
-    gymnasium_check(env.unwrapped, skip_render_check=True)
+    gymnasium_check(make(scenario=scenario, terrain_info=terrain_info).unwrapped)
 
 
 @every_task
@@ -106,7 +104,7 @@ def test_it_passes_the_checker_of_stable_baselines3_with_warnings_as_errors(scen
 @every_plant
 def test_every_plant_passes_gymnasiums_checker(model, vehicle_model):
     env = make(terrain_info="estimate", model=model, vehicle_model=vehicle_model)
-    gymnasium_check(env.unwrapped, skip_render_check=True)
+    gymnasium_check(env.unwrapped)
 
 
 def test_the_id_with_the_module_in_front_works_in_an_interpreter_that_imported_nothing():

@@ -1,0 +1,147 @@
+"""Is a filter as good as it says? Chi-square bands for innovations and errors, and coverage.
+
+A filter whose model, noise and start are right has normalised innovations squared (NIS) with a
+chi-square distribution of as many degrees of freedom as there are channels, white in time, and
+normalised errors squared (NEES) with as many as there are states (Y. Bar-Shalom, X. R. Li & T.
+Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 5.4). Errors
+of one run are correlated in time, so NEES and coverage are judged over runs.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import chi2
+
+from offroad_env.errors import InvalidParameter
+
+__all__ = ["Band", "Consistency", "chi_square_band", "coverage", "nees", "nees_test", "nis_test"]
+
+
+class Band(NamedTuple):
+    """An interval for a mean of chi-square numbers."""
+
+    low: float
+    high: float
+
+    def holds(self, value: float) -> bool:
+        """Whether ``value`` lies inside."""
+        return self.low <= value <= self.high
+
+
+class Consistency(NamedTuple):
+    """A mean with the band that a consistent filter keeps."""
+
+    mean: float
+    band: Band
+    count: int  #: independent numbers in the mean
+
+    @property
+    def consistent(self) -> bool:
+        """Whether the mean lies inside the band."""
+        return self.band.holds(self.mean)
+
+
+def chi_square_band(freedom: int, count: int, probability: float = 0.95) -> Band:
+    """Central interval of the mean of ``count`` independent chi-square numbers.
+
+    Parameters
+    ----------
+    freedom : int
+        Degrees of freedom of each.
+    count : int
+        How many.
+    probability : float
+        Of the interval, in (0, 1).
+    """
+    if freedom < 1 or count < 1:
+        raise InvalidParameter(f"freedom and count must be >= 1, got {freedom} and {count}")
+    if not 0.0 < probability < 1.0:
+        raise InvalidParameter(f"probability must be in (0, 1), got {probability} - in percent?")
+    tail = 0.5 * (1.0 - probability)
+    law = chi2(freedom * count)
+    return Band(float(law.ppf(tail)) / count, float(law.ppf(1.0 - tail)) / count)
+
+
+def nis_test(nis: np.ndarray, channels: int, probability: float = 0.95) -> Consistency:
+    """Mean NIS of one or more runs against its band; NaN entries (no measurement) are left out.
+
+    Parameters
+    ----------
+    nis : array, any shape
+        Independent in time for a consistent filter.
+    channels : int
+        Measured at each update.
+    probability : float
+        Of the band.
+    """
+    values = np.asarray(nis, dtype=np.float64)
+    values = values[np.isfinite(values)]
+    if values.size == 0:
+        raise InvalidParameter("nis holds no finite number: the filter made no update")
+    return Consistency(float(values.mean()), chi_square_band(channels, values.size, probability), values.size)
+
+
+def nees(errors: np.ndarray, covariances: np.ndarray) -> np.ndarray:
+    """Normalised error squared e^T P^-1 e of every row.
+
+    Parameters
+    ----------
+    errors : array (..., L)
+    covariances : array (..., L, L)
+
+    Returns
+    -------
+    array (...)
+    """
+    errors, covariances = np.asarray(errors, dtype=np.float64), np.asarray(covariances, dtype=np.float64)
+    if covariances.shape != (*errors.shape, errors.shape[-1]):
+        raise InvalidParameter(
+            f"errors {errors.shape} need covariances {(*errors.shape, errors.shape[-1])}, "
+            f"got {covariances.shape}"
+        )
+    # Scaled to unit diagonal first: positions and rates differ by orders of magnitude.
+    sd = np.sqrt(np.diagonal(covariances, axis1=-2, axis2=-1))
+    scaled = covariances / (sd[..., :, None] * sd[..., None, :])
+    e = errors / sd
+    return np.einsum("...i,...i->...", e, np.linalg.solve(scaled, e[..., None])[..., 0])
+
+
+def nees_test(errors: np.ndarray, covariances: np.ndarray, probability: float = 0.95) -> Consistency:
+    """Mean NEES over independent runs, one moment of each, against its band.
+
+    Parameters
+    ----------
+    errors : array (runs, L)
+    covariances : array (runs, L, L)
+    probability : float
+        Of the band.
+    """
+    values = nees(errors, covariances)
+    band = chi_square_band(np.shape(errors)[-1], values.size, probability)
+    return Consistency(float(values.mean()), band, values.size)
+
+
+def coverage(
+    low: np.ndarray, high: np.ndarray, truth: np.ndarray | float, valid: np.ndarray | None = None
+) -> float:
+    """Share of the time in which the truth is inside the interval.
+
+    Parameters
+    ----------
+    low, high : arrays of one shape
+        Ends of the interval.
+    truth : array or float
+        Broadcast against them.
+    valid : bool array, optional
+        Count only where the filter vouches for its estimate.
+
+    Returns
+    -------
+    float : NaN when nothing is valid.
+    """
+    inside = (np.asarray(low) <= truth) & (truth <= np.asarray(high))
+    if valid is not None:
+        inside = inside[np.broadcast_to(valid, inside.shape)]
+    return float(inside.mean()) if inside.size else float("nan")
