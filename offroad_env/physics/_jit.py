@@ -1,15 +1,17 @@
 """The one place where numba is configured.
 
 ``cache=True`` alone is a trap here: numba stamps a cached kernel with its own file only, so a
-change in a kernel that it calls from another file goes unnoticed. The cache folder is therefore
-keyed by a digest of every kernel source, and an edit anywhere starts a fresh folder.
+change in a kernel that it calls from another file goes unnoticed. The cache folder of a module is
+therefore keyed by a digest of its source and of every source of ours that it imports, however
+indirectly: an edit starts a fresh folder for exactly those kernels that it can reach.
 """
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import TypeVar
@@ -21,42 +23,55 @@ __all__ = ["cache_folder", "inline_kernel", "kernel"]
 
 F = TypeVar("F", bound=Callable)
 
-_PHYSICS = Path(__file__).resolve().parent
-_ROOT = _PHYSICS.parents[1]
-#: Packages whose modules may define kernels.
+_ROOT = Path(__file__).resolve().parents[2]
 _PACKAGES = ("offroad_env", "estimators", "agents")
 
 
-def _digest(files: Iterable[Path]) -> str:
+def _source(module: str) -> Path | None:
+    """File of one of our modules, or None for a name that is none."""
+    if module.split(".")[0] not in _PACKAGES:
+        return None
+    stem = _ROOT.joinpath(*module.split("."))
+    return next((file for file in (stem.with_suffix(".py"), stem / "__init__.py") if file.is_file()), None)
+
+
+@cache
+def _imports(module: str) -> frozenset[str]:
+    """Our modules that ``module`` imports at its top level."""
+    found: set[str] = set()
+    for node in ast.parse(_source(module).read_bytes()).body:
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            found.update((node.module, *(f"{node.module}.{alias.name}" for alias in node.names)))
+    return frozenset(name for name in found if _source(name))
+
+
+@cache
+def _digest(module: str) -> str:
+    """Of the numba version, the module's source and all sources of ours behind its imports."""
+    reached, front = {module}, {module}
+    while front:
+        front = {name for known in front for name in _imports(known)} - reached
+        reached |= front
     text = hashlib.sha256(numba.__version__.encode())
-    for file in sorted(files):
-        text.update(str(file.relative_to(_ROOT)).encode())
-        text.update(file.read_bytes())
+    for name in sorted(reached):
+        text.update(name.encode())
+        text.update(_source(name).read_bytes())
     return text.hexdigest()[:16]
-
-
-@cache
-def _physics_digest() -> str:
-    return _digest(_PHYSICS.rglob("*.py"))
-
-
-@cache
-def _whole_digest() -> str:
-    files = (file for package in _PACKAGES for file in (_ROOT / package).rglob("*.py"))
-    return _digest(file for file in files if file.parent == _PHYSICS or b"kernel" in file.read_bytes())
 
 
 def cache_folder(module: str) -> Path:
     """Folder of the compiled kernels of ``module``, for exactly these sources.
 
-    Kernels of the physics call only each other, so an edit above them leaves their folder alone;
-    any other kernel may call any of them all.
+    A module that is not ours (a test, a script) has no fixed sources behind it and shares a
+    folder keyed by those of the whole physics.
     """
     base = os.environ.get("OFFROAD_CACHE") or os.path.join(
         os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "offroad-bekker"
     )
-    physics = module.startswith("offroad_env.physics.")
-    return Path(base) / "kernels" / (_physics_digest() if physics else _whole_digest())
+    ours = module if _source(module) else "offroad_env.physics.full_model"
+    return Path(base) / "kernels" / _digest(ours)
 
 
 def _compile(function: F, **options) -> F:

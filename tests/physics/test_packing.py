@@ -43,24 +43,26 @@ def test_a_packed_plant_comes_back_as_it_was():
     np.testing.assert_array_equal(back.soil_map.patches, plant.soil_map.patches)
 
 
-def test_an_edit_in_any_kernel_file_starts_a_new_cache(tmp_path):
+def test_an_edit_starts_a_new_cache_for_the_kernels_that_it_reaches(tmp_path):
     for package in ("offroad_env", "estimators", "agents"):
         ignored = shutil.ignore_patterns("__pycache__")
         shutil.copytree(REPOSITORY / package, tmp_path / package, ignore=ignored)
     code = (
         f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
         "from offroad_env.physics._jit import cache_folder\n"
-        "print(cache_folder('offroad_env.physics.contact'), cache_folder('offroad_env.observation'))"
+        "for module in ('physics.numerics', 'physics.contact', 'observation'):\n"
+        "    print(cache_folder('offroad_env.' + module))"
     )
-    before = run_fresh(code).split()
-    assert run_fresh(code).split() == before
-    with (tmp_path / "offroad_env/observation.py").open("a") as file:
-        file.write("# a change above the physics\n")
-    above = run_fresh(code).split()
-    assert above[0] == before[0]
-    assert above[1] != before[1]
-    with (tmp_path / "offroad_env/physics/numerics.py").open("a") as file:
-        file.write("# a change in the physics\n")
-    below = run_fresh(code).split()
-    assert below[0] != before[0]
-    assert below[1] != above[1]
+
+    def after_an_edit_of(file: str) -> list[bool]:
+        before = run_fresh(code).split()
+        with (tmp_path / file).open("a") as source:
+            source.write("# a change\n")
+        return [a != b for a, b in zip(before, run_fresh(code).split(), strict=True)]
+
+    assert after_an_edit_of("offroad_env/observation.py") == [False, False, True]
+    assert after_an_edit_of("offroad_env/physics/contact.py") == [False, True, False]
+    assert after_an_edit_of("offroad_env/physics/numerics.py") == [True, True, False]
+    assert after_an_edit_of("offroad_env/physics/path_kernels.py") == [False, False, True]
+    assert after_an_edit_of("offroad_env/physics/_jit.py") == [True, True, True]
+    assert after_an_edit_of("agents/cli.py") == [False, False, False]
