@@ -34,7 +34,7 @@ def _bank(row, seed, duration, settings=SETTINGS, **kwargs):
 
 @pytest.fixture(scope="module")
 def straight():
-    return _bank(STRAIGHT, 101, 2.0)
+    return _bank(STRAIGHT, 101, 2.5)
 
 
 @pytest.fixture(scope="module")
@@ -85,8 +85,10 @@ def test_every_root_of_the_force_keeps_weight_while_driving_straight(straight):
     assert len(roots) == 3, "clay pulls equally at three exponents"
     # Half a second: what the settled start and the vertical motion tell has not yet decided.
     assert min(_mass(run, 50, root, 0.05) for root in roots) > 0.01
-    assert len(run.modes(50)) >= 2
-    assert not run.valid[:200].any(), "several modes: no estimate to vouch for"
+    assert run.sd[50] > SETTINGS.widest, "several soils: no estimate to vouch for"
+    # Once the components are narrow, what is left of them stands apart.
+    assert len(run.modes(-1)) >= 2
+    assert not run.valid[-1]
     assert run.low[50] < twin.n[0] < run.high[50]
 
 

@@ -76,7 +76,8 @@ def test_more_sensors_and_less_noise_lower_the_bound(steered):
     assert posterior_bound(quiet, start, twin.truth, twin.inputs, z)[-1] < bound[-1]
     nothing = np.full_like(z, math.nan)
     blind = posterior_bound(model, start, twin.truth, twin.inputs, nothing)
-    np.testing.assert_allclose(blind, blind[0], rtol=1e-12)
+    # The difference quotient of an eta that stays as it is: 1 to rounding, times 400 steps.
+    np.testing.assert_allclose(blind, blind[0], rtol=1e-9)
 
 
 def test_information_is_averaged_over_truths():

@@ -1,0 +1,63 @@
+"""The README: its example runs, and what it names exists."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from agents.cli import COMMANDS
+from helpers import REPOSITORY, run_fresh
+
+README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
+
+
+def test_the_example_is_short_and_runs():
+    (example,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    assert len(example.strip().splitlines()) <= 15
+    said = run_fresh(example)
+    assert re.fullmatch(r"\d+ m in \d+\.\d s; n is 0\.7, estimated \d\.\d\d\n", said)
+
+
+def test_the_line_of_terramechanics_runs():
+    (imports,) = re.findall(r"`(from offroad_env import SOILS.*?)`", README)
+    (call,) = re.findall(r"`(wheel_forces\(.*?)`", README)
+    assert float(run_fresh(f"{imports}\nprint({call}.sinkage)")) > 0.0
+
+
+def test_the_readme_fits_on_one_screen():
+    assert len(README.splitlines()) < 70
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_file_that_a_page_links_to_exists(page):
+    links = re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8"))
+    missing = [link for link in links if "://" not in link and not (page.parent / link).is_file()]
+    assert missing == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_place_that_a_page_names_exists(page):
+    text = page.read_text(encoding="utf-8")
+    places = re.findall(r"`((?:offroad_env|estimators|agents|tests|benchmarks|docs)(?:/[\w.]+)*)`", text)
+    assert [place for place in places if not (REPOSITORY / place).exists()] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_command_that_a_page_names_exists(page):
+    text = page.read_text(encoding="utf-8")
+    named = set(re.findall(r"`offroad ([a-z-]+)", text))
+    assert named <= set(COMMANDS)
+    targets = set(re.findall(r"^([a-z-]+):", (REPOSITORY / "Makefile").read_text(encoding="utf-8"), flags=re.M))
+    assert set(re.findall(r"(?:^|`)make ([a-z-]+)", text, flags=re.M)) <= targets
+
+
+def test_pictures_are_small():
+    images = list((REPOSITORY / "docs" / "images").iterdir())
+    assert images
+    assert all(image.stat().st_size < 300_000 for image in images)
+
+
+def test_the_readme_names_the_clash_of_the_import_name():
+    assert "package named `agents`" in README
