@@ -16,7 +16,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from physics.reference import CHANNELS, Case, ask_kernel, ask_reference, draw_case, errors  # noqa: E402
+from physics.reference import CHANNELS, Case, ask_kernel, ask_reference, draw_case, errors
 
 #: Promise of `wheel_forces`: of the load (torque: of load times radius), and relative in sinkage.
 LIMIT = 1e-6
@@ -60,9 +60,11 @@ def summary(cases: list[Case], found: np.ndarray, seed: int) -> dict[str, object
 def table(result: dict[str, object]) -> str:
     """The distribution as text."""
     head = "  ".join(f"{'max' if q == 1.0 else f'{100 * q:g} %':>8}" for q in QUANTILES)
-    lines = [f"{result['inputs']} random inputs, seed {result['seed']}: error below the limit of {LIMIT:g} in"]
-    lines[0] += f" {result['inputs'] - result['above_limit']} of {result['inputs']}"
-    lines.append(f"{'error of':10}{head}")
+    count = result["inputs"]
+    lines = [
+        f"{count} random inputs, seed {result['seed']}: {count - result['above_limit']} within {LIMIT:g}",
+        f"{'error of':10}{head}",
+    ]
     for channel, row in result["quantiles"].items():
         lines.append(f"{channel:10}" + "  ".join(f"{value:8.1e}" for value in row.values()))
     return "\n".join(lines)
@@ -70,7 +72,7 @@ def table(result: dict[str, object]) -> str:
 
 def main() -> int:
     """Run the study and report."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=2000, help="number of random inputs (default 2000)")
     parser.add_argument("--seed", type=int, default=2202, help="seed of the drawing (default 2202)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result here")

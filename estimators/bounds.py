@@ -28,7 +28,7 @@ from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.contact import SUNK
 
-__all__ = ["bound_step", "mean_bound", "posterior_bound"]
+__all__ = ["linear_step", "mean_bound", "motion_slopes", "posterior_bound", "reading_slopes"]
 
 #: Half the step of the central differences, for X, Y, yaw, z, pitch, v_x, v_y, v_z, pitch_rate,
 #: yaw_rate, eta: cubic terms stay below 1e-6 of the slope, rounding of the contact solve (1e-11)
@@ -37,71 +37,89 @@ _STEPS = np.array([1e-4, 1e-4, 1e-5, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1
 
 
 @kernel
-def bound_step(cov, F, H, Q, R):
-    """One step of the recursion on the covariance (L, L), in place; returns the repairs.
+def linear_step(cov, F, H, Q, R):
+    """Predict and update the covariance (L, L) of a linear filter, in place.
 
-    F (L, L), H (m, L) : slopes of motion and reading at the truth
+    F (L, L), H (m, L) : slopes of motion and reading
     Q (L,), R (m,) : variances of process and sensor noise
+
+    Returns
+    -------
+    (A (m, L), S (m, m), repairs): S is the lower factor of the innovation's covariance; the update
+    takes A^T A from the covariance and adds A^T S^-1 e to the mean.
     """
     L, m = F.shape[0], H.shape[0]
     predicted = F @ cov @ F.T
     for i in range(L):
         predicted[i, i] += Q[i]
-    across = predicted @ H.T
-    S, factor = H @ across, np.empty((m, m))
+    across = H @ predicted
+    innovation, S = across @ H.T, np.empty((m, m))
     for j in range(m):
-        S[j, j] += R[j]
-    repairs = guarded_cholesky(S, factor)
-    A = np.linalg.solve(factor, across.T.copy())
+        innovation[j, j] += R[j]
+    repairs = guarded_cholesky(innovation, S)
+    A = np.linalg.solve(S, across)
     cov[:] = predicted - A.T @ A
     cov[:] = 0.5 * (cov + cov.T)
-    return repairs
+    return A, S, repairs
 
 
 @kernel
-def _slopes(point, warm, inputs, model, F, H):
-    """Slopes of motion F (11, 11) and of the reading after it H (m, 11) at ``point``; worst contact status.
+def motion_slopes(point, warm, inputs, model, F):
+    """Slopes of motion F (11, 11) at ``point``, which is then carried to the end of the step.
 
-    H is taken at the end of the step, where ``point`` is carried to.
+    Returns the worst contact status.
     """
     work, readings = np.empty((3, ETA)), np.empty(at.READINGS_SIZE)
-    side, trial = np.empty(SIZE), np.empty((2, 2, 3))
-    low, high = np.empty(H.shape[0]), np.empty(H.shape[0])
+    side, trial = np.empty(SIZE), np.empty((2, 3))
     worst = 0.0
     for j in range(SIZE):
-        for sign in range(2):
+        for sign in (-1.0, 1.0):
             side[:] = point
-            side[j] += (2.0 * sign - 1.0) * _STEPS[j]
-            trial[sign] = warm
-            worst = max(worst, advance_point(side, trial[sign], inputs, model, work, readings))
-            if sign == 0:
-                F[:, j] = -side
+            side[j] += sign * _STEPS[j]
+            trial[:] = warm
+            worst = max(worst, advance_point(side, trial, inputs, model, work, readings))
+            if sign < 0.0:
+                F[:, j] = side
             else:
-                F[:, j] = (F[:, j] + side) / (2.0 * _STEPS[j])
-    worst = max(worst, advance_point(point, warm, inputs, model, work, readings))
+                F[:, j] = (side - F[:, j]) / (2.0 * _STEPS[j])
+    return max(worst, advance_point(point, warm, inputs, model, work, readings))
+
+
+@kernel
+def reading_slopes(point, warm, inputs, model, H, out):
+    """Slopes H (m, 11) of the reading at ``point`` and the reading itself (m,); worst contact status.
+
+    ``inputs`` (3,) are those of the moment.
+    """
+    work, readings = np.empty((3, ETA)), np.empty(at.READINGS_SIZE)
+    side, trial = np.empty(SIZE), np.empty((2, 3))
+    worst = 0.0
     for j in range(SIZE):
-        for sign in range(2):
+        for sign in (-1.0, 1.0):
             side[:] = point
-            side[j] += (2.0 * sign - 1.0) * _STEPS[j]
-            trial[sign] = warm
-            out = low if sign == 0 else high
-            worst = max(worst, read_point(side, trial[sign], inputs[2], model, work, readings, out))
-        H[:, j] = (high - low) / (2.0 * _STEPS[j])
-    return worst
+            side[j] += sign * _STEPS[j]
+            trial[:] = warm
+            worst = max(worst, read_point(side, trial, inputs, model, work, readings, out))
+            for i in range(out.shape[0]):
+                H[i, j] = out[i] if sign < 0.0 else (out[i] - H[i, j]) / (2.0 * _STEPS[j])
+    return max(worst, read_point(point, warm, inputs, model, work, readings, out))
 
 
 @kernel
 def _run(truth, cov, warm, inputs, measured, model, variances):
     """Fill the bound on the variance of eta (T,); returns the failed step, or T."""
     F, H_all = np.empty((SIZE, SIZE)), np.empty((measured.shape[1], SIZE))
+    reading = np.empty(measured.shape[1])
     variances[0] = cov[ETA, ETA]
     for k in range(1, truth.shape[0]):
         point = truth[k - 1].copy()
-        status = _slopes(point, warm, inputs[2 * k - 2 : 2 * k + 1], model, F, H_all)
+        status = motion_slopes(point, warm, inputs[2 * k - 2 : 2 * k + 1], model, F)
+        point[:] = truth[k]
+        status = max(status, reading_slopes(point, warm, inputs[2 * k], model, H_all, reading))
         if status >= SUNK or not (np.isfinite(F).all() and np.isfinite(H_all).all()):
             return k
         index = np.flatnonzero(measured[k])
-        bound_step(cov, F, H_all[index].copy(), model.Q, model.R[index])
+        linear_step(cov, F, H_all[index].copy(), model.Q, model.R[index])
         variances[k] = cov[ETA, ETA]
     return truth.shape[0]
 

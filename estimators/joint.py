@@ -48,10 +48,12 @@ __all__ = [
     "hypothesis",
     "joint_model",
     "joint_step",
+    "measured",
     "only_imu",
     "prior",
     "read_point",
     "run_joint_filter",
+    "summed_up",
     "transform_moments",
     "update",
 ]
@@ -300,7 +302,7 @@ def update(mean, cov, points, predicted, z, R, weights):
 
 
 @kernel
-def _measured(predicted, z):
+def measured(predicted, z):
     """What was measured (not NaN): columns of ``predicted``, entries of ``z``, and their indices."""
     index = np.flatnonzero(np.isfinite(z))
     present = np.empty(index.shape[0])
@@ -350,7 +352,7 @@ def joint_step(mean, cov, warms, inputs, z, model):
         warms[:, :, 0] = 0.0  # a failed solve is no start for the next one
         return -math.inf, math.nan, repairs, SUNK
     log_likelihood, nis = 0.0, math.nan
-    columns, present, index = _measured(predicted, z)
+    columns, present, index = measured(predicted, z)
     if present.shape[0] > 0:
         log_likelihood, nis, repaired = update(
             new_mean, new_cov, points, columns, present, model.R[index], model.weights
@@ -412,6 +414,27 @@ def check_run(inputs: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return inputs, z
 
 
+def summed_up(
+    model: JointModel, beliefs: tuple[np.ndarray, np.ndarray, np.ndarray], repairs: int, skipped: int
+) -> JointRun:
+    """A run from its means (T, 11), covariances (T, 11, 11) and NIS (T,)."""
+    means, covs, nis = beliefs
+    eta, variance = means[:, ETA], covs[:, ETA, ETA]
+    n = np.array([moments(e, v, model.low, model.high) for e, v in zip(eta, variance, strict=True)])
+    band = np.array([interval(e, v, model.low, model.high) for e, v in zip(eta, variance, strict=True)])
+    return JointRun(
+        means=means,
+        covariances=covs,
+        n=n[:, 0],
+        sd=n[:, 1],
+        low=band[:, 0],
+        high=band[:, 1],
+        nis=nis,
+        repairs=repairs,
+        skipped=skipped,
+    )
+
+
 def run_joint_filter(
     model: JointModel,
     start: tuple[np.ndarray, np.ndarray, np.ndarray],
@@ -437,17 +460,4 @@ def run_joint_filter(
     mean, cov, warm = start
     belief = (mean.copy(), cov.copy())
     repairs, skipped = _run(belief, warm, inputs, z, model, (means, covs, nis))
-    eta, variance = means[:, ETA], covs[:, ETA, ETA]
-    n = np.array([moments(e, v, model.low, model.high) for e, v in zip(eta, variance, strict=True)])
-    band = np.array([interval(e, v, model.low, model.high) for e, v in zip(eta, variance, strict=True)])
-    return JointRun(
-        means=means,
-        covariances=covs,
-        n=n[:, 0],
-        sd=n[:, 1],
-        low=band[:, 0],
-        high=band[:, 1],
-        nis=nis,
-        repairs=int(repairs),
-        skipped=int(skipped),
-    )
+    return summed_up(model, (means, covs, nis), int(repairs), int(skipped))

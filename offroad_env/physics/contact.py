@@ -134,7 +134,7 @@ def solve_contact(soil, wheel, motion, frame, support, warm, options):
         # A remembered exponent proves nothing about the last step, so that one must itself be small.
         measured = i > 0 and abs(change) > 1e-8 * h and V > 0.0 and V_old > 0.0
         if measured:
-            exponent = min(max(math.log(V / V_old) / math.log(h / h_old), 0.2), 6.0)
+            exponent = min(max(math.log(V / V_old) / math.log(h / h_old), 0.02), 6.0)
         step = (target - V) / (exponent * abs(V) / h + k)
         error = abs(step) * (abs(change) if measured else h)
         if error <= _TOLERANCE * h * h and abs(step) <= 1e-4 * h:

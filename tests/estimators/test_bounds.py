@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from estimators.bounds import bound_step, mean_bound, posterior_bound
+from estimators.bounds import linear_step, mean_bound, posterior_bound
 from estimators.joint import ETA, JointSettings, only_imu, prior, run_joint_filter
 from estimators.paper import ROWS
 from estimators.protocol_runs import row_model, row_twin
@@ -28,7 +28,7 @@ def test_bound_is_the_kalman_covariance_on_a_linear_problem():
     F, H, Q, R = _linear_problem()
     cov, kalman = np.eye(4), np.eye(4)
     for _ in range(50):
-        bound_step(cov, F, H, Q, R)
+        linear_step(cov, F, H, Q, R)
         predicted = F @ kalman @ F.T + np.diag(Q)
         gain = predicted @ H.T @ np.linalg.inv(H @ predicted @ H.T + np.diag(R))
         kalman = (np.eye(4) - gain @ H) @ predicted
@@ -41,7 +41,7 @@ def test_bound_is_the_information_recursion_of_the_paper():
     Q = np.array([0.03, 0.01, 0.02, 0.01])
     cov, J, Qi = np.eye(4), np.eye(4), np.diag(1.0 / Q)
     for _ in range(50):
-        bound_step(cov, F, H, Q, R)
+        linear_step(cov, F, H, Q, R)
         J = Qi + H.T @ np.diag(1.0 / R) @ H - Qi @ F @ np.linalg.inv(J + F.T @ Qi @ F) @ F.T @ Qi
     np.testing.assert_allclose(cov, np.linalg.inv(J), rtol=1e-9)
 

@@ -54,8 +54,8 @@ def moving_energy(vehicle, states) -> np.ndarray:
     """Kinetic energy [J] of body and wheels, row by row."""
     body = 0.5 * vehicle.m * (states[:, [at.V_X, at.V_Y, at.V_Z]] ** 2).sum(axis=1)
     turning = 0.5 * (vehicle.I_y * states[:, at.PITCH_RATE] ** 2 + vehicle.I_z * states[:, at.YAW_RATE] ** 2)
-    spin = 0.5 * vehicle.wheels_per_axle * vehicle.I_w * (states[:, [at.OMEGA_F, at.OMEGA_R]] ** 2).sum(axis=1)
-    return body + turning + spin
+    squares = (states[:, [at.OMEGA_F, at.OMEGA_R]] ** 2).sum(axis=1)
+    return body + turning + 0.5 * vehicle.wheels_per_axle * vehicle.I_w * squares
 
 
 def mechanical_energy(plant, states) -> np.ndarray:
@@ -80,8 +80,10 @@ def test_the_error_of_a_smooth_drive_falls_with_the_square_of_the_step(soil):
     plant = make_plant(CAR, SOILS[soil], paper_terrain(0.05))._replace(fine=True)
     state, warm = settled_state(plant, v_x=5.0)
 
+    command = np.array([[0.1, 800.0, 0.0]])
+
     def end(dt):
-        return simulate_commands(plant, state, warm, np.array([[0.1, 800.0, 0.0]]), interval=0.48, dt=dt).states[-1]
+        return simulate_commands(plant, state, warm, command, interval=0.48, dt=dt).states[-1]
 
     steps = np.array([0.006, 0.004, 0.003, 0.002, 0.0015])
     truth = end(1e-4)
@@ -94,7 +96,7 @@ def test_the_error_of_a_smooth_drive_falls_with_the_square_of_the_step(soil):
 @pytest.mark.parametrize("vehicle", list(VEHICLES))
 @pytest.mark.parametrize("soil", GROUNDS)
 def test_the_step_does_not_decide_the_result_not_even_from_and_to_rest(vehicle, soil):
-    """From a standstill through full drive and full brakes: within 1 mm of a run with an eighth of the step."""
+    """From a standstill through full drive and full brakes: within 1 mm of an eighth of the step."""
     vehicle = VEHICLES[vehicle]
     plant = make_plant(vehicle, SOILS[soil], paper_terrain(0.05 if vehicle.m > 100.0 else 0.005))
     commands = random_commands(np.random.default_rng(1), vehicle, 4.0)
@@ -248,13 +250,14 @@ def test_turning_the_whole_world_changes_nothing_the_driver_could_see(angle):
     S_x, S_y = (float(s) for s in np.array([ground.S_x, ground.S_y]) @ turn)
     commands = random_commands(np.random.default_rng(5), CAR, 3.0)
     plain = run(make_plant(CAR, SOILS["clay"], ground), commands, v_x=5.0).states
-    turned = run(make_plant(CAR, SOILS["clay"], Ground(0.0, S_x, S_y, waves)), commands, v_x=5.0, yaw=angle).states
+    other = make_plant(CAR, SOILS["clay"], Ground(0.0, S_x, S_y, waves))
+    turned = run(other, commands, v_x=5.0, yaw=angle).states
     np.testing.assert_allclose(turned[:, :2], plain[:, :2] @ turn, atol=1e-6)
     np.testing.assert_allclose(turned[:, at.YAW] - angle, plain[:, at.YAW], atol=1e-6)
     np.testing.assert_allclose(turned[:, 3:12], plain[:, 3:12], atol=1e-5)
 
 
-# --- statics and steady motion --------------------------------------------------------------------------------
+# --- statics and steady motion ------------------------------------------------------------------
 
 
 def test_braking_loads_the_front_axle_by_the_height_of_the_centre_of_gravity():
@@ -293,7 +296,7 @@ def test_the_steering_turns_no_faster_than_it_can():
     assert angle[-1] == pytest.approx(CAR.steer_max, rel=1e-3)
 
 
-# --- in the air, and under the ground --------------------------------------------------------------------------
+# --- in the air, and under the ground -----------------------------------------------------------
 
 
 @pytest.mark.parametrize("soil", ["clay", "hard_ground"])
@@ -311,8 +314,9 @@ def test_a_car_thrown_half_a_metre_up_falls_at_g_between_contacts(soil):
     np.testing.assert_allclose(thrown.readings[1:][flying, at.A_Z], -GRAVITY, rtol=1e-12)
     np.testing.assert_allclose(thrown.readings[1:][flying, at.A_X], 0.0, atol=1e-12)
     assert (normal >= 0.0).all()
-    fall = np.flatnonzero(~flying)[0] - 2
-    assert state[at.Z] - thrown.states[fall, at.Z] == pytest.approx(0.5 * GRAVITY * thrown.t[fall] ** 2, rel=1e-9)
+    last = np.flatnonzero(~flying)[0] - 2
+    fallen = state[at.Z] - thrown.states[last, at.Z]
+    assert fallen == pytest.approx(0.5 * GRAVITY * thrown.t[last] ** 2, rel=1e-9)
     rest, _ = settled_state(plant)
     assert thrown.states[-1, at.Z] == pytest.approx(rest[at.Z], abs=2e-3)
 

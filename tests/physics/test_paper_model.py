@@ -29,14 +29,14 @@ def paper_plant(soil="clay", ground=None, vehicle=CAR, vehicle_model="half_car",
     return make_plant(vehicle, SOILS[soil], ground, model="paper", vehicle_model=vehicle_model, slip=slip)
 
 
-def drive(plant, duration=4.0, dt=0.01, *, v_x=5.0, yaw=0.0, x=0.0, y=0.0, turn=1.0, steer=0.3):
+def drive(plant, duration=4.0, dt=0.01, *, turn=1.0, **pose):
     """A weaving drive under a pulsing force; ``turn`` = -1 mirrors the steering."""
-    state, warm = settled_state(plant, x=x, y=y, yaw=yaw, v_x=v_x)
+    state, warm = settled_state(plant, v_x=5.0, **pose)
     return simulate(
         plant,
         state,
         warm,
-        steer=lambda t: turn * steer * math.sin(1.3 * t),
+        steer=lambda t: turn * 0.3 * math.sin(1.3 * t),
         force=lambda t: plant.vehicle.m * (0.8 + 0.5 * math.sin(0.8 * t)),
         duration=duration,
         dt=dt,
@@ -79,9 +79,8 @@ def test_inputs_are_taken_at_the_half_steps_too():
 def test_on_level_ground_half_car_and_bicycle_agree():
     half_car = drive(paper_plant(vehicle_model="half_car"), 10.0)
     bicycle = drive(paper_plant(vehicle_model="bicycle"), 10.0)
-    np.testing.assert_allclose(
-        half_car.states[:, [at.X, at.Y, at.YAW, at.V_X]], bicycle.states[:, [at.X, at.Y, at.YAW, at.V_X]], atol=1e-3
-    )
+    path = [at.X, at.Y, at.YAW, at.V_X]
+    np.testing.assert_allclose(half_car.states[:, path], bicycle.states[:, path], atol=1e-3)
     # What is left is the load transfer by the steered wheels' sinkage, which the sprung mass follows.
     assert np.abs(np.diff(half_car.states[:, at.Z])).max() < 1e-4
     heave = half_car.states[:, at.Z]
@@ -136,9 +135,7 @@ def stored_energy(plant, state) -> float:
         z = state[at.Z] + arm * math.sin(state[at.PITCH])
 
         def carried(h):
-            return v.wheels_per_axle * float(
-                wheel_forces(plant.soil, wheel, sinkage=h, slip=plant.slip).F_z  # noqa: B023 - called here only
-            )
+            return v.wheels_per_axle * float(wheel_forces(plant.soil, wheel, sinkage=h, slip=plant.slip).F_z)
 
         low, high = 0.0, 0.9 * v.r
         for _ in range(60):
@@ -216,7 +213,8 @@ def test_turning_the_whole_world_changes_nothing_the_driver_could_see(angle):
     ground = paper_terrain(0.05)
     plain = drive(paper_plant(ground=ground), x=1.0, y=2.0)
     cos, sin = math.cos(angle), math.sin(angle)
-    turned = drive(paper_plant(ground=rotated(ground, angle)), x=cos - 2.0 * sin, y=sin + 2.0 * cos, yaw=angle)
+    start = {"x": cos - 2.0 * sin, "y": sin + 2.0 * cos, "yaw": angle}
+    turned = drive(paper_plant(ground=rotated(ground, angle)), **start)
     X, Y = plain.states[:, at.X], plain.states[:, at.Y]
     np.testing.assert_allclose(turned.states[:, at.X], cos * X - sin * Y, atol=1e-7)
     np.testing.assert_allclose(turned.states[:, at.Y], sin * X + cos * Y, atol=1e-7)
@@ -260,8 +258,9 @@ def test_different_sinkage_exponents_drive_different_paths():
 def test_a_soil_that_drowns_the_wheels_stops_the_run_with_the_reason():
     plant = paper_plant()
     state, warm = settled_state(plant, v_x=5.0)
-    drowned = plant._replace(soil=plant.soil._replace(k_c=0.0, k_phi=1e4, c=100.0), vehicle=CAR._replace(k_f=10.0))
-    with pytest.raises(SolverFailure, match="t = 0.000 s .*status 2"):
+    mud = plant.soil._replace(k_c=0.0, k_phi=1e4, c=100.0)
+    drowned = plant._replace(soil=mud, vehicle=CAR._replace(k_f=10.0))
+    with pytest.raises(SolverFailure, match=r"t = 0\.000 s .*status 2"):
         simulate(drowned, state, warm, duration=1.0)
     with pytest.raises(SolverFailure, match="does not carry the vehicle"):
         settled_state(drowned)

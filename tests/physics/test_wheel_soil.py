@@ -6,13 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
-
-from offroad_env.errors import InvalidParameter, SolverFailure
-from offroad_env.physics.records import Soil, Wheel
-from offroad_env.physics.wheel_soil import contact_angle_shares, wheel_reaction
-from offroad_env.soils import SOILS
-from offroad_env.wheel import wheel_forces
 from physics.reference import (
     CHANNELS,
     ask_kernel,
@@ -22,6 +15,13 @@ from physics.reference import (
     errors,
     forces_at,
 )
+from scipy.integrate import quad
+
+from offroad_env.errors import InvalidParameter, SolverFailure
+from offroad_env.physics.records import Soil, Wheel
+from offroad_env.physics.wheel_soil import contact_angle_shares, wheel_reaction
+from offroad_env.soils import SOILS
+from offroad_env.wheel import wheel_forces
 
 DEFORMABLE = [name for name in SOILS if SOILS[name].rigid < 0.5]
 WHEEL = Wheel(r=0.33, b=0.21)
@@ -296,7 +296,7 @@ def test_locked_free_and_spinning_wheels_at_any_slip_angle_are_finite_and_sensib
     depth = 0.03
     forces = wheel_forces(soil, WHEEL, sinkage=depth, slip=slip, slip_angle=beta, shear=shear)
     assert all(np.isfinite(field).all() for field in forces)
-    # The ground drags a locked wheel back and against its rotation; a spinning wheel is held back by its soil.
+    # The ground drags a locked wheel back and would turn it; a spinning wheel is held by its soil.
     assert (forces.F_x[0] < 0.0).all()
     assert (forces.torque[0, :4] < 0.0).all()
     assert (forces.torque[-1] > 0.0).all()

@@ -1,0 +1,68 @@
+"""The extended Kalman filter: as good as the unscented one near the truth, and no better elsewhere."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from estimators.consistency import nis_test
+from estimators.ekf import ekf_step, run_ekf
+from estimators.joint import ETA, JointSettings, only_imu, prior, run_joint_filter
+from estimators.paper import ROWS
+from estimators.protocol_runs import row_model, row_twin
+from offroad_env.physics import state as at
+from offroad_env.physics.contact import SUNK
+
+SETTINGS = JointSettings()
+ROW = ROWS[2]
+
+
+@pytest.fixture(scope="module")
+def problem():
+    twin = row_twin(ROW, 101, SETTINGS, duration=4.0)
+    return row_model(ROW, SETTINGS), twin, only_imu(twin.z[:, :5])
+
+
+def _start(model, n, sd):
+    return prior(model, SETTINGS, n, sd, (0.0, 0.0, 0.0), 5.0)
+
+
+def test_near_the_truth_both_filters_agree(problem):
+    model, twin, z = problem
+    start = _start(model, 0.5, 0.02)
+    ours, unscented = run_ekf(model, start, twin.inputs, z), run_joint_filter(model, start, twin.inputs, z)
+    # Curvature over a belief of 0.02 is what remains: a third of a standard deviation.
+    assert np.abs(ours.n - unscented.n).max() < 0.35 * 0.02
+    np.testing.assert_allclose(ours.sd, unscented.sd, rtol=0.25)
+    assert nis_test(ours.nis, 5, 0.999).consistent
+    assert (ours.repairs, ours.skipped) == (0, 0)
+
+
+def test_soil_is_found(problem):
+    model, twin, z = problem
+    run = run_ekf(model, _start(model, 0.55, 0.05), twin.inputs, z)
+    assert abs(run.n[-1] - 0.5) < 4.0 * run.sd[-1]
+    assert run.sd[-1] < 0.006
+
+
+def test_without_measurements_it_predicts(problem):
+    model, twin, z = problem
+    run = run_ekf(model, _start(model, 0.5, 0.02), twin.inputs, np.full_like(z, math.nan))
+    assert np.isnan(run.nis).all()
+    assert np.ptp(run.means[:, ETA]) == 0.0
+    # Speed was known to 0.05 m/s; nothing tells more.
+    assert run.covariances[-1, at.V_X, at.V_X] > 0.05**2
+
+
+def test_a_soil_that_carries_no_vehicle_is_no_nan(problem):
+    model, twin, z = problem
+    mean, cov, warm = _start(model, 0.5, 0.02)
+    mean[at.Z] = -10.0
+    before = mean.copy(), cov.copy()
+    nis, _, status = ekf_step(mean, cov, warm, twin.inputs[:3], z[1], model)
+    assert status == SUNK
+    assert math.isnan(nis)
+    np.testing.assert_array_equal(mean, before[0])
+    np.testing.assert_array_equal(cov, before[1])
