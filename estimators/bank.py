@@ -75,7 +75,7 @@ class BankSettings:
     drop: float = 1e-8  #: weight below which a component is dropped
     merge: float = 0.5  #: squared Mahalanobis distance (11 states) below which two are one
 
-    sure: float = 0.95  #: weight that the largest mode must have for a valid estimate
+    sure: float = 0.99  #: weight that the largest mode must have for a valid estimate
     widest: float = 0.1  #: largest standard deviation of n for a valid estimate [-]
     watch_time: float = 2.0  #: time over which innovations are averaged [s]
     surprise: float = 5.0  #: their mean excess in its standard deviations: more is no valid estimate

@@ -36,7 +36,7 @@ def wide_terminal(monkeypatch):
 def no_network(monkeypatch, tmp_path):
     """No measured data on this machine, and nobody to get them from."""
     monkeypatch.delenv("OFFROAD_DATA", raising=False)
-    monkeypatch.setenv("OFFROAD_CACHE", str(tmp_path / "no-cache"))
+    monkeypatch.setattr("offroad_env.datasets.cache_folder", lambda: tmp_path / "no-cache")
     for name in ("HTTPS_PROXY", "https_proxy"):
         monkeypatch.setenv(name, "http://127.0.0.1:9")  # the discard port: nobody listens
     for name in ("NO_PROXY", "no_proxy", "ALL_PROXY", "all_proxy"):

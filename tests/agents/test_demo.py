@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 from dataclasses import replace
@@ -23,6 +24,10 @@ from agents.sections.context import Driven, Run
 from agents.train import MissingExtraError
 from estimators.paper import forward_comparison
 from offroad_env.errors import DataError, InvalidParameter
+
+
+def no_download(name):
+    raise DataError(f"{name} could not be downloaded: no connection to example.org")
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +52,9 @@ def heard():
 
 @pytest.fixture(scope="module")
 def sections(small, heard):
-    return list(run_demo(small, progress=lambda label, share: heard.append((label, share))))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(measured, "fetch", no_download)
+        return list(run_demo(small, progress=lambda label, share: heard.append((label, share))))
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +75,7 @@ def test_every_part_runs_in_order_and_says_one_sentence(sections):
 def test_progress_never_goes_back_and_ends_inside_the_last_part(heard):
     shares = [share for _, share in heard]
     assert shares[0] == 0.0
-    assert all(a <= b + 1e-12 for a, b in zip(shares, shares[1:], strict=False))
+    assert all(a <= b + 1e-12 for a, b in itertools.pairwise(shares))
     assert 0.9 < shares[-1] <= 1.0
 
 
@@ -233,11 +240,8 @@ def test_learning_is_left_out_with_a_sentence_where_its_packages_are_missing(sma
 
 
 def test_measured_data_that_cannot_be_had_are_left_out_with_a_sentence(small, monkeypatch):
-    def fail(name):
-        raise DataError(f"{name} could not be downloaded: no connection to example.org")
-
-    monkeypatch.setattr(measured, "locate", fail)
-    monkeypatch.setattr(measured, "fetch", fail)
+    monkeypatch.setattr(measured, "locate", no_download)
+    monkeypatch.setattr(measured, "fetch", no_download)
     section = measured.wheel_section(Run(small))
     assert section.sees.startswith("The measured data can be had neither on this machine nor by download")
     assert section.sees.endswith("no connection to example.org.")
