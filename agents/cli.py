@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
 
-from offroad_env.errors import OffroadError
+from offroad_env.errors import InvalidParameter, OffroadError
 
 __all__ = ["COMMANDS", "main"]
 
@@ -52,7 +52,10 @@ def _run(arguments: list[str]) -> int:
         hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(COMMANDS)}"
         return _complain(f"no command {name!r} - {hint}", _USAGE)
     try:
-        _parse(name, rest).run()
+        command = _parse(name, rest)
+        if getattr(command, "seed", 0) < 0:
+            raise InvalidParameter(f"seed must be >= 0, got {command.seed}")
+        command.run()
     except OffroadError as error:
         return _complain(str(error), 1)
     except KeyboardInterrupt:

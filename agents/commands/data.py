@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 from tyro.conf import Positional
 
-from agents.commands.output import console, write_json
+from agents.commands.output import say, write_json
 
 __all__ = ["Data", "Get", "List"]
 
@@ -30,9 +30,8 @@ class Get:
         from offroad_env.datasets import DATASETS, describe, fetch
 
         path = fetch(self.name, progress=True)
-        screen = console()
-        screen.print(describe(self.name), markup=False)
-        screen.print(f"\nfile: {path}", markup=False)
+        say(describe(self.name))
+        say(f"\nfile: {path}")
         if self.json is not None:
             write_json(self.json, {"file": path, "dataset": DATASETS[self.name]})
 
@@ -48,7 +47,6 @@ class List:
         from offroad_env.datasets import DATASETS, locate
         from offroad_env.errors import DataError
 
-        screen = console()
         found = {}
         for name, dataset in DATASETS.items():
             try:
@@ -63,7 +61,7 @@ class List:
                 f"  from     {dataset.url} ({dataset.size / 1000:.0f} kB)",
                 f"  file     {where}",
             ):
-                screen.print(line, markup=False)
+                say(line)
         if self.json is not None:
             content = {name: {"file": found[name], "dataset": dataset} for name, dataset in DATASETS.items()}
             write_json(self.json, content)

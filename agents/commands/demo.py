@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agents.commands.output import console, table, write_bytes, write_json
+from agents.commands.output import console, say, table, write_bytes, write_json
 
 if TYPE_CHECKING:
     from agents.demo import DemoSettings
@@ -41,19 +41,17 @@ class Demo:
         sections = self._sections(settings)
         page = write_bytes(self.out / "demo.html", self._page(sections).encode())
         numbers = write_json(self.json or self.out / "demo.json", self._numbers(sections))
-        screen = console()
-        screen.print(table("results", ("", ""), [row for section in sections for row in section.key]))
-        screen.print(f"page: {page}\nnumbers: {numbers}", markup=False)
+        console().print(table("results", ("", ""), [row for section in sections for row in section.key]))
+        say(f"page: {page}\nnumbers: {numbers}")
 
     def _sections(self, settings: DemoSettings) -> list[Section]:
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
         from agents.demo import run_demo
 
-        screen = console()
         columns = (BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn())
         done = []
-        with Progress(*columns, TextColumn("{task.description}"), console=screen, transient=True) as bar:
+        with Progress(*columns, TextColumn("{task.description}"), console=console(), transient=True) as bar:
             task = bar.add_task("starting", total=1.0)
 
             def report(label: str, share: float) -> None:
@@ -61,7 +59,7 @@ class Demo:
 
             for section in run_demo(settings, only=self.only, progress=report):
                 done.append(section)
-                screen.print(f"{section.seconds:6.1f} s  {section.title}", markup=False)
+                say(f"{section.seconds:6.1f} s  {section.title}", bar.console)
         return done
 
     def _page(self, sections: Sequence[Section]) -> str:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from agents.commands.output import OutputError, Results, console, table, write_bytes
-from offroad_env.errors import InvalidParameter, OffroadError
+from agents.commands.output import OutputError, Results, console, say, table, write_bytes
+from offroad_env.errors import DataError, InvalidParameter, OffroadError
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["Drive"]
 
 _CONTROL_RATE = 50  # steps a second
+_LONGEST = 3600.0  # [s]
 _FPS = {".gif": 5, ".mp4": 25}  # pictures a second; few for GIF, which compresses badly
 
 
@@ -52,8 +53,8 @@ class Drive(Results):
 
         if self.window and (self.video or self.picture):
             raise InvalidParameter("give --window, or --video and --picture, not both: a window shows itself")
-        if self.duration is not None and not self.duration > 0.0:
-            raise InvalidParameter(f"duration must be > 0 s, got {self.duration:g}")
+        if self.duration is not None and not 0.0 < self.duration <= _LONGEST:
+            raise InvalidParameter(f"duration must be in (0, {_LONGEST:g}] s, got {self.duration:g}")
         try:
             episode = self._drive(*self._make())
         except gym.error.Error as error:  # no screen, or drawing is not installed
@@ -63,7 +64,7 @@ class Drive(Results):
         console().print(table(f"{self.scenario}, seed {self.seed}: {episode.ending}", ("", ""), rows))
         for kind, path in (("picture", self.picture), ("video", self.video)):
             if path is not None:
-                console().print(f"{kind}: {path}", markup=False)
+                say(f"{kind}: {path}")
         self.save_figure(drive_figure(episode.log), f"drive_{self.scenario}_{self.seed}")
         self.save_numbers({"summary": summary, "series": episode.log.columns()})
 
@@ -76,7 +77,7 @@ class Drive(Results):
         if self.policy is None:
             agent, terrain_info = find_agent(self.agent, self.scenario, self.terrain_info)
         else:
-            agent, terrain_info = _load_policy(self.policy), self.terrain_info or "estimate"
+            agent, terrain_info = _load_policy(self.policy, self.terrain_info)
         mode = "human" if self.window else "rgb_array" if self.video or self.picture else None
         steps = None if self.duration is None else max(round(self.duration * _CONTROL_RATE), 1)
         env = gym.make(
@@ -162,13 +163,20 @@ def _text(value: Any) -> str:
     return f"{value:.2f}" if isinstance(value, float) else str(value or "-").replace("_", " ")
 
 
-def _load_policy(folder: Path) -> Agent:
+def _load_policy(folder: Path, terrain_info: str | None) -> tuple[Agent, str]:
+    """The policy, and what it is told about the soil: by default what it was told in training."""
+    import json
+
     from agents.train import load_policy
 
     try:
-        return load_policy(folder)
-    except FileNotFoundError as error:
-        raise OutputError(f"no policy in {folder} - train one with: offroad train --out {folder}") from error
+        report = json.loads((folder / "training.json").read_text(encoding="utf-8"))
+        agent, trained = load_policy(folder), report["arguments"]["terrain_info"]
+    except (OSError, ValueError, KeyError) as error:
+        raise DataError(f"no policy in {folder} - train one with: offroad train --out {folder}") from error
+    if terrain_info == "none" and trained != "none":
+        raise InvalidParameter(f'terrain_info must not be "none": the policy was trained with {trained!r}')
+    return agent, terrain_info or trained
 
 
 def _shown(episode: Episode) -> Iterator[dict[str, Any]]:

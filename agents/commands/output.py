@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-__all__ = ["OutputError", "Results", "console", "plain", "table", "write_bytes", "write_json"]
+__all__ = ["OutputError", "Results", "console", "plain", "say", "table", "write_bytes", "write_json"]
 
 #: Width of tables that are written to a file or a pipe [characters].
 _FILE_WIDTH = 120
@@ -38,7 +38,12 @@ def console() -> Console:
 
     from rich.console import Console
 
-    return Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else _FILE_WIDTH)
+    return Console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)
+
+
+def say(line: str, screen: Console | None = None) -> None:
+    """Print a line of text as it is, however long, on a ``screen`` that a progress bar may share."""
+    (screen or console()).print(line, markup=False, soft_wrap=True)
 
 
 def table(title: str, heading: Sequence[str], rows: Iterable[Sequence[str]], *, texts: int = 1) -> Table:
@@ -135,10 +140,10 @@ class Results:
         buffer = io.BytesIO()
         figure.savefig(buffer, format="png", dpi=130)
         path = write_bytes(self.out / f"{name}.png", buffer.getvalue())
-        console().print(f"figure: {path}", markup=False)
+        say(f"figure: {path}")
         return path
 
     def save_numbers(self, numbers: Any) -> None:
         """Write the numbers to ``--json``, if asked for, and say so."""
         if self.json is not None:
-            console().print(f"numbers: {write_json(self.json, numbers)}", markup=False)
+            say(f"numbers: {write_json(self.json, numbers)}")

@@ -8,7 +8,7 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-from agents.commands.output import Results, console, table
+from agents.commands.output import Results, console, say, table
 
 __all__ = ["SoilPlot"]
 
@@ -49,10 +49,9 @@ class SoilPlot(Results):
                 strength = ("-", "-", "-")
             rows.append((name, entry.title, *strength, str(sources.index(entry.source) + 1)))
         heading = ("name", "what", "n [-]", "c [kPa]", "phi [deg]", "source")
-        screen = console()
-        screen.print(table(f"{len(rows)} soils", heading, rows, texts=2))
+        console().print(table(f"{len(rows)} soils", heading, rows, texts=2))
         for number, source in enumerate(sources, 1):
-            screen.print(f"{number:>2}  {source}", markup=False)
+            say(f"{number:>2}  {source}")
         self.save_numbers({name: _describe(SOILS.entry(name)) for name in SOILS})
 
     def _draw(self) -> None:
@@ -75,7 +74,7 @@ class SoilPlot(Results):
         exponent = "" if soil.rigid else f", n = {soil.n:g}"
         title = f"{entry.title}{exponent}; wheel r = {wheel.r:g} m, b = {wheel.b:g} m"
         self.save_figure(soil_figure(curves, title=title), f"soil_{self.name}")
-        console().print(f"source: {entry.source}", markup=False)
+        say(f"source: {entry.source}")
         self.save_numbers({"source": entry.source, "remark": entry.remark, "curves": curves})
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from agents.commands.output import console, write_json
+from agents.commands.output import console, say, write_json
 from agents.train import TrainArgs, train
 
 __all__ = ["Train"]
@@ -25,8 +25,7 @@ class Train(TrainArgs):
         """Train with a progress bar, then print what the saved policy does."""
         from rich.progress import Progress
 
-        screen = console()
-        with Progress(console=screen) as bar:
+        with Progress(console=console()) as bar:
             task = bar.add_task("training", total=self.total_steps if self.time_budget is None else 1.0)
 
             def report(steps: int, seconds: float) -> None:
@@ -35,11 +34,10 @@ class Train(TrainArgs):
 
             result = train(self, progress=report)
         arrived = sum(episode.success for episode in result.evaluation)
-        screen.print(
+        say(
             f"{result.steps} steps in {result.wall_time:.0f} s ({result.steps_per_second:.0f} steps/s); "
-            f"{arrived} of {len(result.evaluation)} test episodes reached the goal",
-            markup=False,
+            f"{arrived} of {len(result.evaluation)} test episodes reached the goal"
         )
-        screen.print(f"policy: {result.policy}", markup=False)
+        say(f"policy: {result.policy}")
         if self.json is not None:
             write_json(self.json, result)

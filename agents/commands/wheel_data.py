@@ -8,7 +8,7 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-from agents.commands.output import Results, console, table
+from agents.commands.output import Results, console, say, table
 
 __all__ = ["WheelData"]
 
@@ -37,12 +37,11 @@ class WheelData(Results):
         path = locate("cmu_single_wheel") if self.path is None else self.path
         trials = load_cmu_single_wheel(path)
         comparison = compare(trials, SOILS[self.soil], CMU_WHEEL, shear=self.shear, seed=self.seed)
-        screen = console()
         scores = score_table(comparison)
         title = f"{comparison.inside} of {comparison.trials} trials, brackets: 95 % intervals"
-        screen.print(table(title, scores.heading, scores.rows, texts=scores.texts))
+        console().print(table(title, scores.heading, scores.rows, texts=scores.texts))
         for reason, count in comparison.outside.items():
-            screen.print(f"left out: {count} trials ({reason})", markup=False)
-        screen.print(f"data: {DATASETS['cmu_single_wheel'].citation}", markup=False)
+            say(f"left out: {count} trials ({reason})")
+        say(f"data: {DATASETS['cmu_single_wheel'].citation}")
         self.save_figure(wheel_rig_figure(comparison), "wheel_data")
         self.save_numbers(comparison.to_json())

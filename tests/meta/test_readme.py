@@ -17,7 +17,7 @@ def test_the_example_is_short_and_runs():
     (example,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
     assert len(example.strip().splitlines()) <= 15
     said = run_fresh(example)
-    assert re.fullmatch(r"\d+ m in \d+\.\d s; n is 0\.7, estimated \d\.\d\d\n", said)
+    assert re.fullmatch(r"\d+ m in \d+\.\d s, n = 0\.7, estimate \d\.\d\d\n", said)
 
 
 def test_the_line_of_terramechanics_runs():

@@ -337,12 +337,12 @@ def test_a_car_that_jumps_a_crest_is_never_pulled_down_by_the_ground():
 
 def test_a_swamp_stops_the_run_with_a_status_and_leaves_finite_numbers():
     """A patch where the soil no longer carries the car: the wheels drown."""
-    plant = make_plant(CAR, SOILS["clay"], flat(), soil_map=soil_map([(9.0, 0.0, 4.0, 2.4)]))
+    plant = make_plant(CAR, SOILS["clay"], flat(), soil_map=soil_map([(4.5, 0.0, 2.2, 2.4)]))
     state, warm = settled_state(plant, v_x=6.0)
     with pytest.raises(SolverFailure, match="contact status 2"):
         simulate_commands(plant, state, warm, held(seconds=4.0))
     readings = np.empty(at.READINGS_SIZE)
-    assert full_advance(state, warm, (0.0, 0.0, 0.0), plant, FULL_STEP, 200, readings) == SUNK
+    assert full_advance(state, warm, (0.0, 0.0, 0.0), plant, FULL_STEP, 80, readings) == SUNK
     assert np.isfinite(state).all()
     assert np.isfinite(readings).all()
     assert readings[at.SINKAGE] < CAR.r

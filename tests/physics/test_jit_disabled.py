@@ -36,7 +36,17 @@ FILES = ("test_wheel_soil", "test_contact", "test_numerics", "test_paper_model",
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled in this process either")
 def test_the_physics_is_the_same_without_the_compiler():
     files = [f"tests/physics/{name}.py" for name in FILES]
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", " or ".join(CHOSEN), *files]
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "-k",
+        " or ".join(CHOSEN),
+        *files,
+    ]
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run(
         command, capture_output=True, text=True, check=False, cwd=REPOSITORY, env=environment
