@@ -7,6 +7,7 @@ from pathlib import Path
 
 from agents.commands.output import console, say, write_json
 from agents.train import TrainArgs, train
+from offroad_env.errors import InvalidParameter
 
 __all__ = ["Train"]
 
@@ -25,6 +26,7 @@ class Train(TrainArgs):
         """Train with a progress bar, then print what the saved policy does."""
         from rich.progress import Progress
 
+        self._check()
         with Progress(console=console()) as bar:
             task = bar.add_task("training", total=self.total_steps if self.time_budget is None else 1.0)
 
@@ -33,11 +35,22 @@ class Train(TrainArgs):
                 bar.update(task, completed=done, description=f"training, {steps} steps")
 
             result = train(self, progress=report)
-        arrived = sum(episode.success for episode in result.evaluation)
-        say(
-            f"{result.steps} steps in {result.wall_time:.0f} s ({result.steps_per_second:.0f} steps/s); "
-            f"{arrived} of {len(result.evaluation)} test episodes reached the goal"
-        )
+        say(f"{result.steps} steps in {result.wall_time:.0f} s ({result.steps_per_second:.0f} steps/s)")
+        if result.evaluation:
+            arrived = sum(episode.success for episode in result.evaluation)
+            say(f"{arrived} of {len(result.evaluation)} test episodes reached the goal")
         say(f"policy: {result.policy}")
         if self.json is not None:
             write_json(self.json, result)
+
+    def _check(self) -> None:
+        for name in ("total_steps", "n_envs", "n_steps", "batch_size", "n_epochs"):
+            if getattr(self, name) < 1:
+                raise InvalidParameter(f"{name} must be >= 1, got {getattr(self, name)}")
+        for name in ("gamma", "gae_lambda"):
+            if not 0.0 < getattr(self, name) <= 1.0:
+                raise InvalidParameter(f"{name} must be in (0, 1], got {getattr(self, name):g}")
+        if not self.learning_rate > 0.0:
+            raise InvalidParameter(f"learning_rate must be > 0, got {self.learning_rate:g}")
+        if not self.hidden or min(self.hidden) < 1:
+            raise InvalidParameter(f"hidden must hold sizes >= 1, got {self.hidden}")

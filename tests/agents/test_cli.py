@@ -143,6 +143,8 @@ def test_wrong_arguments_are_wrong_usage_and_no_traceback(arguments, capsys):
         (("drive", "--seed", "-1"), "seed must be >= 0, got -1"),
         (("wheel-data", "no-such-file.mat"), "no-such-file.mat: no such file"),
         (("data", "get", "cmu"), "name must be one of cmu_single_wheel"),
+        (("train", "--n-envs", "0"), "n_envs must be >= 1, got 0"),
+        (("train", "--gamma", "99"), "gamma must be in (0, 1], got 99"),
         (("demo", "--only", "tea"), "only must name sections among soil, forward"),
     ],
 )

@@ -12,6 +12,7 @@ import offroad_env.env as environment
 from estimators.embedded import EmbeddedParameterUKF
 from estimators.navigation import NavigationFilter
 from offroad_env.env import OffroadBekkerEnv
+from offroad_env.physics import state as at
 from offroad_env.physics.path_kernels import nearest_index, preview, project
 from offroad_env.physics.sensor_kernels import GNSS, IMU, WHEEL
 from offroad_env.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
@@ -274,7 +275,20 @@ def test_the_sensors_are_those_of_the_paper_and_can_be_exchanged():
     seen, info = episode(env, gentle_drive(100))
     observation = seen[-1][0]
     assert observation["path"][0] == pytest.approx(info["cross_track_error"], abs=0.02)
-    assert observation["motion"][1] == pytest.approx(env.vehicle.r * env.state[10], abs=1e-5)
+    assert observation["motion"][1] == pytest.approx(env.vehicle.r * env.state[at.OMEGA_F], abs=1e-5)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_what_lies_beyond_the_bounds_is_shown_at_the_bound(side):
+    env = OffroadBekkerEnv()
+    env.reset(seed=0)
+    env.state[[at.X, at.Y]] += (0.0, 400.0 * side)
+    # Two fixes of the receiver, ten a second, bring the news.
+    for _ in range(10):
+        observation, *_ = env.step(np.zeros(2))
+        assert observation in env.observation_space
+    bounds = env.observation_space["path"]
+    assert observation["path"][0] == (bounds.high if side > 0.0 else bounds.low)[0]
 
 
 # ---------------------------------------------------------------------- the estimate in info

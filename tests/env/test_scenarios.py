@@ -132,6 +132,18 @@ def test_each_named_term_asks_for_one_thing_only(scenario):
         assert sign * (changed[term] - base[term]) > 0.0
 
 
+@every_scenario
+def test_the_weights_are_the_documented_ones(scenario):
+    assert terms(scenario, advance=1.0)["progress"] == pytest.approx(0.1)
+    assert terms(scenario, success=True)["goal"] == 10.0
+    assert terms(scenario, failed=True)["failure"] == -20.0
+    # At the edge of the corridor and beyond it the distance costs no more than 0.2 a second.
+    for offset in (1.0, 5.0):
+        edge = offset * SCENARIOS[scenario].corridor
+        assert terms(scenario, cross_track=edge)["cross_track"] == pytest.approx(-0.2 * DT)
+    assert terms(scenario)["time"] == pytest.approx(-0.2 * DT)
+
+
 def test_only_a_task_with_a_target_speed_asks_for_it():
     assert SCENARIOS["track"].target_speed > 0.0 == SCENARIOS["speed"].target_speed
     assert terms("speed", speed=20.0)["speed_error"] == 0.0
