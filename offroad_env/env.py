@@ -13,7 +13,7 @@ from gymnasium import spaces
 from estimators.embedded import EmbeddedParameterUKF
 from estimators.navigation import NavigationFilter
 from estimators.protocol import Estimate
-from offroad_env.errors import InvalidParameter
+from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.observation import PREVIEW, Layout, write_observation
 from offroad_env.period import drive_full, drive_paper
 from offroad_env.physics import state as at
@@ -36,6 +36,7 @@ from offroad_env.simulator import (
     settled_state,
 )
 from offroad_env.soils import SOILS, make_soil
+from offroad_env.terrain import flat
 from offroad_env.vehicles import VEHICLES
 
 __all__ = ["CONTROL_PERIOD", "PREVIEW", "TERRAIN_INFO", "Briefing", "OffroadBekkerEnv", "Snapshot"]
@@ -107,6 +108,7 @@ class OffroadBekkerEnv(gym.Env):
     | | | (0 = as fast as possible), curvature [1/m] at 0, 3, 6, 10, 15, 20, 30, 40 m ahead |
     | ``terrain`` | (3,) | n, its standard deviation, valid (0/1); absent with ``terrain_info="none"`` |
 
+    The estimator believes in the nominal vehicle and in flat ground: nobody gives it a map.
     Everything comes from simulated sensors (IMU 100 Hz, wheel speeds 50 Hz, GNSS 10 Hz, with the
     paper's IMU noise) through a navigation filter, never from the simulator's state; ``terrain`` with
     ``terrain_info="truth"`` is the exception it says it is. Values are clipped to the space.
@@ -179,6 +181,9 @@ class OffroadBekkerEnv(gym.Env):
         low, high = self.n_range
         self.prior = (0.5 * (low + high), max((high - low) / math.sqrt(12.0), 1e-3))
         self._believed_soil = make_soil(SOILS[self.soil_name], n=self.prior[0])
+        if estimator != "none" and self._believed_soil.rigid:
+            raise InvalidParameter(f'estimator="{estimator}" needs a deformable soil, got {self.soil_name!r}')
+        self._require_bearing()
         self.weights = RewardWeights()
         self.sensors = SensorSuite(
             imu=ImuConfig(body_axes=model == "full"), wheel=WheelSpeedConfig(), gnss=GnssConfig()
@@ -202,6 +207,17 @@ class OffroadBekkerEnv(gym.Env):
         for n in (low, high):
             make_soil(SOILS[self.soil_name], n=n)
         return low, high
+
+    def _require_bearing(self) -> None:
+        """Refuse a range of soils in which the standing vehicle drowns: a reset would fail much later."""
+        for n in self.n_range:
+            soil = make_soil(self._believed_soil, n=n)
+            try:
+                settled_state(make_plant(self.vehicle, soil, flat(), model=self.model))
+            except SolverFailure as error:
+                raise InvalidParameter(
+                    f"n_range {self.n_range} of {self.soil_name!r} reaches soil that drowns it: {error}"
+                ) from error
 
     def _believed_range(self) -> tuple[float, float]:
         """``n_range``, widened to 0.1 where it holds a single soil: a filter needs something to estimate."""
@@ -255,7 +271,7 @@ class OffroadBekkerEnv(gym.Env):
         self._seen_index = self._true_index
         self._estimate = Estimate(*self.prior, 0.0, False, 0)
         if self._estimator_name == "parameter":
-            belief = make_plant(self.vehicle, self._believed_soil, self.course.ground, **kinds)
+            belief = make_plant(self.vehicle, self._believed_soil, flat(), **kinds)
             self.estimator = EmbeddedParameterUKF(
                 belief, self._believed_range(), dt=CONTROL_PERIOD / _SAMPLES, imu=self.sensors.imu
             )

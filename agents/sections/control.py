@@ -111,7 +111,7 @@ def learning_section(run: Run) -> Section:
         sees=sees,
         command=command,
         tables=(_learning_table(result),),
-        notes=("With more time (--time-budget in seconds, or --total-steps) the same command learns on.",),
+        notes=("A longer run: the same command with another --time-budget [s], or with --total-steps.",),
         key=(("PPO smoke run", f"{result.steps} steps in {result.wall_time:.0f} s"),),
         data={"result": result},
     )

@@ -53,11 +53,11 @@ def _full_axle(plant, x, wheel, arm, suspension, warm, readings):
     wx, wy, H, H_dot, H_ddot, u_l, u_c, g_l, g_c = axle_motion(
         plant.ground, (x[at.X], x[at.Y], x[at.YAW]), (forward, x[at.V_Y], x[at.YAW_RATE]), reach, steer
     )
-    N_0 = N_static
+    N_0, inertia = N_static, 0.0
     if plant.half_car > 0.5:
         z = x[at.Z] + arm * math.sin(pitch)
         z_dot = x[at.V_Z] + arm * math.cos(pitch) * pitch_rate
-        N_0 = suspension_load(N_static, k, c, v.m_w, (z, z_dot, H, H_dot, H_ddot))
+        N_0, inertia = suspension_load(N_static, k, c, v.m_w, (z, z_dot, H, H_dot, H_ddot))
     else:
         k = 0.0
     q_l = math.sqrt(1.0 + g_l * g_l)
@@ -67,7 +67,7 @@ def _full_axle(plant, x, wheel, arm, suspension, warm, readings):
         plant, (v.r * omega, v_l, v_c), (wx, wy, H, g_l, g_c), (N_0, k), warm, readings
     )
     cos_d, sin_d = math.cos(steer), math.sin(steer)
-    F_s = suspension_force(V, N_0, N_static, v.m_w, H_ddot)
+    F_s = suspension_force(V, N_static, inertia)
     return status, F_l * cos_d - F_c * sin_d, F_l * sin_d + F_c * cos_d, F_s, V, reach
 
 

@@ -39,11 +39,11 @@ def _paper_axle(plant, x, steer, arm, suspension, warm, readings):
     )
     wx, wy, H, H_dot, H_ddot, u_l, u_c, _, _ = motion
     m_w = plant.vehicle.m_w
-    N_0 = N_static
+    N_0, inertia = N_static, 0.0
     if plant.half_car > 0.5:
         sin, cos = math.sin(x[at.PITCH]), math.cos(x[at.PITCH])
         z, z_dot = x[at.Z] + arm * sin, x[at.V_Z] + arm * cos * x[at.PITCH_RATE]
-        N_0 = suspension_load(N_static, k, c, m_w, (z, z_dot, H, H_dot, H_ddot))
+        N_0, inertia = suspension_load(N_static, k, c, m_w, (z, z_dot, H, H_dot, H_ddot))
     else:
         k = 0.0
     # r omega from the constant slip: the paper's s when driving, referred to v when braking.
@@ -52,7 +52,7 @@ def _paper_axle(plant, x, steer, arm, suspension, warm, readings):
         plant, (rim, u_l, u_c), (wx, wy, H, 0.0, 0.0), (N_0, k), warm, readings
     )
     cos_d, sin_d = math.cos(steer), math.sin(steer)
-    F_s = suspension_force(V, N_0, N_static, m_w, H_ddot)
+    F_s = suspension_force(V, N_static, inertia)
     return status, F_l * cos_d - F_c * sin_d, F_l * sin_d + F_c * cos_d, F_s
 
 

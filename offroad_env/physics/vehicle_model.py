@@ -109,23 +109,28 @@ def axle_motion(ground, pose, velocity, arm, steer):
 
 @inline_kernel
 def suspension_load(N_static, k, c, m_w, heights):
-    """N_0: load on ground that does not yield (BT N); ``heights`` = (z_axle, z_axle_dot, H, H_dot, H_ddot).
+    """(N_0, inertia) of an axle: its load on ground that does not yield (BT N), and the share of the wheel.
 
-    The load at sinkage h is N_0 - k h; the sinkage rate is neglected in the damper.
+    ``heights`` = (z_axle, z_axle_dot, H, H_dot, H_ddot). The load at sinkage h is N_0 - k h; the
+    sinkage rate is neglected in the damper. Where the spring is slack the wheel hangs free: damper
+    and inertia of the wheel, which presume that it follows the ground, fade out below 0.2 of the
+    static load, so a falling vehicle feels the ground only when its wheels reach it.
     """
     z, z_dot, H, H_dot, H_ddot = heights
-    return N_static - k * (z - H) - c * (z_dot - H_dot) + m_w * H_ddot
+    spring = N_static - k * (z - H)
+    follows = smooth_step(spring / (0.2 * N_static))
+    inertia = m_w * H_ddot * follows
+    return spring - c * (z_dot - H_dot) * follows + inertia, inertia
 
 
 @inline_kernel
-def suspension_force(N, N_0, N_static, m_w, H_ddot):
+def suspension_force(N, N_static, inertia):
     """Force of the suspension on the body, relative to static equilibrium [N].
 
     In contact N - N_static - m_w H_ddot, the paper's spring and damper. In the air the ground
-    never pulls: -N_static, and the inertia of the wheel on its imagined path fades out.
+    never pulls: N = 0 leaves -N_static, the weight.
     """
-    fade = 1.0 if N_0 > 0.0 else smooth_step(1.0 + N_0 / (0.2 * N_static))
-    return N - N_static - m_w * H_ddot * fade
+    return N - N_static - inertia
 
 
 @inline_kernel
