@@ -38,7 +38,7 @@ lint: $(VENV)/.installed-test  ## check style, format and the floors of imports
 	$(BIN)/lint-imports --no-logo
 
 study-wheel: $(VENV)/.installed-test  ## long: wheel forces against an independent evaluation, 2,000 inputs
-	$(BIN)/python -m pytest -m study -k wheel $(PYTEST_ARGS)
+	$(BIN)/python benchmarks/accuracy_wheel.py
 
 study-soak: $(VENV)/.installed-test  ## long: a million random steps
 	$(BIN)/python -m pytest -m study -k soak $(PYTEST_ARGS)

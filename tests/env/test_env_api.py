@@ -439,3 +439,13 @@ def test_the_briefing_tells_what_may_be_known_and_nothing_of_the_draw():
     assert briefings[0].soil.n == pytest.approx(0.5 * (low + high))
     with pytest.raises(AttributeError):
         briefings[0].corridor = 10.0
+
+
+def test_soils_that_drown_the_vehicle_are_refused_before_training_starts():
+    with pytest.raises(InvalidParameter, match="reaches soil that drowns it"):
+        gym.make("OffroadBekker-v0", soil="sandy_loam_wet", vehicle="hmmwv", n_range=(0.6, 0.8))
+
+
+def test_an_estimator_on_hard_ground_is_refused_before_training_starts():
+    with pytest.raises(InvalidParameter, match="needs a deformable soil"):
+        gym.make("OffroadBekker-v0", soil="hard_ground", terrain_info="estimate")

@@ -299,9 +299,11 @@ def test_the_steering_turns_no_faster_than_it_can():
 # --- in the air, and under the ground -----------------------------------------------------------
 
 
-@pytest.mark.parametrize("soil", ["clay", "hard_ground"])
-def test_a_car_thrown_half_a_metre_up_falls_at_g_between_contacts(soil):
-    light = make_vehicle("paper", rolling_resistance=0.0, drag_area=0.0)
+@pytest.mark.parametrize(
+    ("soil", "vehicle"), [("clay", "paper"), ("hard_ground", "paper"), ("dry_sand", "mrzr")]
+)
+def test_a_car_thrown_half_a_metre_up_falls_at_g_between_contacts(soil, vehicle):
+    light = make_vehicle(vehicle, rolling_resistance=0.0, drag_area=0.0)
     plant = make_plant(light, SOILS[soil], flat())
     state, warm = settled_state(plant, v_x=2.0)
     state[at.Z] += 0.5
