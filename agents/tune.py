@@ -51,7 +51,7 @@ class TuneArgs:
     scenario: str = "speed"  #: scenario to tune for
     seed: int = 0  #: of the candidates and the training episodes
     n_jobs: int = 2  #: local processes
-    rounds: tuple[Round, ...] = (Round(0, 12, 4), Round(3, 2, 8))  #: the budget
+    rounds: tuple[Round, ...] = (Round(0, 16, 6), Round(3, 2, 16), Round(4, 0, 48))  #: the budget
     spread: float = 0.1  #: standard deviation of a change, as a share of the knob's range [-]
 
 
