@@ -1,15 +1,16 @@
 """Tune the knobs of every arm with one budget: ``python -m agents.tune``.
 
 The same search for each arm, over the same training episodes (never those of a benchmark): the
-middle and a low-discrepancy sample of the box of its knobs, then rounds in which the best survive, change a
-little, and drive more episodes. The lowest mean score wins (`agents.benchmark.runner`). The result
-is the module `agents.tuned`.
+middle and a low-discrepancy sample of the box of its knobs, then rounds in which the best survive,
+change a little, and drive more episodes. In the final every arm drives the best knobs that any arm
+has found (with its own n or z), so that no arm is better or worse by the luck of its search. The
+lowest mean score wins (`agents.benchmark.runner`). The result is the module `agents.tuned`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from scipy.stats import qmc
 from agents.arms import ARMS, ArmSettings, make_arm
 from agents.benchmark.runner import draw_episodes, run_jobs
 
-__all__ = ["KNOBS", "Round", "TuneArgs", "Tuned", "tune_arm", "tune_scenario", "write_settings"]
+__all__ = ["KNOBS", "Round", "TuneArgs", "Tuned", "search_arm", "tune_scenario", "write_settings"]
 
 _COMMON = {"margin": (0.5, 1.1), "slip_angle": (0.15, 0.52), "feed_forward": (0.3, 1.0)}
 
@@ -51,7 +52,9 @@ class TuneArgs:
     scenario: str = "speed"  #: scenario to tune for
     seed: int = 0  #: of the candidates and the training episodes
     n_jobs: int = 2  #: local processes
-    rounds: tuple[Round, ...] = (Round(0, 16, 6), Round(3, 2, 16), Round(4, 0, 48))  #: the budget
+    rounds: tuple[Round, ...] = (Round(0, 16, 6), Round(3, 2, 16))  #: the search of each arm
+    finalists: int = 2  #: candidates that each arm sends to the final
+    final_episodes: int = 48  #: training episodes of each candidate in the final
     spread: float = 0.1  #: standard deviation of a change, as a share of the knob's range [-]
 
 
@@ -60,11 +63,13 @@ class Tuned:
     """The winner of a search."""
 
     settings: ArmSettings
-    score: float  #: mean score on the training episodes of the last round [s]
-    episodes: int  #: episodes driven by the whole search
+    score: float  #: mean score on the training episodes of the final [s]
+    episodes: int  #: episodes driven for this arm
 
 
-def tune_arm(name: str, args: TuneArgs, *, progress: Callable[[str, int, int], None] | None = None) -> Tuned:
+def search_arm(
+    name: str, args: TuneArgs, *, progress: Callable[[str, int, int], None] | None = None
+) -> tuple[list[ArmSettings], int]:
     """Search the knobs of one arm.
 
     Parameters
@@ -74,6 +79,10 @@ def tune_arm(name: str, args: TuneArgs, *, progress: Callable[[str, int, int], N
     args
     progress
         Called with (arm, episodes done, episodes in all of this round).
+
+    Returns
+    -------
+    (finalists, episodes): the best candidates, best first, and the number of episodes driven.
     """
     box = KNOBS[name]
     low, high = (np.array([limits[i] for limits in box.values()]) for i in (0, 1))
@@ -90,10 +99,9 @@ def tune_arm(name: str, args: TuneArgs, *, progress: Callable[[str, int, int], N
         candidates = [_settings(box, low + row * (high - low)) for row in population]
         scores = _scores(name, candidates, args, stage.episodes, progress)
         driven += stage.episodes * len(candidates)
-        order = np.argsort(scores, kind="stable")
-        population, scores = population[order], scores[order]
-    best = _settings(box, low + population[0] * (high - low))
-    return Tuned(settings=best, score=float(scores[0]), episodes=driven)
+        population = population[np.argsort(scores, kind="stable")]
+    best = population[: args.finalists]
+    return [_settings(box, low + row * (high - low)) for row in best], driven
 
 
 def _settings(box: dict[str, tuple[float, float]], values: np.ndarray) -> ArmSettings:
@@ -128,8 +136,18 @@ def _scores(
 def tune_scenario(
     args: TuneArgs, *, progress: Callable[[str, int, int], None] | None = None
 ) -> dict[str, Tuned]:
-    """Tune all arms of a scenario with the same budget."""
-    return {name: tune_arm(name, args, progress=progress) for name in ARMS}
+    """Tune all arms of a scenario with the same budget: a search each, and one final for all."""
+    found = {name: search_arm(name, args, progress=progress) for name in ARMS}
+    pool = [settings for finalists, _ in found.values() for settings in finalists]
+    tuned = {}
+    for name, (finalists, driven) in found.items():
+        own = {knob: getattr(finalists[0], knob) for knob in KNOBS[name] if knob not in _COMMON}
+        candidates = [s if s in finalists else replace(s, **own) for s in pool]
+        scores = _scores(name, candidates, args, args.final_episodes, progress)
+        best = int(np.argmin(scores))
+        driven += args.final_episodes * len(candidates)
+        tuned[name] = Tuned(settings=candidates[best], score=float(scores[best]), episodes=driven)
+    return tuned
 
 
 def write_settings(path: Path, args: TuneArgs, tuned: dict[str, Tuned]) -> None:
