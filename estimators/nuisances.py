@@ -92,8 +92,7 @@ class Doubt:
     stiffness: float = 0.15  #: log of the moduli's factor [-]: +-20 % is 1.3 of them
     mass: float = 0.07  #: log of the mass's factor [-]
     lag: float = 0.05  #: of the steering [s]
-    bump: float = 0.01  #: height that the map lacks [m]
-    bump_length: float = 1.0  #: length over which it changes [m]
+    bump_length: float = 1.0  #: length over which the ground departs from the map [m]
     place: float = 0.4  #: of the vehicle on the map, along each axis [m]
     acceleration_bias: float = 0.1  #: [m/s^2]
     rate_bias: float = 0.005  #: [rad/s]
@@ -118,11 +117,10 @@ class DoubtModel(NamedTuple):
     dt: float  #: time between samples [s]
     low: float  #: bounds of n [-]
     high: float
-    Q: np.ndarray  #: (LENGTH,) variances of the process noise per step, without the bumps'
+    Q: np.ndarray  #: (LENGTH,) variances of the process noise per step, but for the bumps
     R: np.ndarray  #: (CHANNELS,) variances of the sensor noise
-    P: np.ndarray  #: (LENGTH,) variances of the start, about the vehicle settled on its soil
-    bump: float  #: sd of the bumps [m]
-    bump_length: float  #: [m]
+    P: np.ndarray  #: (LENGTH,) variances of the start, but for eta and the bumps
+    bump_length: float  #: length over which a bump changes [m]
 
 
 def doubt_model(plant: Plant, dt: float, settings: JointSettings, doubt: Doubt) -> DoubtModel:
@@ -140,8 +138,7 @@ def doubt_model(plant: Plant, dt: float, settings: JointSettings, doubt: Doubt) 
     P[:ETA], P[ETA] = np.square(settings.start), 0.0
     P[[at.X, at.Y]] += doubt.place**2
     P[[STIFFNESS, MASS, LAG]] = doubt.stiffness**2, doubt.mass**2, doubt.lag**2
-    rate = doubt.bump / doubt.bump_length  # per m/s of speed
-    P[BUMP : BUMP + 4] = doubt.bump**2, rate**2, doubt.bump**2, rate**2
+    P[BUMP : BUMP + 4] = 0.0
     P[BIAS : BIAS + 5] = np.repeat([doubt.acceleration_bias**2, doubt.rate_bias**2], (3, 2))
     P[[ROLL_ERROR, PITCH_ERROR]] = doubt.misalignment**2
     return DoubtModel(
@@ -152,7 +149,6 @@ def doubt_model(plant: Plant, dt: float, settings: JointSettings, doubt: Doubt) 
         Q=Q,
         R=model.R[:CHANNELS].copy(),
         P=P,
-        bump=float(doubt.bump),
         bump_length=float(doubt.bump_length),
     )
 
@@ -263,11 +259,11 @@ def _reading(point, readings, out):
 
 
 @kernel
-def process_noise(v_x, model, Q):
-    """Variances of the process noise of one step (25,) at speed ``v_x`` [m/s] into ``Q``."""
+def process_noise(v_x, bump, model, Q):
+    """Variances of the process noise of one step (25,) into ``Q``; ``v_x`` [m/s], bumps of ``bump`` [m]."""
     W = max(v_x, _SLOWEST) / model.bump_length
     Q[:] = model.Q
-    Q[BUMP + 1] = Q[BUMP + 3] = 4.0 * _ZETA * W**3 * model.bump**2 * model.dt
+    Q[BUMP + 1] = Q[BUMP + 3] = 4.0 * _ZETA * W**3 * bump**2 * model.dt
 
 
 @kernel
@@ -352,8 +348,10 @@ def linearise(point, warm, inputs, model, A, H, out):
 
 
 @kernel
-def settled_belief(model, eta, variance, pose, v_x):
+def settled_belief(model, eta, variance, bump, pose, v_x):
     """(status, mean (25,), covariance, warm (2, 3)) of a vehicle settled on the soil of ``eta``.
+
+    ``bump`` : size of what the map lacks [m].
 
     The settled start is linearised in eta, stiffness, mass and place: heave and pitch follow them
     and the bumps within the covariance.
@@ -387,14 +385,18 @@ def settled_belief(model, eta, variance, pose, v_x):
     mean[:ETA] = x[:ETA]
     variances = model.P.copy()
     variances[ETA] = variance
-    for i in (BUMP + 1, BUMP + 3):
-        variances[i] *= v_x * v_x
+    for i in (BUMP, BUMP + 2):
+        variances[i], variances[i + 1] = bump**2, (bump * v_x / model.bump_length) ** 2
     return max(worst, status), mean, (slope * variances) @ slope.T, warm
 
 
 @kernel
-def _bound(truth, cov, warm, inputs, measured, model, variances):
-    """Fill the bound on the variances of the belief (T, 25); returns the failed step, or T."""
+def _bound(truth, cov, warm, inputs, measured, noise, variances):
+    """Fill the bound on the variances of the belief (T, 25); returns the failed step, or T.
+
+    ``noise`` = (model, size of the bumps [m]).
+    """
+    model, bump = noise
     A, H, out = np.empty((LENGTH, LENGTH)), np.empty((CHANNELS, LENGTH)), np.empty(CHANNELS)
     Q, F, point = np.empty(LENGTH), np.eye(LENGTH), np.zeros(LENGTH)
     variances[0] = np.diag(cov)
@@ -408,7 +410,7 @@ def _bound(truth, cov, warm, inputs, measured, model, variances):
             return k
         if k > 0:
             index = np.flatnonzero(measured[k])
-            process_noise(point[at.V_X], model, Q)
+            process_noise(point[at.V_X], bump, model, Q)
             linear_step(cov, F, H[index].copy(), Q, model.R[index])
             variances[k] = np.diag(cov)
         F = np.eye(LENGTH) + A * model.dt + (A @ A) * (0.5 * model.dt * model.dt)
@@ -416,15 +418,15 @@ def _bound(truth, cov, warm, inputs, measured, model, variances):
 
 
 def bound_with_doubt(
-    model: DoubtModel, sd: float, truth: np.ndarray, inputs: np.ndarray, z: np.ndarray
+    model: DoubtModel, prior: tuple[float, float], truth: np.ndarray, inputs: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """What any filter with these doubts can know along a true trajectory of the nominal vehicle.
 
     Parameters
     ----------
     model : DoubtModel
-    sd : float
-        Standard deviation of the prior of n [-].
+    prior : (float, float)
+        Standard deviation of the prior of n [-], and size of what the map lacks [m].
     truth : array (T, 11)
         True states and eta, on the map as it is.
     inputs, z
@@ -442,10 +444,12 @@ def bound_with_doubt(
     eta = float(truth[0, ETA])
     slope = range_slope(eta, model.low, model.high)
     pose = tuple(float(value) for value in truth[0, :3])
-    status, _, cov, warm = settled_belief(model, eta, (sd / slope) ** 2, pose, float(truth[0, at.V_X]))
+    status, _, cov, warm = settled_belief(
+        model, eta, (prior[0] / slope) ** 2, float(prior[1]), pose, float(truth[0, at.V_X])
+    )
     variances = np.empty((len(truth), LENGTH))
     seen = np.isfinite(z[:, :CHANNELS])
-    done = _bound(np.ascontiguousarray(truth), cov, warm, inputs, seen, model, variances)
+    done = _bound(np.ascontiguousarray(truth), cov, warm, inputs, seen, (model, float(prior[1])), variances)
     if status >= SUNK or done < len(truth):
         raise SolverFailure(f"no contact solution along the truth at t = {done * model.dt:.2f} s")
     return np.sqrt(variances[:, ETA]) * slope, np.sqrt(variances)

@@ -3,25 +3,26 @@
 The filter of `estimators.joint` believes in a map and in the paper's dynamics. On board neither is
 given: the ground is what the sensors feel, and the drive is torque at wheels that slip. The belief
 here holds what the soil acts on - speeds, heave and pitch, wheel spin - and eta, the sinkage
-exponent on an unbounded scale. Place and heading come from the navigation filter; the actuators
+exponent on an unbounded scale. Place and heading come from the navigation filter, the actuators
 follow the known command.
 
 *Roughness is a state.* On ground that is believed to be level, the slopes that are really there
 push the vehicle for tenths of a second, forward and to the side. That is no white noise: a filter
 that took it for such would be too sure of n after a second. The two pushes are states of their own,
-which wander and fade (`push`, `push_time`). They change speeds and accelerometers alike, which is
-how they are told from sensor noise, and average out over time, which is how they are told from n.
+which wander and fade. They act on speeds and accelerometers alike, which tells them from sensor
+noise, and average out over time, which tells them from n.
 
-*What the soil does not feel costs nothing.* In the order [soil, motion, pushes] the last columns of
+*What the soil does not feel costs nothing.* In the order [eta, motion, pushes] the last columns of
 the Cholesky factor change pushes only: their sigma points share the step of the centre.
 
 *One step a sample.* A sigma point is read where it stands and then carried on, so the covariance of
 that reading with the state one period later is at hand: every sample of the inertial unit is used
-one period late, without a second evaluation of the wheels. Rim speeds and satellite fixes are
-linear in the state and are used at once.
+one period late, without a second evaluation of the wheels. The velocity of a satellite fix is
+linear in the state and is used at once. Rim speeds only serve navigation: with a radius known to
+1 % they would tell a slip that is wrong by 0.01, a force that is wrong by 0.13 m/s^2.
 
 With more than one component the belief is a Gaussian sum over n (see `estimators.bank`): each
-component is narrow, weights follow from how well each predicted.
+component is narrow, and the weights follow from how well each predicted.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.models import plant_with_exponent, step_full_copies, step_paper_copies
-from estimators.navigation import V_SIDE, YAW, NavigationFilter, V, X, Y
+from estimators.navigation import V_SIDE, YAW, NavigationFilter, V, X, Y, navigate
 from estimators.protocol import Estimate, Pose
 from estimators.transforms import belief_of, moments, to_range
 from estimators.ukf_compiled import guarded_cholesky
@@ -43,36 +44,36 @@ from offroad_env.physics._jit import kernel
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.packing import pack
 from offroad_env.physics.settle import settle
-from offroad_env.sensors import GnssConfig, ImuConfig, WheelSpeedConfig
+from offroad_env.sensors import GnssConfig, ImuConfig
 from offroad_env.simulator import Plant, plant_model
 
 __all__ = ["OnBoardFilter", "OnBoardSettings"]
 
-#: The belief: eta, then the states that the soil acts on, then the pushes along and across.
-_MOTION = {
-    "half_car": (at.V_X, at.V_Y, at.YAW_RATE, at.Z, at.PITCH, at.V_Z, at.PITCH_RATE),
-    "bicycle": (at.V_X, at.V_Y, at.YAW_RATE),
-}
+#: States of the vehicle in the belief, after eta and before the pushes. The bicycle does not heave, the
+#: paper's wheels do not spin.
+_MOTION = (at.V_X, at.V_Y, at.YAW_RATE)
+_HEAVE = (at.Z, at.PITCH, at.V_Z, at.PITCH_RATE)
 _SPIN = (at.OMEGA_F, at.OMEGA_R)
 _PUSHES = 2
-#: Channels of the inertial unit that are used; vertical ones only where the vehicle can heave.
-_HORIZONTAL, _ALL = np.array([0, 1, 4]), np.array([0, 1, 2, 3, 4])
+#: Readings of the inertial unit that are used: a_x, a_y, yaw rate. The vertical ones show the road.
+_USED = np.array([0, 1, 4])
 _LOG_2PI = math.log(2.0 * math.pi)
 #: The filter's range is wider than the user's by this share on both sides: a bound is endlessly far
 #: away on the scale of eta, so a soil close to one would be approached too slowly.
 _MARGIN = 0.15
-#: Where a state's noise stands in `OnBoardSettings.walk` and ``start``.
-_NOISE_OF = {state: i for i, state in enumerate(_MOTION["half_car"])} | dict.fromkeys(_SPIN, 7)
 #: Half the step of the difference that ties the settled start to eta.
 _START_STEP = 0.05
 #: Time over which innovations are averaged for the validity flag [s].
 _MEAN_TIME = 2.0
-#: Samples between two looks at which components to drop.
+#: Samples between two looks at which components to drop and to merge.
 _TIDY = 10
-#: Neighbours are merged once their squared distance in eta falls below this share of their variances.
+#: Neighbours are one once their squared distance in eta falls below this share of their variances.
 _MEET = 0.5
 #: How well the navigation filter knows the heading, for the side speed in a satellite's course [rad].
 _HEADING_SD = 0.02
+# Scalars in the filter's memory.
+(NIS, REPAIRS, HELD, AWAKE, SURPRISE, ALIVE, SAMPLES) = range(7)
+_MEMORY = 7
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,18 +81,14 @@ class OnBoardSettings:
     """What can be chosen; each value has its reason here."""
 
     components: int = 1  #: 1 = a joint filter; more = a bank of them over n
-    spread: float = 1.7  #: distance of the sigma points in standard deviations; 3 moments right at 1.73
-    drift: float = 0.03  #: random walk of eta [1/sqrt(s)]: about 0.007 of n per sqrt(s)
+    spread: float = 1.7  #: sigma points in standard deviations: sqrt(3) has the fourth moment right
+    drift: float = 0.02  #: random walk of eta [1/sqrt(s)]: about 0.005 of n per sqrt(s)
     push: tuple[float, float] = (0.15, 0.3)  #: standard deviation of the pushes along, across [m/s^2]
     push_time: float = 0.3  #: how long a push lasts: a metre or two of ground [s]
-    #: Random walks of v_x, v_y [m/s/sqrt(s)], yaw rate [rad/s/sqrt(s)]; z [m/sqrt(s)], pitch
-    #: [rad/sqrt(s)], v_z [m/s/sqrt(s)], pitch rate [rad/s/sqrt(s)]; spin of the wheels [rad/s/sqrt(s)].
-    #: Heave and pitch are those of a class B road (ISO 8608) at 5 m/s under springs and dampers.
-    walk: tuple[float, ...] = (0.02, 0.03, 0.06, 6e-3, 4e-3, 0.08, 0.12, 0.3)
-    #: What the damper makes of roughness in a_z [m/s^2] and in the pitch rate [rad/s].
-    shake: tuple[float, float] = (1.0, 0.03)
-    #: Start: standard deviation of v_x, v_y, yaw rate, z, pitch, v_z, pitch rate, spin, as in `walk`.
-    start: tuple[float, ...] = (0.2, 0.1, 0.03, 0.01, 0.01, 0.05, 0.05, 1.0)
+    #: Random walks of v_x, v_y, yaw rate; z, pitch, v_z, pitch rate; wheel spin [the unit per sqrt(s)].
+    walk: tuple[float, ...] = (0.02, 0.03, 0.06, 6e-4, 4e-4, 0.008, 0.012, 0.3)
+    #: Start: standard deviation of the same [m/s, rad/s; m, rad, m/s, rad/s; rad/s].
+    start: tuple[float, ...] = (0.2, 0.1, 0.03, 0.005, 0.005, 0.03, 0.03, 1.0)
     hold_speed: float = 1.0  #: below this the filter rests and the estimate holds [m/s]
     surprise: float = 25.0  #: largest chi-square (3 channels) of the mean innovation for a valid estimate
     drop: float = 1e-4  #: weight below which a component is dropped
@@ -102,7 +99,7 @@ class OnBoardSettings:
         for name in ("spread", "drift", "push_time", "hold_speed", "surprise", "drop"):
             if not getattr(self, name) > 0.0:
                 raise InvalidParameter(f"{name} must be > 0, got {getattr(self, name)}")
-        for name, count in (("push", 2), ("walk", 8), ("shake", 2), ("start", 8)):
+        for name, count in (("push", 2), ("walk", 8), ("start", 8)):
             values = getattr(self, name)
             if len(values) != count or not all(value > 0.0 for value in values):
                 raise InvalidParameter(f"{name} must be {count} numbers > 0, got {values}")
@@ -114,68 +111,98 @@ class _Rules(NamedTuple):
     low: float  #: bounds of n [-]
     high: float
     states: np.ndarray  #: (S,) where the motion stands in the vehicle's state
-    channels: np.ndarray  #: (m,) of the inertial unit
     Q: np.ndarray  #: (L,) variances of the process noise a step
-    R: np.ndarray  #: (m,) variances of the inertial unit and of what shakes it
+    R: np.ndarray  #: (3,) variances of the inertial unit
+    fix: float  #: variance of a component of the satellite's velocity [m^2/s^2]
     fade: float  #: what is left of a push after a step [-]
     spread: float  #: of the sigma points [standard deviations]
+    hold_speed: float  #: [m/s]
+    log_drop: float
     dt: float  #: [s]
 
 
-class _Component(NamedTuple):
-    """One Gaussian of the belief and its sigma points."""
+class _State(NamedTuple):
+    """The belief and its copies of the vehicle; the components that are alive stand first."""
 
-    mean: np.ndarray  #: (L,)
-    cov: np.ndarray  #: (L, L)
-    points: np.ndarray  #: (2 L + 1, L)
-    copies: np.ndarray  #: (C, 15) vehicle states of the points that the soil feels
-    warms: np.ndarray  #: (C, 2, 3)
-    exponents: np.ndarray  #: (C,)
-    predicted: np.ndarray  #: (C, 5) readings
+    means: np.ndarray  #: (K, L)
+    covs: np.ndarray  #: (K, L, L)
+    log_weights: np.ndarray  #: (K,)
+    points: np.ndarray  #: (K, 2 L + 1, L)
+    copies: np.ndarray  #: (K C, 15) of the points that the soil feels
+    warms: np.ndarray  #: (K C, 2, 3)
+    exponents: np.ndarray  #: (K C,)
+    predicted: np.ndarray  #: (K C, 5) readings of the copies
+    shared: np.ndarray  #: (15,) place, heading and actuators
+    last: np.ndarray  #: (3,) readings of the sample before
+    mean_innovation: np.ndarray  #: (3,) running mean of the innovations in standard deviations
+    memory: np.ndarray  #: scalars
 
 
 @kernel
-def _place_points(component, shared, rules):
-    """Draw the sigma points and set the copies; returns the repairs.
-
-    ``shared`` (15,) : place, heading and actuators, which all copies have in common.
-    """
-    mean, cov, points, copies, _, exponents, _ = component
+def _place_points(state, k, rules):
+    """Draw the sigma points of component ``k`` and set its copies; returns the repairs."""
+    points, mean = state.points[k], state.means[k]
     L = mean.shape[0]
-    felt = 1 + rules.states.shape[0]
+    C = 3 + 2 * rules.states.shape[0]
     factor = np.empty((L, L))
-    repairs = guarded_cholesky(cov, factor)
+    repairs = guarded_cholesky(state.covs[k], factor)
     points[:] = mean
     for j in range(L):
         for i in range(j, L):
             points[1 + 2 * j, i] += rules.spread * factor[i, j]
             points[2 + 2 * j, i] -= rules.spread * factor[i, j]
-    for p in range(1 + 2 * felt):
-        copies[p] = shared
-        exponents[p] = to_range(points[p, 0], rules.low, rules.high)
+    for p in range(C):
+        x = state.copies[k * C + p]
+        x[:] = state.shared
         for s in range(rules.states.shape[0]):
-            copies[p, rules.states[s]] = points[p, 1 + s]
+            x[rules.states[s]] = points[p, 1 + s]
+        state.exponents[k * C + p] = to_range(points[p, 0], rules.low, rules.high)
     return repairs
 
 
 @kernel
-def _collect_points(component, rules, readings):
-    """The points after the step, in place, and what each predicted to read (2 L + 1, m)."""
-    _, _, points, copies, _, _, predicted = component
+def _before(state, navigation, sensors, command, vehicle, rules):
+    """Navigate and place the sigma points; false while the filter rests.
+
+    ``vehicle`` = (l_f, l_r, steer_lag, torque_lag).
+    """
+    nav, P, noise = navigation
+    shared, memory = state.shared, state.memory
+    navigate((nav, P), sensors, command[0], (vehicle[0], vehicle[1]), noise, rules.dt)
+    memory[SAMPLES] += 1.0
+    slow = not (nav[V] > rules.hold_speed and np.isfinite(sensors[0]).all())
+    if slow or memory[AWAKE] < 0.5:
+        memory[AWAKE], memory[HELD] = 0.0, 1.0
+        for k in range(int(memory[ALIVE])):
+            state.covs[k, 0, 0] += rules.Q[0]
+        turn, share = rules.dt / max(vehicle[2], rules.dt), rules.dt / max(vehicle[3], rules.dt)
+        shared[at.STEER] += turn * (command[0] - shared[at.STEER])
+        shared[at.DRIVE] += share * (command[1] - shared[at.DRIVE])
+        shared[at.BRAKE] += share * (command[2] - shared[at.BRAKE])
+        return False
+    shared[at.X], shared[at.Y], shared[at.YAW] = nav[X], nav[Y], nav[YAW]
+    for k in range(int(memory[ALIVE])):
+        memory[REPAIRS] += _place_points(state, k, rules)
+    return True
+
+
+@kernel
+def _collect_points(state, k, rules, readings):
+    """Points of component ``k`` after the step, in place, and what each had read before it (2 L + 1, 3)."""
+    points = state.points[k]
     motion = rules.states.shape[0]
-    felt, along = 1 + motion, 1 + motion
+    C, push = 3 + 2 * motion, 1 + motion
     for p in range(points.shape[0]):
-        own = p if p < 1 + 2 * felt else 0
-        for j in range(rules.channels.shape[0]):
-            readings[p, j] = predicted[own, rules.channels[j]]
-        readings[p, 0] += points[p, along]
-        readings[p, 1] += points[p, along + 1]
+        own = k * C + (p if p < C else 0)
+        for j in range(3):
+            readings[p, j] = state.predicted[own, _USED[j]]
         for s in range(motion):
-            points[p, 1 + s] = copies[own, rules.states[s]]
-        # The first two states of the motion are v_x and v_y.
-        for axis in range(2):
-            points[p, 1 + axis] += points[p, along + axis] * rules.dt
-            points[p, along + axis] *= rules.fade
+            points[p, 1 + s] = state.copies[own, rules.states[s]]
+        # A push acts on the accelerometer and the speed of its axis, and fades.
+        for axis in range(_PUSHES):
+            readings[p, axis] += points[p, push + axis]
+            points[p, 1 + axis] += points[p, push + axis] * rules.dt
+            points[p, push + axis] *= rules.fade
 
 
 @kernel
@@ -203,17 +230,16 @@ def _covariance(a, b, side, out):
 
 
 @kernel
-def _learn(component, z, rules):
-    """Take the points on, then the reading ``z`` (m,) that belongs to where they stood.
+def _learn(state, k, rules, innovation):
+    """Take component ``k`` on with the last sample of the inertial unit.
 
-    Returns (log likelihood, nis, repairs, innovation (m,), its variances (m,)).
+    Returns (log likelihood, nis, repairs); ``innovation`` (3,) is filled, in standard deviations.
     """
-    mean, cov, points, _, _, _, _ = component
-    L, m, count = mean.shape[0], z.shape[0], points.shape[0]
-    readings, expected = np.empty((count, m)), np.empty(m)
-    across, S = np.empty((L, m)), np.empty((m, m))
-    _collect_points(component, rules, readings)
-    side = 0.5 / (rules.spread * rules.spread)
+    mean, cov, points = state.means[k], state.covs[k], state.points[k]
+    L, side = mean.shape[0], 0.5 / (rules.spread * rules.spread)
+    readings, expected = np.empty((points.shape[0], 3)), np.empty(3)
+    across, S, factor = np.empty((L, 3)), np.empty((3, 3)), np.empty((3, 3))
+    _collect_points(state, k, rules, readings)
     _mean_of(points, side, mean)
     _mean_of(readings, side, expected)
     _covariance(points, points, side, cov)
@@ -221,58 +247,122 @@ def _learn(component, z, rules):
     _covariance(readings, readings, side, S)
     for i in range(L):
         cov[i, i] += rules.Q[i]
-    innovation, variances = z - expected, np.empty(m)
-    for j in range(m):
+    e = state.last - expected
+    for j in range(3):
         S[j, j] += rules.R[j]
-        variances[j] = S[j, j]
-    factor = np.empty((m, m))
+        innovation[j] = e[j] / math.sqrt(S[j, j])
     repairs = guarded_cholesky(S, factor)
     A = np.linalg.solve(factor, across.T.copy())
-    e = np.linalg.solve(factor, innovation)
+    e = np.linalg.solve(factor, e)
     mean += A.T @ e
     cov -= A.T @ A
     nis = e @ e
-    log_likelihood = -0.5 * nis - 0.5 * m * _LOG_2PI
-    for j in range(m):
-        log_likelihood -= math.log(factor[j, j])
-    return log_likelihood, nis, repairs, innovation, variances
+    log_density = -1.5 * _LOG_2PI - 0.5 * nis
+    for j in range(3):
+        log_density -= math.log(factor[j, j])
+    return log_density, nis, repairs
 
 
 @kernel
-def _correct(mean, cov, row, residual, variance):
-    """Scalar Kalman update with measurement row (L,), in place; returns the log likelihood."""
-    gain = cov @ row
-    total = variance + row @ gain
-    mean += gain * (residual / total)
+def _fix(mean, cov, axis, speed, variance):
+    """Measured speed along (0) or across (1), in place; returns the log likelihood."""
+    gain = cov[1 + axis].copy()
+    total, residual = variance + gain[1 + axis], speed - mean[1 + axis]
     for i in range(mean.shape[0]):
-        for j in range(i + 1):
+        mean[i] += gain[i] * residual / total
+        for j in range(mean.shape[0]):
             cov[i, j] -= gain[i] * gain[j] / total
-            cov[j, i] = cov[i, j]
     return -0.5 * (residual * residual / total + math.log(total) + _LOG_2PI)
 
 
 @kernel
-def _fix(component, speeds, rims, noise, radius):
-    """Speed along and across by satellite, rim speeds; NaN where nothing was measured.
+def _after(state, nav, gnss, rules):
+    """Learn from the last sample of the inertial unit and from a fix; weigh the components, watch."""
+    memory, log_weights = state.memory, state.log_weights
+    alive = int(memory[ALIVE])
+    C = 3 + 2 * rules.states.shape[0]
+    state.shared[at.STEER :] = state.copies[0, at.STEER :]
+    innovations = np.empty((alive, 3))
+    best = 0
+    for k in range(alive):
+        density, nis, repairs = _learn(state, k, rules, innovations[k])
+        memory[REPAIRS] += repairs
+        if np.isfinite(gnss).all() and gnss[2] > rules.hold_speed:
+            angle, v = gnss[3] - nav[YAW], gnss[2]
+            density += _fix(state.means[k], state.covs[k], 0, v * math.cos(angle), rules.fix)
+            heading = (_HEADING_SD * v) ** 2
+            density += _fix(state.means[k], state.covs[k], 1, v * math.sin(angle), rules.fix + heading)
+        log_weights[k] += density
+        if k == 0 or log_weights[k] > log_weights[best]:
+            best, memory[NIS] = k, nis
+    top = log_weights[best]
+    log_weights[:alive] -= top + math.log(np.exp(log_weights[:alive] - top).sum())
+    share, total = rules.dt / _MEAN_TIME, 0.0
+    for j in range(3):
+        state.mean_innovation[j] += share * (innovations[best, j] - state.mean_innovation[j])
+        total += state.mean_innovation[j] ** 2
+    # A mean of white noise that forgets exponentially has share / 2 of the variance of a sample.
+    memory[SURPRISE], memory[HELD] = total * 2.0 / share, 0.0
+    if alive > 1 and int(memory[SAMPLES]) % _TIDY == 0:
+        _tidy(state, C, rules)
 
-    ``speeds`` = (along, across) [m/s], ``rims`` (2,) [m/s], ``noise`` = variances (along, across,
-    rim). Returns the log likelihood.
-    """
-    mean, cov = component[0], component[1]
-    L = mean.shape[0]
-    total = 0.0
-    for axis in range(2):
-        if math.isfinite(speeds[axis]):
-            row = np.zeros(L)
-            row[1 + axis] = 1.0
-            total += _correct(mean, cov, row, speeds[axis] - mean[1 + axis], noise[axis])
-    for axle in range(2):
-        if radius > 0.0 and math.isfinite(rims[axle]):
-            row = np.zeros(L)
-            spin = L - _PUSHES - 2 + axle
-            row[spin] = radius
-            total += _correct(mean, cov, row, rims[axle] - radius * mean[spin], noise[2])
-    return total
+
+@kernel
+def _tidy(state, C, rules):
+    """Drop components without weight, merge neighbours that have met."""
+    k = 0
+    while k < int(state.memory[ALIVE]):
+        if state.log_weights[k] < rules.log_drop:
+            _remove(state, k, C)
+        else:
+            k += 1
+    a = 0
+    while a < int(state.memory[ALIVE]):
+        b = a + 1
+        while b < int(state.memory[ALIVE]):
+            gap = state.means[b, 0] - state.means[a, 0]
+            if gap * gap < _MEET * (state.covs[a, 0, 0] + state.covs[b, 0, 0]):
+                _absorb(state, a, b)
+                _remove(state, b, C)
+            else:
+                b += 1
+        a += 1
+
+
+@kernel
+def _absorb(state, a, b):
+    """Give component ``a`` mean, covariance and weight of the pair."""
+    w_a, w_b = math.exp(state.log_weights[a]), math.exp(state.log_weights[b])
+    share = w_b / (w_a + w_b)
+    apart = state.means[b] - state.means[a]
+    state.means[a] += share * apart
+    state.covs[a] += share * (state.covs[b] - state.covs[a]) + share * (1.0 - share) * np.outer(apart, apart)
+    state.log_weights[a] = math.log(w_a + w_b)
+
+
+@kernel
+def _remove(state, k, C):
+    """Take component ``k`` out; the last one moves into its place."""
+    last = int(state.memory[ALIVE]) - 1
+    state.means[k], state.covs[k] = state.means[last], state.covs[last]
+    state.log_weights[k] = state.log_weights[last]
+    state.copies[k * C : (k + 1) * C] = state.copies[last * C : (last + 1) * C]
+    state.warms[k * C : (k + 1) * C] = state.warms[last * C : (last + 1) * C]
+    state.memory[ALIVE] = last
+
+
+@kernel
+def _report(state, low, high):
+    """(mean, sd) of n under the sum."""
+    mean = square = total = 0.0
+    for k in range(int(state.memory[ALIVE])):
+        w = math.exp(state.log_weights[k])
+        m, s = moments(state.means[k, 0], state.covs[k, 0, 0], low, high)
+        total += w
+        mean += w * m
+        square += w * (s * s + m * m)
+    mean, square = mean / total, square / total
+    return mean, math.sqrt(max(square - mean * mean, 0.0))
 
 
 class OnBoardFilter:
@@ -287,8 +377,8 @@ class OnBoardFilter:
         Bounds of n [-]; the reported mean stays inside.
     dt : float
         Time between samples [s].
-    sensors : (ImuConfig, WheelSpeedConfig, GnssConfig), optional
-        What is known of mounting and noise.
+    imu, gnss : ImuConfig, GnssConfig, optional
+        Mounting and noise, as far as known.
     settings : OnBoardSettings, optional
     navigation : NavigationFilter, optional
         To be used and updated here, and by nobody else; default: one of its own.
@@ -305,7 +395,8 @@ class OnBoardFilter:
         n_range: tuple[float, float],
         *,
         dt: float = 0.01,
-        sensors: tuple[ImuConfig, WheelSpeedConfig, GnssConfig] | None = None,
+        imu: ImuConfig | None = None,
+        gnss: GnssConfig | None = None,
         settings: OnBoardSettings | None = None,
         navigation: NavigationFilter | None = None,
     ) -> None:
@@ -321,36 +412,54 @@ class OnBoardFilter:
         self.navigation = navigation or NavigationFilter(plant.vehicle)
         self._full = plant_model(plant) == "full"
         self._packed = pack(plant)
-        margin = _MARGIN * (high - low)
-        self._bounds = (max(low - margin, 0.5 * low), high + margin)
-        imu, wheel, gnss = sensors or (ImuConfig(), WheelSpeedConfig(), GnssConfig())
+        vehicle = plant.vehicle
+        self._vehicle = (vehicle.l_f, vehicle.l_r, vehicle.steer_lag, vehicle.torque_lag)
+        imu, gnss = imu or ImuConfig(), gnss or GnssConfig()
         self._mount = imu.mount()
-        self._rules, self._start = self._constants(imu)
-        self._sensed = (gnss.velocity_sd, wheel.noise, wheel.scale_sd)
-        self._shared = np.zeros(at.STATE_SIZE)
+        self._rules, self._start = self._constants(imu, gnss)
+        self._state = self._memory()
         self.reset(0.5 * (low + high), 0.25 * (high - low), Pose(0.0, 0.0, 0.0, 0.0))
 
-    def _constants(self, imu: ImuConfig) -> tuple[_Rules, np.ndarray]:
-        s, half_car = self.settings, self.plant.half_car > 0.5
-        motion = _MOTION["half_car" if half_car else "bicycle"] + (_SPIN if self._full else ())
-        wanted = [_NOISE_OF[state] for state in motion]
-        fade = math.exp(-self.dt / s.push_time)
-        pushes = np.square(s.push) * (1.0 - fade * fade)
-        walk = np.square(np.array(s.walk)[wanted]) * self.dt
-        noise = np.square([imu.accel_noise] * 3 + [imu.gyro_noise] * 2)
-        noise[2:4] += np.square(s.shake)
-        channels = _ALL if half_car else _HORIZONTAL
+    def _constants(self, imu: ImuConfig, gnss: GnssConfig) -> tuple[_Rules, np.ndarray]:
+        """The kernels' view of the settings, and the variances (L - 1,) of the start."""
+        s, (low, high) = self.settings, self.n_range
+        heave, spin = self.plant.half_car > 0.5, self._full
+        states = _MOTION + (_HEAVE if heave else ()) + (_SPIN if spin else ())
+        noise_of = [0, 1, 2] + [3, 4, 5, 6] * heave + [7, 7] * spin
+        margin, fade = _MARGIN * (high - low), math.exp(-self.dt / s.push_time)
+        walk, push = np.square(np.array(s.walk)[noise_of]) * self.dt, np.square(s.push)
         rules = _Rules(
-            *self._bounds,
-            states=np.array(motion),
-            channels=channels,
-            Q=np.concatenate([[s.drift**2 * self.dt], walk, pushes]),
-            R=noise[channels],
+            low=max(low - margin, 0.5 * low),
+            high=high + margin,
+            states=np.array(states),
+            Q=np.concatenate([[s.drift**2 * self.dt], walk, push * (1.0 - fade * fade)]),
+            R=np.square([imu.accel_noise, imu.accel_noise, imu.gyro_noise]),
+            fix=gnss.velocity_sd**2,
             fade=fade,
             spread=float(s.spread),
+            hold_speed=float(s.hold_speed),
+            log_drop=math.log(s.drop),
             dt=self.dt,
         )
-        return rules, np.concatenate([np.square(np.array(s.start)[wanted]), np.square(s.push)])
+        return rules, np.concatenate([np.square(np.array(s.start)[noise_of]), push])
+
+    def _memory(self) -> _State:
+        K, S = self.settings.components, len(self._rules.states)
+        L, C = 1 + S + _PUSHES, 3 + 2 * S
+        return _State(
+            means=np.zeros((K, L)),
+            covs=np.zeros((K, L, L)),
+            log_weights=np.zeros(K),
+            points=np.zeros((K, 2 * L + 1, L)),
+            copies=np.zeros((K * C, at.STATE_SIZE)),
+            warms=np.zeros((K * C, 2, at.CONTACT_SIZE)),
+            exponents=np.zeros(K * C),
+            predicted=np.zeros((K * C, 5)),
+            shared=np.zeros(at.STATE_SIZE),
+            last=np.zeros(3),
+            mean_innovation=np.zeros(3),
+            memory=np.zeros(_MEMORY),
+        )
 
     def reset(self, n_prior: float, sd: float, pose: Pose) -> Estimate:
         """Start at a known pose.
@@ -370,20 +479,16 @@ class OnBoardFilter:
         low, high = self.n_range
         if not low <= n_prior <= high:
             raise InvalidParameter(f"n_prior must be in n_range = [{low}, {high}], got {n_prior}")
-        eta, variance = belief_of(n_prior, sd, *self._bounds)
-        K = self.settings.components
-        # Quantiles of the prior, each component as wide as its share: the sum has the prior's moments.
-        places = (2.0 * np.arange(K) + 1.0 - K) / max(K, 1)
-        width = 1.0 / K
+        state, K = self._state, self.settings.components
+        for array in state:
+            array[:] = 0.0
+        eta, variance = belief_of(n_prior, sd, self._rules.low, self._rules.high)
+        # Side by side, each as wide as its share of the way: the sum has the prior's mean and variance.
+        places, width = (2.0 * np.arange(K) + 1.0 - K) / K, 1.0 / K
         scale = math.sqrt(variance / (np.mean(np.square(places)) + width * width))
-        self._etas, self._variances = eta + scale * places, np.full(K, (scale * width) ** 2)
-        self._log_weights = np.full(K, -math.log(K))
-        self._components: list[_Component] = []
-        self._held = True
-        self._nis, self._repairs, self._surprise = math.nan, 0, 0.0
-        self._samples = 0
-        self._last, self._mean_innovation = np.full(5, math.nan), np.zeros(3)
-        self._shared[:] = 0.0
+        state.means[:, 0], state.covs[:, 0, 0] = eta + scale * places, (scale * width) ** 2
+        state.log_weights[:] = -math.log(K)
+        state.memory[ALIVE], state.memory[NIS], state.memory[HELD] = K, math.nan, 1.0
         self.navigation.reset(*pose)
         return self.estimate
 
@@ -412,176 +517,73 @@ class OnBoardFilter:
         -------
         Estimate
         """
-        self.navigation.update(imu, rim_speeds, command[0], gnss, self.dt)
-        self._samples += 1
-        if not (self.navigation.x[V] > self.settings.hold_speed and np.isfinite(imu).all()):
-            self._rest(command)
-        elif not self._components:
+        navigation, state, rules = self.navigation, self._state, self._rules
+        place = (navigation.x, navigation.P, navigation.constants)
+        if _before(state, place, (imu, rim_speeds, gnss), command, self._vehicle, rules):
+            stepped = int(state.memory[ALIVE]) * (3 + 2 * len(rules.states))
+            copies, warms, predicted = (
+                array[:stepped] for array in (state.copies, state.warms, state.predicted)
+            )
+            step = step_full_copies if self._full else step_paper_copies
+            n = state.exponents[:stepped]
+            status = step(copies, warms, self._packed, n, command, self.dt, self._mount, predicted)
+            if status < SUNK and np.isfinite(predicted).all() and np.isfinite(copies).all():
+                _after(state, navigation.x, gnss, rules)
+            else:
+                self._sleep()
+        elif navigation.x[V] > rules.hold_speed and np.isfinite(imu).all():
             self._wake()
-        elif not self._step(command):
-            self._rest(command)
-            self._surprise = math.inf
-        else:
-            self._fix(rim_speeds, gnss)
-            self._weigh()
-        self._last[:] = imu
+        state.last[:] = imu[_USED]
         return self.estimate
-
-    def _rest(self, command: tuple[float, float, float]) -> None:
-        """Hold, let the belief drift and the actuators follow the command."""
-        if self._components:
-            self._etas = np.array([component.mean[0] for component in self._components])
-            self._variances = np.array([component.cov[0, 0] for component in self._components])
-            self._components = []
-        self._held = True
-        self._variances = self._variances + self.settings.drift**2 * self.dt
-        vehicle = self.plant.vehicle
-        lags = (vehicle.steer_lag, vehicle.torque_lag, vehicle.torque_lag)
-        for state, lag, value in zip((at.STEER, at.DRIVE, at.BRAKE), lags, command, strict=True):
-            if math.isfinite(value):
-                self._shared[state] += self.dt / max(lag, self.dt) * (value - self._shared[state])
 
     def _wake(self) -> None:
         """Settle every component on its own soil, rolling at the navigation filter's speed."""
-        nav = self.navigation.x
-        pose = (nav[X], nav[Y], nav[YAW])
-        components, surprise = [], 0.0
-        for eta, variance in zip(self._etas, self._variances, strict=True):
-            sides = []
-            for step in (0.0, -_START_STEP, _START_STEP):
-                n = to_range(eta + step, *self._bounds)
-                status, x, warm = settle(plant_with_exponent(self.plant, n), pose, nav[V], self._full)
-                x[at.V_Y] = nav[V_SIDE]
-                surprise = math.inf if status >= SUNK or not np.isfinite(x).all() else surprise
-                sides.append((x, warm))
-            components.append(self._component(eta, variance, sides))
-        self._surprise = surprise
-        if surprise == 0.0:
-            self._components = components
-            self._mean_innovation[:] = 0.0
+        state, rules, nav = self._state, self._rules, self.navigation.x
+        pose, states = (nav[X], nav[Y], nav[YAW]), self._rules.states
+        C, motion = 3 + 2 * len(states), slice(1, 1 + len(states))
+        for k in range(int(state.memory[ALIVE])):
+            eta, variance = state.means[k, 0], state.covs[k, 0, 0]
+            beside, sides = rules.spread * math.sqrt(variance), np.empty((3, at.STATE_SIZE))
+            for i, step in enumerate((0.0, beside, -beside)):
+                own = plant_with_exponent(self.plant, to_range(eta + step, rules.low, rules.high))
+                status, sides[i], warm = settle(own, pose, nav[V], self._full)
+                if status >= SUNK or not np.isfinite(sides[i]).all():
+                    state.memory[SURPRISE] = math.inf
+                    return
+                state.warms[k * C + i] = warm
+            state.warms[k * C + 3 : (k + 1) * C] = state.warms[k * C]
+            # The settled start is linearised in eta: a vehicle on softer soil stands deeper.
+            slope = np.zeros(len(state.means[k]))
+            slope[0], slope[motion] = 1.0, (sides[1] - sides[2])[states] / (2.0 * beside)
+            state.means[k, 1:], state.means[k, motion] = 0.0, sides[0, states]
+            state.means[k, 2] = nav[V_SIDE]
+            state.covs[k] = variance * np.outer(slope, slope)
+            state.covs[k][np.arange(1, len(slope)), np.arange(1, len(slope))] += self._start
+        state.memory[AWAKE], state.memory[SURPRISE] = 1.0, 0.0
+        state.mean_innovation[:] = 0.0
 
-    def _component(self, eta: float, variance: float, sides: list) -> _Component:
-        """A Gaussian about the settled start, which is linearised in eta: a deeper rut goes with softer soil."""
-        states = self._rules.states
-        (x, warm), (before, _), (after, _) = sides
-        L = 1 + len(states) + _PUSHES
-        count = 3 + 2 * len(states)
-        slope = np.zeros(L)
-        slope[0] = 1.0
-        slope[1 : 1 + len(states)] = (after - before)[states] / (2.0 * _START_STEP)
-        cov = variance * np.outer(slope, slope)
-        cov[np.arange(1, L), np.arange(1, L)] += self._start
-        return _Component(
-            mean=np.concatenate([[eta], x[states], np.zeros(_PUSHES)]),
-            cov=cov,
-            points=np.zeros((2 * L + 1, L)),
-            copies=np.zeros((count, at.STATE_SIZE)),
-            warms=np.tile(warm, (count, 1, 1)),
-            exponents=np.zeros(count),
-            predicted=np.zeros((count, 5)),
-        )
-
-    def _step(self, command: tuple[float, float, float]) -> bool:
-        """Carry every component to this sample and use the last one of the inertial unit; false on failure."""
-        nav, rules = self.navigation.x, self._rules
-        self._shared[:3] = nav[X], nav[Y], nav[YAW]
-        step = step_full_copies if self._full else step_paper_copies
-        z = self._last[rules.channels]
-        innovations = []
-        for k, component in enumerate(self._components):
-            self._repairs += _place_points(component, self._shared, rules)
-            copies, warms, n, predicted = component[3:]
-            status = step(copies, warms, self._packed, n, command, self.dt, self._mount, predicted)
-            if not (status < SUNK and np.isfinite(copies).all() and np.isfinite(predicted).all()):
-                return False
-            likelihood, nis, repairs, *innovation = _learn(component, z, rules)
-            self._repairs += repairs
-            self._log_weights[k] += likelihood
-            innovations.append((nis, innovation))
-        self._shared[at.STEER :] = self._components[0].copies[0, at.STEER :]
-        best = int(np.argmax(self._log_weights))
-        self._nis, self._held = float(innovations[best][0]), False
-        self._watch(*innovations[best][1])
-        return True
-
-    def _watch(self, innovation: np.ndarray, variances: np.ndarray) -> None:
-        """Chi-square of the running mean of a_x, a_y and yaw rate: white innovations average out."""
-        index = [0, 1, -1]
-        share = self.dt / _MEAN_TIME
-        relative = innovation[index] / np.sqrt(variances[index])
-        self._mean_innovation += share * (relative - self._mean_innovation)
-        self._surprise = float(self._mean_innovation @ self._mean_innovation) * 2.0 / share
-
-    def _fix(self, rim_speeds: np.ndarray, gnss: np.ndarray) -> None:
-        """Rim speeds and a satellite fix, which are linear in the state."""
-        velocity_sd, rim_noise, rim_scale = self._sensed
-        speed = float(gnss[2])
-        angle = float(gnss[3]) - self.navigation.x[YAW] if speed > self.settings.hold_speed else math.nan
-        speeds = (speed * math.cos(angle), speed * math.sin(angle))
-        rolling = abs(float(self.navigation.x[V]))
-        noise = (
-            velocity_sd**2,
-            velocity_sd**2 + (_HEADING_SD * rolling) ** 2,
-            rim_noise**2 + (rim_scale * rolling) ** 2,
-        )
-        radius = self.plant.vehicle.r if self._full else 0.0
-        for k, component in enumerate(self._components):
-            self._log_weights[k] += _fix(component, speeds, rim_speeds, noise, radius)
-
-    def _weigh(self) -> None:
-        """Scale the weights to a sum of 1; drop components that carry none, merge such as have met."""
-        top = self._log_weights.max()
-        self._log_weights -= top + math.log(np.exp(self._log_weights - top).sum())
-        if len(self._components) == 1 or self._samples % _TIDY:
-            return
-        keep = np.flatnonzero(self._log_weights > math.log(self.settings.drop))
-        self._components = [self._components[k] for k in keep]
-        self._log_weights = self._log_weights[keep]
-        order = np.argsort([component.mean[0] for component in self._components])
-        for a, b in zip(order[:-1], order[1:], strict=True):
-            one, other = self._components[a], self._components[b]
-            gap = other.mean[0] - one.mean[0]
-            if gap * gap < _MEET * (one.cov[0, 0] + other.cov[0, 0]):
-                self._absorb(int(a), int(b))
-                return
-
-    def _absorb(self, a: int, b: int) -> None:
-        """Merge component ``a`` into ``b`` with mean and covariance of the pair kept."""
-        one, other = self._components[a], self._components[b]
-        weights = np.exp(self._log_weights[[a, b]])
-        share = weights[0] / weights.sum()
-        apart = one.mean - other.mean
-        other.cov[:] = (
-            (1.0 - share) * other.cov + share * one.cov + share * (1.0 - share) * np.outer(apart, apart)
-        )
-        other.mean[:] += share * apart
-        self._log_weights[b] = math.log(weights.sum())
-        self._components.pop(a)
-        self._log_weights = np.delete(self._log_weights, a)
+    def _sleep(self) -> None:
+        """Some copy found no contact: hold, not valid, and start all of them again at the next sample."""
+        memory = self._state.memory
+        memory[AWAKE], memory[HELD], memory[SURPRISE] = 0.0, 1.0, math.inf
 
     @property
     def estimate(self) -> Estimate:
         """The belief as it stands."""
-        if self._components:
-            beliefs = [(component.mean[0], component.cov[0, 0]) for component in self._components]
-        else:
-            beliefs = list(zip(self._etas, self._variances, strict=True))
-        found = np.array([moments(eta, variance, *self._bounds) for eta, variance in beliefs])
-        weights = np.exp(self._log_weights)
-        mean = float(weights @ found[:, 0])
-        sd = math.sqrt(max(float(weights @ np.square(found).sum(axis=1)) - mean * mean, 0.0))
+        memory, (low, high) = self._state.memory, self.n_range
+        mean, sd = _report(self._state, self._rules.low, self._rules.high)
         return Estimate(
-            mean=min(max(mean, self.n_range[0]), self.n_range[1]),
+            mean=min(max(mean, low), high),
             sd=sd,
-            nis=self._nis,
-            valid=bool(math.isfinite(sd) and self._surprise < self.settings.surprise),
-            repairs=self._repairs,
+            nis=float(memory[NIS]),
+            valid=bool(math.isfinite(sd) and memory[SURPRISE] < self.settings.surprise),
+            repairs=int(memory[REPAIRS]),
         )
 
     @property
     def held(self) -> bool:
         """Whether the last sample taught nothing about n."""
-        return self._held
+        return bool(self._state.memory[HELD] > 0.5)
 
     @property
     def pose(self) -> Pose:

@@ -9,7 +9,10 @@ The weights stand for a density that is constant between the midpoints of neighb
 Where few particles carry the weight, new ones are drawn from that density by systematic resampling:
 this is the regularisation that keeps a soil that never changes from being left with one particle.
 The state of a new particle lies on the line between its neighbours', since the expected state is a
-smooth function of n. A narrow density needs fewer particles, down to ``least``.
+smooth function of n. A share of the particles is drawn evenly over all soils that have not been ruled
+out, and weighted accordingly (defensive sampling, T. Hesterberg, Technometrics 37(2), 1995): the first
+tenths of a second speak for other soils than the first seconds, and what is lost never returns. A
+narrow density needs fewer particles, down to ``least``.
 
 The slopes of motion and reading are renewed every ``refresh`` samples, by the particles in turn:
 the vehicle moves some decimetres meanwhile, the ground's shortest wave is 4 m long. What a particle
@@ -64,7 +67,9 @@ class ParticleSettings:
     n_fan: tuple[float, float] = (0.3, 1.3)  #: where the particles stand at the start [-]
     particles: int = 60  #: at the start, and while the belief is wide
     least: int = 16  #: once it is narrow
-    scarce: float = 0.5  #: share of effective particles below which new ones are drawn
+    scarce: float = 0.4  #: share of effective particles below which new ones are drawn
+    defence: float = 0.3  #: share of new particles spread evenly over the soils that are not ruled out
+    drop: float = 1e-8  #: weight of a particle below which its soil is ruled out
     refresh: int = 5  #: samples between two linearisations of a particle
 
     def __post_init__(self) -> None:
@@ -75,8 +80,9 @@ class ParticleSettings:
             raise InvalidParameter(
                 f"particles must be 4 <= least <= particles <= 2000, got {self.least} and {self.particles}"
             )
-        if not 0.0 < self.scarce < 1.0:
-            raise InvalidParameter(f"scarce must be in (0, 1), got {self.scarce}")
+        for name in ("scarce", "defence", "drop"):
+            if not 0.0 < getattr(self, name) < 1.0:
+                raise InvalidParameter(f"{name} must be in (0, 1), got {getattr(self, name)}")
         if not 1 <= self.refresh <= 20:
             raise InvalidParameter(f"refresh must be in [1, 20], got {self.refresh}")
         if not self.n_prior_sd > 0.0:
@@ -190,28 +196,54 @@ def _quantile(density, probability):
 
 
 @kernel
-def _resample(particles, count, jitter, noise, offset):
-    """``count`` new particles of equal weight from the density; ``jitter`` [-] moves them by ``noise``."""
+def _proposal(density, defence, drop):
+    """(proposal: cumulative at the edges, width of the soils not ruled out, weights of a draw by cell)."""
+    _, edges, cumulative = density
+    widths, weights = np.diff(edges), np.diff(cumulative)
+    kept = weights > drop
+    support = (widths * kept).sum()
+    share = (1.0 - defence) * weights + defence * widths * kept / support
+    proposal = np.zeros(edges.shape[0])
+    for a in range(widths.shape[0]):
+        proposal[a + 1] = proposal[a] + share[a]
+    return proposal / proposal[-1], support, np.where(share > 0.0, weights / share, 0.0)
+
+
+@kernel
+def _between(particles, j, beyond, eta):
+    """State (11,) expected with ``eta``, on the line from particle ``j`` to its neighbour ``beyond``."""
+    mean = particles.means[j].copy()
+    apart = particles.means[beyond, ETA] - mean[ETA]
+    if abs(apart) > 0.0 and particles.log_weights[beyond] > -math.inf:
+        share = (eta - mean[ETA]) / apart
+        mean += min(max(share, -1.0), 1.0) * (particles.means[beyond] - particles.means[j])
+    mean[ETA] = eta
+    return mean
+
+
+@kernel
+def _resample(particles, rules, jitter, noise, offset):
+    """New particles from the density; ``jitter`` [-] moves them by ``noise`` (K,)."""
+    most, least, full, defence, drop = rules
     density = particle_density(particles.means[:, ETA], particles.log_weights)
     order, K = density[0], particles.log_weights.shape[0]
+    proposal, support, gains = _proposal(density, defence, drop)
+    count = min(max(least, math.ceil(most * support / full)), most)
+    drawn = (density[0], density[1], proposal)
     means, covs, warms = np.empty((count, SIZE)), np.empty((count, SIZE, SIZE)), np.empty((count, 2, 3))
-    motions = np.empty((count, SIZE, SIZE))
-    readings = np.empty((count, _CHANNELS, SIZE))
+    motions, readings = np.empty((count, SIZE, SIZE)), np.empty((count, _CHANNELS, SIZE))
+    log_weights = np.empty(count)
     for i in range(count):
-        eta, cell = _quantile(density, (i + offset) / count)
+        eta, cell = _quantile(drawn, (i + offset) / count)
         eta += jitter * noise[i]
         j = order[cell]
         beyond = cell + 1 if eta >= particles.means[j, ETA] else cell - 1
-        beyond = order[min(max(beyond, 0), K - 1)]
-        apart = particles.means[beyond, ETA] - particles.means[j, ETA]
-        means[i] = particles.means[j]
-        if abs(apart) > 0.0 and particles.log_weights[beyond] > -math.inf:
-            share = (eta - particles.means[j, ETA]) / apart
-            means[i] += min(max(share, -1.0), 1.0) * (particles.means[beyond] - particles.means[j])
-        means[i, ETA] = eta
+        means[i] = _between(particles, j, order[min(max(beyond, 0), K - 1)], eta)
         covs[i], warms[i] = particles.covs[j], particles.warms[j]
         motions[i], readings[i] = particles.motions[j], particles.readings[j]
-    return means, covs, warms, motions, readings, np.full(count, -math.log(count))
+        log_weights[i] = math.log(max(gains[cell], 1e-300))
+    _normalise(log_weights)
+    return means, covs, warms, motions, readings, log_weights
 
 
 @kernel
@@ -241,10 +273,9 @@ def _report(particles, nis, model, out):
 def _run(particles, inputs, z, model, rules, draws, report):
     """The loop behind `run_particles`; returns (repairs, failed, resampled).
 
-    ``rules`` = (particles, least, scarce, refresh, sd of n in the prior, drift); ``draws`` = (uniform (T,),
-    normal (T, K)).
+    ``rules`` = (scarce, refresh, drift, those of `_resample`); ``draws`` = (uniform (T,), normal (T, K)).
     """
-    most, least, scarce, refresh, widest, drift = rules
+    scarce, refresh, drift, drawing = rules
     uniform, normal = draws
     repairs = failed = resampled = rested = 0
     _report(particles, np.full(particles.log_weights.shape[0], math.nan), model, report[0])
@@ -267,10 +298,8 @@ def _run(particles, inputs, z, model, rules, draws, report):
         effective = 1.0 / np.exp(2.0 * particles.log_weights).sum()
         moved = drift > 0.0 and rested * model.dt >= _LONGEST_REST
         if effective < scarce * K or moved:
-            share = min(report[k, SD] / widest, 1.0)
-            count = max(least, math.ceil(most * share))
             jitter = drift * math.sqrt(rested * model.dt)
-            particles = Particles(*_resample(particles, count, jitter, normal[k], uniform[k]))
+            particles = Particles(*_resample(particles, drawing, jitter, normal[k], uniform[k]))
             resampled, rested = resampled + 1, 0
     return repairs, failed, resampled, z.shape[0]
 
@@ -329,14 +358,10 @@ def run_particles(
     # A particle's n is a number: what the soil drifts by is in the resampling.
     Q = model.Q.copy()
     Q[ETA] = 0.0
-    rules = (
-        K,
-        settings.least,
-        float(settings.scarce),
-        settings.refresh,
-        float(settings.n_prior_sd),
-        float(settings.joint.drift),
-    )
+    etas = np.sort(particles.means[:, ETA])
+    full = float((etas[-1] - etas[0]) * K / max(K - 1, 1))
+    drawing = (K, settings.least, full, float(settings.defence), float(settings.drop))
+    rules = (float(settings.scarce), settings.refresh, float(settings.joint.drift), drawing)
     report = np.empty((T, _REPORT))
     repairs, failed, resampled, reached = _run(
         particles, inputs, z, model._replace(Q=Q), rules, draws, report
