@@ -27,7 +27,6 @@ from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.contact import NO_ROOT, SUNK
 from offroad_env.physics.full_model import full_advance
-from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.packing import PackedPlant, unpack
 from offroad_env.physics.paper_model import paper_advance
 from offroad_env.physics.path_kernels import PathTable, project
@@ -41,6 +40,7 @@ __all__ = [
     "ENDINGS",
     "EPISODE",
     "NOISE_PERIODS",
+    "PAPER_FORCE",
     "REPORT",
     "REPORTED",
     "RULES",
@@ -62,7 +62,8 @@ _GOAL, _LEFT, _ROLLOVER, _IMMOBILISED, _DIVERGED = range(1, len(ENDINGS))
 
 _STUCK_TIME, _STUCK_SPEED, _STUCK_DRIVE = 4.0, 0.1, 0.3  # [s], [m/s], [-]
 _ROLLOVER_TIME = 0.2  # [s]
-_PAPER_FORCE = 3.0  # body force at full drive, per unit of mass [m/s^2]: above the paper's largest, 2.4
+#: Body force at full drive, per unit of mass [m/s^2]: above the paper's largest, 2.4.
+PAPER_FORCE = 3.0
 
 #: What `info` says besides the reward terms: name -> columns of the report.
 REPORTED = {
@@ -93,6 +94,7 @@ EPISODE = np.dtype(
         ("sound_state", "f8", at.STATE_SIZE),  # before a step that diverged
         ("sound_readings", "f8", at.READINGS_SIZE),
         ("plant", "f8", ASSUMPTIONS["plant"].shape[0]),
+        ("n", "f8"),
         ("status", "f8"),  # worst contact status of the period
         # where its path, waves and patches end in its table
         ("ds", "f8"),
@@ -120,6 +122,7 @@ EPISODE = np.dtype(
         ("steps", "i8"),  # steps of the plant per sample, 0 at the start
         ("time", "f8"),
         ("action", "f8", 2),  # the last one
+        ("change", "f8"),  # what it differs by from the one before, squared and summed
         ("true_index", "i8"),
         ("seen_index", "i8"),
         ("where", "f8", 3),  # distance along the path, from it, heading error of the true vehicle
@@ -176,12 +179,11 @@ def _sense(e, noise, i):
 
 @inline_kernel
 def _take_action(e, action):
-    """(steering, drive) in [-1, 1], and what the last action differs by, squared and summed."""
+    """Clip to [-1, 1] and remember."""
     steer, drive = min(max(action[0], -1.0), 1.0), min(max(action[1], -1.0), 1.0)
     last = e.action[:]
-    change = (steer - last[0]) ** 2 + (drive - last[1]) ** 2
+    e.change = (steer - last[0]) ** 2 + (drive - last[1]) ** 2
     last[0], last[1] = steer, drive
-    return change
 
 
 @inline_kernel
@@ -193,7 +195,7 @@ def _full_command(rules, action):
 
 @inline_kernel
 def _paper_command(rules, action):
-    return action[0] * rules.limits[0], action[1] * _PAPER_FORCE * rules.mass, math.nan
+    return action[0] * rules.limits[0], action[1] * PAPER_FORCE * rules.mass, math.nan
 
 
 @inline_kernel
@@ -324,7 +326,7 @@ def _observe(e, rules, path, shown):
     estimate, nav, action, rims = e.estimate[:], e.navigation[:], e.action[:], e.rims[:]
     terrain = (estimate[0], estimate[1], estimate[3])
     if rules.truth_shown > 0:
-        terrain = (e.plant[at_n], 0.0, 1.0)
+        terrain = (e.n, 0.0, 1.0)
     measured = (
         rims[0],
         rims[1],
@@ -346,7 +348,7 @@ def _observe(e, rules, path, shown):
 
 
 @kernel
-def _report(e, rules, table, change, shown):
+def _report(e, rules, table, shown):
     """REPORT: observation into ``shown``, score and readings into the record."""
     path = PathTable(e.ds, table[: e.path_end])
     readings, report, state = e.readings[:], e.report[:], e.state[:]
@@ -359,7 +361,7 @@ def _report(e, rules, table, change, shown):
     if started:
         e.time += CONTROL_PERIOD
         e.ending = _judge(e, rules, speed)
-        outcome = (e.where[0] - before, e.where[1], speed, change, e.ending == _GOAL, e.ending > _GOAL)
+        outcome = (e.where[0] - before, e.where[1], speed, e.change, e.ending == _GOAL, e.ending > _GOAL)
         scale = (rules.corridor, rules.target_speed, CONTROL_PERIOD)
         write_terms(outcome, scale, rules.weights[:], terms)
     if e.status < SUNK:
@@ -390,25 +392,25 @@ def period_full(episodes, rules, tables, noise, actions, shown):
     shown (N, SHOWN) float32 : the observations, written
     """
     for i in range(episodes.shape[0]):
-        e, r, change = episodes[i], rules[0], 0.0
+        e, r = episodes[i], rules[0]
         if e.phases & DRIVE:
-            change = _take_action(e, actions[i])
+            _take_action(e, actions[i])
             _drive_full(e, r, tables[i], noise[i])
         if e.phases & BELIEVE:
             _believe_full(e, r, tables[i])
         if e.phases & REPORT:
-            _report(e, r, tables[i], change, shown[i])
+            _report(e, r, tables[i], shown[i])
 
 
 @kernel
 def period_paper(episodes, rules, tables, noise, actions, shown):
     """`period_full` for the paper's model."""
     for i in range(episodes.shape[0]):
-        e, r, change = episodes[i], rules[0], 0.0
+        e, r = episodes[i], rules[0]
         if e.phases & DRIVE:
-            change = _take_action(e, actions[i])
+            _take_action(e, actions[i])
             _drive_paper(e, r, tables[i], noise[i])
         if e.phases & BELIEVE:
             _believe_paper(e, r, tables[i])
         if e.phases & REPORT:
-            _report(e, r, tables[i], change, shown[i])
+            _report(e, r, tables[i], shown[i])

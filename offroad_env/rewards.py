@@ -7,12 +7,15 @@ but the cost of time.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
 from typing import NamedTuple
 
+import numpy as np
+
+from offroad_env.physics._jit import kernel
 from offroad_env.scenarios import Scenario
 
-__all__ = ["Outcome", "RewardWeights", "reward_terms"]
+__all__ = ["TERMS", "Outcome", "RewardWeights", "reward_terms", "write_terms"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,19 +42,35 @@ class Outcome(NamedTuple):
     failed: bool
 
 
+#: Names of the terms, in the order of the weights.
+TERMS = tuple(field.name for field in fields(RewardWeights))
+
+
+@kernel
+def write_terms(outcome, scale, weights, terms):
+    """Fill ``terms`` (7,) from an `Outcome`; ``scale`` = (corridor [m], target speed [m/s], dt [s]).
+
+    ``weights`` (7,) in the order of `TERMS`.
+    """
+    advance, cross_track, speed, action_change, success, failed = outcome
+    corridor, target_speed, dt = scale
+    off = min(abs(cross_track) / corridor, 1.0)
+    error = 0.0
+    if target_speed > 0.0:
+        miss = speed - target_speed
+        error = math.tanh(miss * miss)
+    terms[0] = weights[0] * advance
+    terms[1] = -weights[1] * dt
+    terms[2] = -weights[2] * off * off * dt
+    terms[3] = -weights[3] * error * dt
+    terms[4] = -weights[4] * action_change * dt
+    terms[5] = weights[5] if success else 0.0
+    terms[6] = -weights[6] if failed else 0.0
+
+
 def reward_terms(scenario: Scenario, weights: RewardWeights, outcome: Outcome, dt: float) -> dict[str, float]:
     """Named terms that add up to the reward of one control interval of ``dt`` [s]."""
-    off = min(abs(outcome.cross_track) / scenario.corridor, 1.0)
-    error = 0.0
-    if scenario.target_speed > 0.0:
-        miss = outcome.speed - scenario.target_speed
-        error = math.tanh(miss * miss)
-    return {
-        "progress": weights.progress * outcome.advance,
-        "time": -weights.time * dt,
-        "cross_track": -weights.cross_track * off * off * dt,
-        "speed_error": -weights.speed_error * error * dt,
-        "smoothness": -weights.smoothness * outcome.action_change * dt,
-        "goal": weights.goal if outcome.success else 0.0,
-        "failure": -weights.failure if outcome.failed else 0.0,
-    }
+    terms = np.empty(len(TERMS))
+    scale = (scenario.corridor, scenario.target_speed, float(dt))
+    write_terms(tuple(outcome), scale, np.array(astuple(weights)), terms)
+    return dict(zip(TERMS, terms.tolist(), strict=True))
