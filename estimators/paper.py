@@ -16,9 +16,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from estimators.parameter import SOURCES, ParameterRun, ParameterSettings, run_parameter_filter
+from estimators.scores import mean_square_error
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
-from offroad_env.simulator import Plant, Trajectory, make_plant, settled_state, simulate
+from offroad_env.simulator import PAPER_SLIP, Plant, Trajectory, make_plant, settled_state, simulate
 from offroad_env.soils import SOILS, make_soil
 from offroad_env.terrain import paper_terrain
 from offroad_env.vehicles import VEHICLES
@@ -37,6 +38,7 @@ __all__ = [
     "find_slip",
     "forward_comparison",
     "noisy_imu",
+    "row_plant",
     "row_truth",
     "run_row",
     "speed_range",
@@ -53,12 +55,12 @@ class Choice(NamedTuple):
 
 CHOICES: dict[str, Choice] = {
     "slip_clay": Choice(
-        0.0275,
+        PAPER_SLIP["clay"],
         "-",
         "constant slip on clay; `find_slip`: of all slips the one that keeps the four clay rows furthest "
         "inside 0.5-25 m/s, since nothing in the model ties force to speed",
     ),
-    "slip_dry_sand": Choice(-0.0785, "-", "constant slip on sand, found in the same way"),
+    "slip_dry_sand": Choice(PAPER_SLIP["dry_sand"], "-", "constant slip on sand, found in the same way"),
     "start_speed": Choice(
         5.0, "m/s", "a walking-to-running pace of the class; the paper's paths span some 200 m in 50 s"
     ),
@@ -118,16 +120,28 @@ def _force(soil: str) -> Callable[[float], float]:
     return lambda t: mass * (mean + amplitude * math.sin(0.8 * t))
 
 
-def _plant(
-    soil: str, H0: float, vehicle_model: str, *, n: float | None = None, slip: float | None = None
+def row_plant(
+    row: Row, vehicle_model: str = "half_car", *, n: float | None = None, slip: float | None = None
 ) -> Plant:
+    """Vehicle, soil and ground of a row.
+
+    Parameters
+    ----------
+    row : Row
+        Of its fields, soil and H0 matter.
+    vehicle_model : {"half_car", "bicycle"}
+    n : float, optional
+        Another sinkage exponent than the soil's [-].
+    slip : float, optional
+        Another constant slip than the chosen one [-].
+    """
     return make_plant(
         VEHICLES["paper"],
-        make_soil(soil, n=n),
-        paper_terrain(H0),
+        make_soil(row.soil, n=n),
+        paper_terrain(row.H0),
         model="paper",
         vehicle_model=vehicle_model,
-        slip=CHOICES[f"slip_{soil}"].value if slip is None else slip,
+        slip=CHOICES[f"slip_{row.soil}"].value if slip is None else slip,
     )
 
 
@@ -169,7 +183,7 @@ def forward_comparison(*, duration: float = 50.0, H0: float = 0.05) -> ForwardCo
         Amplitude of the terrain [m]; with 0 the models agree (level ground).
     """
     runs = {
-        model: _comparison_run(_plant("clay", H0, model), duration, force=_force("clay"))
+        model: _comparison_run(row_plant(ROWS[0]._replace(H0=H0), model), duration, force=_force("clay"))
         for model in ("half_car", "bicycle")
     }
     half_car, bicycle = runs["half_car"], runs["bicycle"]
@@ -218,9 +232,9 @@ def exponent_sweep(
         raise InvalidParameter(f'mode must be "speed" or "force", got {mode!r}')
     drive = {"force": _force("clay")}
     if mode == "speed":
-        nominal = _comparison_run(_plant("clay", 0.05, "half_car"), duration, **drive)
+        nominal = _comparison_run(row_plant(ROWS[0]), duration, **drive)
         drive = {"speed_rate": CubicSpline(nominal.t, nominal.states[:, at.V_X]).derivative()}
-    runs = tuple(_comparison_run(_plant("clay", 0.05, "half_car", n=value), duration, **drive) for value in n)
+    runs = tuple(_comparison_run(row_plant(ROWS[0], n=value), duration, **drive) for value in n)
     return Sweep(mode=mode, n=np.array(n, dtype=np.float64), runs=runs)
 
 
@@ -252,7 +266,7 @@ def row_truth(row: Row, *, duration: float = 100.0, slip: float | None = None) -
     slip : float, optional
         Another constant slip than the chosen one [-].
     """
-    plant = _plant(row.soil, row.H0, "half_car", slip=slip)
+    plant = row_plant(row, slip=slip)
     state, warm = settled_state(plant, v_x=CHOICES["start_speed"].value)
     force, dt = _force(row.soil), CHOICES["dt"].value
     run = simulate(plant, state, warm, steer=row.steer, force=force, duration=duration, dt=dt)
@@ -316,7 +330,7 @@ class RowRun:
     @property
     def mse(self) -> float:
         """Mean square error of n over the run [-]: the number in the paper's table."""
-        return float(np.mean((self.filter.n - self.truth.n) ** 2))
+        return mean_square_error(self.filter.n, self.truth.n)
 
     @property
     def paper_mse(self) -> float:
@@ -362,7 +376,7 @@ def run_row(
     settings = settings or SETTINGS[model]
     truth = truth or row_truth(row)
     # The prior for the height follows the prior for n; place and speed at the start are known.
-    plant = _plant(row.soil, row.H0, model, n=settings.n_prior)
+    plant = row_plant(row, model, n=settings.n_prior)
     start = settled_state(plant, v_x=CHOICES["start_speed"].value)
     known = truth.run.states if source == "known" else None
     result = run_parameter_filter(

@@ -39,6 +39,7 @@ __all__ = [
     "DRIVE",
     "ENDINGS",
     "EPISODE",
+    "FIRST_TERM",
     "NOISE_PERIODS",
     "PAPER_FORCE",
     "REPORT",
@@ -81,8 +82,9 @@ REPORTED = {
     "nis": 13,
     "filter_repairs": 14,
 }
-_TERMS = 15
-_REPORT_SIZE = _TERMS + len(TERMS)
+#: Column of the first of them; the rest follow in the order of `TERMS`.
+FIRST_TERM = 15
+_REPORT_SIZE = FIRST_TERM + len(TERMS)
 
 #: One episode.
 EPISODE = np.dtype(
@@ -356,7 +358,7 @@ def _report(e, rules, table, shown):
     if e.status < NO_ROOT:
         _locate(e, path)
     speed = math.hypot(state[at.V_X], state[at.V_Y])
-    terms = report[_TERMS:]
+    terms = report[FIRST_TERM:]
     terms[:] = 0.0
     if started:
         e.time += CONTROL_PERIOD
