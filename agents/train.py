@@ -20,6 +20,7 @@ import numpy as np
 from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
 from agents.protocol import EpisodeResult, Observation
 from offroad_env.errors import OffroadError
+from offroad_env.vector_env import make_vec
 
 __all__ = [
     "CurvePoint",
@@ -197,15 +198,14 @@ def train(args: TrainArgs, *, progress: Callable[[int, float], None] | None = No
         Without stable-baselines3.
     """
     sb3 = _sb3()
-    from stable_baselines3.common.env_util import make_vec_env
-    from stable_baselines3.common.vec_env import VecNormalize
+    from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+
+    from agents.learning_env import LearningVecEnv
 
     kinds = {"scenario": args.scenario, "terrain_info": args.terrain_info}
-    envs = VecNormalize(
-        make_vec_env(ENV_ID, n_envs=args.n_envs, seed=args.seed, env_kwargs=kinds),
-        gamma=args.gamma,
-        clip_obs=_CLIP,
-    )
+    episodes = LearningVecEnv(make_vec(args.n_envs, autoreset_mode="SameStep", **kinds))
+    episodes.seed(args.seed)
+    envs = VecNormalize(VecMonitor(episodes), gamma=args.gamma, clip_obs=_CLIP)
     model = sb3.PPO(
         "MultiInputPolicy",
         envs,

@@ -36,7 +36,7 @@ class ParameterSettings:
 
     n_prior: float = 1.0  #: first guess of n (BT, Fig. 4) [-]
     n_prior_sd: float = 0.2  #: its standard deviation [-]
-    n_range: tuple[float, float] = (0.2, 1.4)  #: bounds of n: clay and sand with room on both sides
+    n_range: tuple[float, float] = (0.3, 1.8)  #: bounds of n: clay and sand with room on both sides
     alpha: float = 0.5  #: spread of the sigma points
     drift: float = 0.01  #: sqrt(R_n): random walk of eta per update [-]
     #: Standard deviation that the filter assumes per channel [m/s^2, rad/s]. Horizontal: the sensor's.
