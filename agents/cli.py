@@ -26,6 +26,7 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "soil": ("soil", "SoilPlot", "force and sinkage curves of a soil; --list shows the catalogue"),
     "wheel-data": ("wheel_data", "WheelData", "measured against predicted forces of one wheel"),
     "reproduce": ("reproduce", "STUDIES", "repeat a study: the paper's table, ..."),
+    "speed": ("speed", "SpeedCommand", "speed and memory, as ratios to other environments"),
     "data": ("data", "Data", "list measured data sets, or get one from its publisher"),
     "train": ("train", "Train", "train a policy by PPO (needs the extra rl)"),
 }

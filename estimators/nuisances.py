@@ -91,7 +91,7 @@ _ACC = (at.A_X, at.A_Y, at.A_Z, at.PITCH_ACC, at.YAW_ACC)
 class Doubt:
     """Standard deviations of what is uncertain: what a careful engineer would state beforehand."""
 
-    stiffness: float = 0.2  #: log of the factor of the moduli [-]: ±20 % is one of them
+    stiffness: float = 0.15  #: log of the factor of the moduli [-]: ±20 % is 1.3 of them
     mass: float = 0.07  #: log of the mass's factor [-]
     lag: float = 0.05  #: of the steering [s]
     bump_lengths: tuple[float, float] = (20.0, 2.0)  #: longest and shortest waves that the map lacks [m]
@@ -102,7 +102,7 @@ class Doubt:
     #: What the model leaves out, per channel of the inertial unit [m/s^2, rad/s], and how long such an
     #: error lasts [s]. A filter that believes in white noise must count it as a variance of
     #: 2 error^2 time/dt per sample.
-    error: tuple[float, float, float, float, float] = (0.015, 0.015, 0.05, 0.005, 0.001)
+    error: tuple[float, float, float, float, float] = (0.03, 0.03, 0.1, 0.01, 0.002)
     error_time: float = 0.2
     #: Process noise beyond that of `joint.JointSettings`: v_x, v_y, v_z [m/s/sqrt(s)], pitch_rate,
     #: yaw_rate [rad/s/sqrt(s)].

@@ -27,6 +27,7 @@ from offroad_env.period import (
     REPORT,
     REPORTED,
     SAMPLES,
+    announce_compilation,
     period_full,
     period_paper,
 )
@@ -212,6 +213,7 @@ class OffroadBekkerEnv(gym.Env):
         self._believed_soil = make_soil(SOILS[self.soil_name], n=self.prior[0])
         if estimator != "none" and self._believed_soil.rigid:
             raise InvalidParameter(f"estimator={estimator!r} needs a deformable soil, got {self.soil_name!r}")
+        announce_compilation()
         self._require_bearing()
         self.weights = RewardWeights()
         self.sensors = SensorSuite(
@@ -414,6 +416,11 @@ class OffroadBekkerEnv(gym.Env):
         self._navigation.lodge(self._episode["navigation"], self._episode["covariance"])
         if self._learner is not None:
             self._learner.lodge(self._fleet.episodes["filter"][rows])
+
+    @property
+    def memory_size(self) -> int:
+        """Bytes of the record that an episode lives in; its course and the noise lie beside it."""
+        return self._fleet.episodes.itemsize
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the tuple of views, which would be stored once more."""
