@@ -64,6 +64,7 @@ __all__ = [
     "linearise",
     "process_noise",
     "settled_belief",
+    "tie",
 ]
 
 #: Where each nuisance sits behind the ten states and eta (`joint.ETA`).
@@ -77,6 +78,7 @@ CHANNELS = 7
 #: Depth whose pressure stands for the moduli [m]; where the logarithm of its factor is that of theirs [-].
 _DEPTH, _MIDDLE = 0.04, 0.75
 _LOG_DEPTH = math.log(_DEPTH)
+_CENTIMETRE = 0.01  # [m]
 #: Slowest speed at which bumps pass [m/s].
 _SLOWEST = 0.5
 #: Steps of the one-sided differences for the ten states, eta, stiffness, mass, lag: second-order terms
@@ -104,6 +106,9 @@ class Doubt:
     #: 2 error^2 time/dt per sample.
     error: tuple[float, float, float, float, float] = (0.03, 0.03, 0.1, 0.01, 0.002)
     error_time: float = 0.2
+    #: The same, of ground that departs from the map by 1 cm; in proportion for another size. It is not
+    #: known how the front's bumps reach the rear, nor what inertia of the wheels they stir.
+    bump_error: tuple[float, float, float, float, float] = (0.05, 0.03, 0.3, 0.03, 0.001)
     #: Process noise beyond that of `joint.JointSettings`: v_x, v_y, v_z [m/s/sqrt(s)], pitch_rate,
     #: yaw_rate [rad/s/sqrt(s)].
     process: tuple[float, float, float, float, float] = (0.01, 0.002, 0.03, 0.03, 1e-4)
@@ -113,7 +118,7 @@ class Doubt:
             values = getattr(self, name)
             if not all(value > 0.0 for value in (values if isinstance(values, tuple) else (values,))):
                 raise InvalidParameter(f"{name} must be > 0, got {values}")
-        for name, count in (("process", 5), ("error", 5), ("bump_lengths", 2)):
+        for name, count in (("process", 5), ("error", 5), ("bump_error", 5), ("bump_lengths", 2)):
             if len(getattr(self, name)) != count:
                 raise InvalidParameter(f"{name} must have {count} numbers, got {getattr(self, name)}")
 
@@ -127,6 +132,7 @@ class DoubtModel(NamedTuple):
     high: float
     Q: np.ndarray  #: (LENGTH,) variances of the process noise per step, but for the bumps
     R: np.ndarray  #: (CHANNELS,) variances of the sensor noise
+    R_bump: np.ndarray  #: (CHANNELS,) what comes to it for bumps of 1 m [1/m^2]
     P: np.ndarray  #: (LENGTH,) variances of the start, but for eta and the bumps
     bump_poles: tuple[float, float]  #: wavenumbers between which the bumps' spectrum falls [rad/m]
 
@@ -150,7 +156,9 @@ def doubt_model(plant: Plant, dt: float, settings: JointSettings, doubt: Doubt) 
     P[BIAS : BIAS + 5] = np.repeat([doubt.acceleration_bias**2, doubt.rate_bias**2], (3, 2))
     P[[ROLL_ERROR, PITCH_ERROR]] = doubt.misalignment**2
     R = model.R[:CHANNELS].copy()
+    R_bump = np.zeros(CHANNELS)
     R[:5] += np.square(doubt.error) * 2.0 * doubt.error_time / dt
+    R_bump[:5] = np.square(np.array(doubt.bump_error) / _CENTIMETRE) * 2.0 * doubt.error_time / dt
     return DoubtModel(
         plant=plant,
         dt=float(dt),
@@ -158,6 +166,7 @@ def doubt_model(plant: Plant, dt: float, settings: JointSettings, doubt: Doubt) 
         high=model.high,
         Q=Q,
         R=R,
+        R_bump=R_bump,
         P=P,
         bump_poles=tuple(2.0 * math.pi / float(length) for length in doubt.bump_lengths),
     )
@@ -440,7 +449,7 @@ def _bound(truth, cov, warm, inputs, measured, noise, variances):
         if k > 0:
             index = np.flatnonzero(measured[k])
             process_noise(point[at.V_X], bump, model, Q)
-            linear_step(cov, F, H[index].copy(), Q, model.R[index])
+            linear_step(cov, F, H[index].copy(), Q, (model.R + bump * bump * model.R_bump)[index])
             variances[k] = np.diag(cov)
         F = np.eye(LENGTH) + A * model.dt + (A @ A) * (0.5 * model.dt * model.dt)
     return truth.shape[0]

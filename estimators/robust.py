@@ -70,7 +70,7 @@ class RobustSettings:
     n_fan: tuple[float, float] = (0.3, 1.3)  #: where the hypotheses stand [-]
     components: int = 20  #: soils in the fan
     overlap: float = 0.6  #: their standard deviation over their distance
-    bumps: tuple[float, ...] = (0.0005, 0.003, 0.012)  #: sizes of what the map lacks: one fan each [m]
+    bumps: tuple[float, ...] = (0.0005, 0.012)  #: sizes of what the map lacks: one fan each [m]
     drop: float = 1e-6  #: weight below which a component is dropped
     merge: float = 1.0  #: squared Mahalanobis distance below which two are one
 
@@ -171,7 +171,8 @@ def _component_step(mean, cov, warm, slopes, inputs, z, noise, model):
         return -math.inf, math.nan, 0, SUNK
     F = np.eye(LENGTH) + slopes * model.dt + (slopes @ slopes) * (0.5 * model.dt * model.dt)
     process_noise(point[at.V_X], bump, model, Q)
-    gain, S, repairs = linear_step(cov, F, H[index], Q, model.R[index])
+    R = model.R + bump * bump * model.R_bump
+    gain, S, repairs = linear_step(cov, F, H[index], Q, R[index])
     mean[:], slopes[:] = point, A
     if index.shape[0] == 0:
         return 0.0, math.nan, repairs, status

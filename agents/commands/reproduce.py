@@ -16,4 +16,5 @@ STUDIES: dict[str, tuple[str, str, str]] = {
     "changing": ("changing", "Changing", "n that changes on the way: how soon the filters answer"),
     "prediction": ("prediction", "Prediction", "position error after 10 s with prior, estimated and true n"),
     "sensors": ("sensors", "Sensors", "what wheel speeds and satellite fixes add to the inertial unit"),
+    "mismatch": ("mismatch", "Mismatches", "filters whose model is wrong: error, coverage, validity flag"),
 }

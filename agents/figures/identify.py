@@ -33,7 +33,8 @@ def identify_figure(findings: Sequence[Finding]) -> Figure:
             panels[i, j].set_title(f"{finding.title}, {finding.duration:g} s", loc="left", fontsize=10)
         if i == len(sources) - 1:
             panels[i, j].set_xlabel("error of n [-]")
-    panels[0, -1].legend(frameon=False, fontsize=8, loc="upper right")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, frameon=False, fontsize=9, loc="outside upper right", ncols=3)
     return figure
 
 

@@ -41,7 +41,7 @@ def _ratios(axes: Axes, ratios: Sequence[Ratio]) -> None:
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axes.set_xlabel("ratio of rates  (steps per second, ours / peer)")
     axes.set_title("Against others in the same run", loc="left", fontsize=10.5)
-    axes.legend(frameon=False, fontsize=9)
+    axes.legend(frameon=False, fontsize=9, loc="upper right")
     axes.grid(axis="x", alpha=0.3)
 
 

@@ -59,7 +59,7 @@ _MAPS: dict[str, tuple[tuple[tuple[float, float, float, float], ...], float]] = 
 }
 _DURATION = 60.0
 #: Random walk of eta that the joint filter allows for [1/sqrt(s)]: of 0.03, 0.1 and 0.3 the one with the
-#: smallest error over the three scenarios on noise seeds 101 ... 104.
+#: smallest error over the three scenarios on noise seeds 101 and 102.
 DRIFT = 0.1
 #: Samples between two that are kept.
 _EVERY = 5

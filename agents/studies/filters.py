@@ -19,7 +19,8 @@ from estimators.consistency import Band, chi_square_band
 from estimators.joint import JointSettings
 from estimators.paper import ROWS
 from estimators.protocol_runs import REPORT_SEEDS, row_twin
-from estimators.row_filters import FILTERS, SETTLED, row_bound, scored
+from estimators.row_filters import FILTERS, row_bound, scored
+from estimators.scores import SETTLED
 from offroad_env.errors import InvalidParameter
 
 __all__ = ["FilterLine", "FilterTotal", "Filters", "lines_of", "run_unit", "totals_of"]

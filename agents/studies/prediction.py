@@ -20,14 +20,13 @@ from agents.studies.units import Key, checked_rows, checked_seeds, run_units, st
 from estimators.bank import BankSettings, run_bank
 from estimators.joint import ETA, JointSettings
 from estimators.models import share_horizontal
-from estimators.paper import CHOICES, ROWS, SETTINGS, Row
+from estimators.paper import CHOICES, ROWS, SETTINGS, row_plant
 from estimators.parameter import run_parameter_filter
-from estimators.protocol_runs import REPORT_SEEDS, RowTwin, row_model, row_plant, row_twin
+from estimators.protocol_runs import REPORT_SEEDS, RowTwin, row_model, row_twin
 from offroad_env.errors import SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics.paper_model import simulate_paper
 from offroad_env.simulator import Plant, settled_state
-from offroad_env.soils import make_soil
 
 __all__ = ["SOURCES", "Prediction", "PredictionLine", "predict", "prediction_lines", "run_unit"]
 
@@ -51,11 +50,6 @@ class PredictionLine(NamedTuple):
     high: float  #: 97.5 % quantile [m]
     left: int  #: predictions that left the range of the model
     count: int
-
-
-def _plant(row: Row, model: str, n: float) -> Plant:
-    plant = row_plant(row)
-    return plant._replace(soil=make_soil(row.soil, n=n), half_car=1.0 if model == "half_car" else 0.0)
 
 
 def predict(plant: Plant, state: np.ndarray, inputs: np.ndarray, dt: float) -> np.ndarray:
@@ -94,7 +88,7 @@ def predict(plant: Plant, state: np.ndarray, inputs: np.ndarray, dt: float) -> n
 def _paper_estimates(twin: RowTwin, model: str) -> np.ndarray:
     """n over time (T,) of the paper's filter with its propagated state."""
     settings = SETTINGS[model]
-    plant = _plant(twin.row, model, settings.n_prior)
+    plant = row_plant(twin.row, model, n=settings.n_prior)
     start = settled_state(plant, v_x=CHOICES["start_speed"].value)
     return run_parameter_filter(plant, start, twin.inputs, twin.z[:, :5], twin.dt, settings).n
 
@@ -119,7 +113,7 @@ def run_unit(row: int, seed: int) -> dict[str, Any]:
             k = round(start / twin.dt)
             beliefs = (settings.n_prior, estimates[k], bank.n[k], twin.n[k])
             for source, n in zip(SOURCES, beliefs, strict=True):
-                errors[model][source].append(_error(twin, k, _plant(twin.row, model, float(n))))
+                errors[model][source].append(_error(twin, k, row_plant(twin.row, model, n=float(n))))
     return errors
 
 

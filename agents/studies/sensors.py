@@ -19,7 +19,8 @@ from estimators.bounds import mean_bound
 from estimators.joint import JointSettings
 from estimators.paper import ROWS
 from estimators.protocol_runs import REPORT_SEEDS, SENSORS, row_twin
-from estimators.row_filters import SETTLED, row_bound, scored
+from estimators.row_filters import row_bound, scored
+from estimators.scores import SETTLED
 
 __all__ = ["SensorLine", "Sensors", "run_unit", "sensor_lines"]
 

@@ -220,7 +220,8 @@ def test_the_papers_plant_is_a_belief_too(vehicle_model):
         vehicle_model=vehicle_model,
         slip=truth.slip,
     )
-    estimator = OnBoardFilter(plant, (0.4, 1.4), imu=ImuConfig(body_axes=False))
+    # A single filter may stay at 0.56, another root of the force on this row; the bank does not.
+    estimator = OnBoardFilter(plant, (0.3, 1.4), imu=ImuConfig(body_axes=False), settings=BANK)
     estimator.reset(0.8, 0.2, pose_of(truth.run.states[0]))
     rng = np.random.default_rng(0)
     x, nothing = truth.run.states, np.full(4, np.nan)
@@ -232,8 +233,8 @@ def test_the_papers_plant_is_a_belief_too(vehicle_model):
             fix = np.array([x[k, at.X], x[k, at.Y], speed, course]) + 0.03 * rng.normal(size=4)
         command = (float(truth.inputs[2 * k - 1, 0]), float(truth.inputs[2 * k - 1, 1]), np.nan)
         estimate = estimator.update(command, imu, nothing[:2], fix)
-    assert estimate.mean == pytest.approx(truth.n, abs=0.1)
-    assert estimate.sd < 0.1
+    assert estimate.mean == pytest.approx(truth.n, abs=0.05)
+    assert estimate.sd < 0.05
 
 
 @pytest.mark.parametrize(
