@@ -26,6 +26,8 @@ _N_NODES = 15
 _DENSE = 161
 #: Drive slips: dense where the force rises steeply.
 _SLIPS = np.concatenate((np.linspace(0.0, 0.3, 13), np.linspace(0.35, 0.95, 13)))
+#: Drive slips among which the best is sought.
+_FINE_SLIPS = np.linspace(0.0, 0.9, 46)
 #: Brake slips: beyond -0.4 the wheels hardly steer any more.
 _BRAKE_SLIPS = np.linspace(-0.4, 0.0, 9)
 _ANGLES = np.radians(np.linspace(0.0, 30.0, 21))
@@ -46,6 +48,8 @@ class Capability:
     drive_slip: np.ndarray  #: (D,) slip that gives 95 % of it [-]
     resistance: np.ndarray  #: (D,) motion resistance of the soil [N]
     angles: np.ndarray  #: (B,) slip angles [rad], ascending from 0
+    slips: np.ndarray  #: (S,) drive slips [-], ascending from 0
+    pull: np.ndarray  #: (D, S) acceleration at a drive slip; -g where the wheel digs itself in [m/s^2]
     side: np.ndarray  #: (2, D, B) front and rear: lateral acceleration held at a slip angle [m/s^2]
 
     def lateral_limit(self, n_low: float, n_high: float, slip_angle: float) -> float:
@@ -70,6 +74,25 @@ class Capability:
     def braking_limit(self, n_low: float, n_high: float) -> float:
         """Largest deceleration [m/s^2] that both ends of the interval hold."""
         return min(self.at("braking", n_low), self.at("braking", n_high))
+
+    def best_slip(self, n_low: float, n_high: float) -> float:
+        """Drive slip with the least regret [-]: the pull that is lost at the worst n of the interval.
+
+        For a single n it is the slip of the largest pull.
+        """
+        inside = (self.grid >= n_low - 1e-9) & (self.grid <= n_high + 1e-9)
+        inside[int(np.argmin(np.abs(self.grid - 0.5 * (n_low + n_high))))] = True
+        pull = self.pull[inside]
+        regret = (pull.max(axis=1, keepdims=True) - pull).max(axis=0)
+        return float(self.slips[int(np.argmin(regret))])
+
+    def worst_pull(self) -> float:
+        """The n of the grid with the smallest drawbar pull."""
+        return float(self.grid[int(np.argmin(self.driving))])
+
+    def worst_braking(self) -> float:
+        """The n of the grid with the least braking."""
+        return float(self.grid[int(np.argmin(self.braking))])
 
     def at(self, name: str, n: float) -> float:
         """Entry ``name`` ("braking", "driving", "drive_slip" or "resistance") at n."""
@@ -135,12 +158,14 @@ def soil_capability(
         drive_slip=scalars[:, 2],
         resistance=scalars[:, 3],
         angles=_ANGLES,
+        slips=_FINE_SLIPS,
+        pull=PchipInterpolator(nodes, np.array([row[2] for row in rows]))(dense),
         side=np.ascontiguousarray(side.transpose(1, 0, 2)),
     )
 
 
-def _one_exponent(vehicle: Vehicle, soil: Soil, shear: str) -> tuple[np.ndarray, np.ndarray]:
-    """((4,) braking, driving, drive slip, resistance; (2, B) lateral accelerations) on one soil."""
+def _one_exponent(vehicle: Vehicle, soil: Soil, shear: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """On one soil: (4,) braking, driving, drive slip, resistance; (2, B) lateral accelerations; (S,) pull."""
     wheel = make_wheel(r=vehicle.r, b=vehicle.b)
     axles = static_loads(vehicle)
     wheels = vehicle.wheels_per_axle
@@ -161,7 +186,8 @@ def _one_exponent(vehicle: Vehicle, soil: Soil, shear: str) -> tuple[np.ndarray,
         resistance += wheels * float(_at_balance(straight, torque[:, :1] / vehicle.r - straight)[0])
     best = float(drive.max())
     enough = slips[int(np.argmax(drive >= best - (1.0 - _NEAR_BEST) * abs(best)))]
-    return np.array([brake / vehicle.m, best / vehicle.m, enough, resistance]), side
+    pull = np.interp(_FINE_SLIPS, slips, drive / vehicle.m, right=-GRAVITY)
+    return np.array([brake / vehicle.m, best / vehicle.m, enough, resistance]), side, pull
 
 
 def _rolling_wheel(soil: Soil, wheel: Wheel, load: float, shear: str) -> tuple[np.ndarray, ...]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from agents.protocol import Observation, read_senses, to_action
-from agents.speed_control import SpeedController
+from agents.speed_control import SpeedController, gentle_target
 
 __all__ = ["PurePursuitAgent", "PursuitGains", "goal_point", "pursuit_curvature"]
 
@@ -100,13 +100,13 @@ class PurePursuitAgent:
         self._steer_range = briefing.vehicle.steer_max
         self._preview = np.asarray(briefing.preview, dtype=np.float64)
         self._speed_control = SpeedController(briefing.vehicle, briefing.dt)
+        self._stop_zone = briefing.stop_zone
 
     def act(self, observation: Observation) -> np.ndarray:
         """Action (2,)."""
         senses = read_senses(observation)
         goal = goal_point(senses.curvature, self._preview, self.gains.distance(senses.speed))
         kappa = pursuit_curvature(senses.cross_track, senses.heading_error, goal)
-        drive = self._speed_control.command(
-            senses.target_speed or self.speed, senses.speed, rim_speed=max(senses.rim_speed)
-        )
+        target = gentle_target(senses.target_speed or self.speed, senses.distance, self._stop_zone)
+        drive = self._speed_control.command(target, senses.speed, rim_speed=max(senses.rim_speed))
         return to_action(math.atan(self._wheelbase * kappa), drive, self._steer_range)

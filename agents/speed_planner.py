@@ -21,7 +21,7 @@ from agents.protocol import Observation, Senses, read_senses, to_action
 from agents.pure_pursuit import PursuitGains, goal_point, pursuit_curvature
 from agents.speed_control import SpeedController, SpeedGains
 
-__all__ = ["Belief", "PlannerGains", "SoilTracker", "planned_speed", "speed_limit"]
+__all__ = ["Belief", "BeliefSource", "PlannerGains", "SoilTracker", "planned_speed", "speed_limit"]
 
 #: Spacing of the points of the plan [m].
 _STEP = 1.0
@@ -35,6 +35,10 @@ class Belief(NamedTuple):
     low: float
     mean: float
     high: float
+
+
+#: ``believe(briefing, capability, observation)`` -> `Belief`.
+BeliefSource = Callable[[Any, Capability, Observation], Belief]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +105,7 @@ class SoilTracker:
 
     def __init__(
         self,
-        believe: Callable[[Any, Capability, Observation], Belief],
+        believe: BeliefSource,
         gains: PlannerGains | None = None,
     ) -> None:
         self.believe = believe
@@ -138,6 +142,19 @@ class SoilTracker:
         return math.atan((vehicle.l_f + vehicle.l_r) * wanted) + front - rear
 
     def _drive(self, senses: Senses, belief: Belief, lateral: float) -> float:
+        table = self._capability
+        target, acceleration, slip_limit = self._wanted(senses, belief, lateral)
+        return self._speed_control.command(
+            target,
+            senses.speed,
+            acceleration=min(acceleration, table.at("driving", belief.mean)),
+            resistance=table.at("resistance", belief.mean),
+            rim_speed=max(senses.rim_speed),
+            slip_limit=slip_limit,
+        )
+
+    def _wanted(self, senses: Senses, belief: Belief, lateral: float) -> tuple[float, float, float | None]:
+        """(speed [m/s], acceleration [m/s^2], limit of the drive slip or None): what a task changes."""
         gains, table = self.gains, self._capability
         kappa = np.interp(self._stations, self._preview, senses.curvature)
         limits = speed_limit(kappa, gains.margin * lateral, gains.speed_max)
@@ -149,10 +166,4 @@ class SoilTracker:
         asked = senses.target_speed
         if 0.0 < asked < target:
             target, acceleration = asked, 0.0
-        return self._speed_control.command(
-            target,
-            senses.speed,
-            acceleration=min(max(acceleration, -braking), table.at("driving", belief.mean)),
-            resistance=table.at("resistance", belief.mean),
-            rim_speed=max(senses.rim_speed),
-        )
+        return target, max(acceleration, -braking), None

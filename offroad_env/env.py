@@ -21,9 +21,17 @@ from offroad_env.physics.contact import NO_ROOT, SUNK
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.packing import pack
 from offroad_env.physics.path_kernels import nearest_index, project
-from offroad_env.physics.records import Soil, Vehicle
+from offroad_env.physics.records import Soil, SoilMap, Vehicle
 from offroad_env.physics.sensor_kernels import CHANNELS, GNSS, IMU, WHEEL
-from offroad_env.rewards import Outcome, RewardWeights, reward_terms
+from offroad_env.rewards import (
+    SHAKE_TIME,
+    STANDING,
+    Moment,
+    Outcome,
+    broken_rule,
+    reached_goal,
+    reward_terms,
+)
 from offroad_env.scenarios import Course, Scenario, find_scenario
 from offroad_env.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
 from offroad_env.simulator import (
@@ -36,7 +44,7 @@ from offroad_env.simulator import (
     settled_state,
 )
 from offroad_env.soils import SOILS, make_soil
-from offroad_env.terrain import flat
+from offroad_env.terrain import flat, soil_map, soil_patches_along
 from offroad_env.vehicles import VEHICLES
 
 __all__ = ["CONTROL_PERIOD", "PREVIEW", "TERRAIN_INFO", "Briefing", "OffroadBekkerEnv", "Snapshot"]
@@ -48,7 +56,7 @@ ESTIMATORS = ("parameter", "none")
 _SAMPLES = 2  # IMU samples per control period
 _STEPS = round(CONTROL_PERIOD / _SAMPLES / FULL_STEP)  # steps of the plant per IMU sample
 _PAPER_FORCE = 3.0  # body force at full drive, per unit of mass [m/s^2]: above the paper's largest, 2.4
-_STUCK_TIME, _STUCK_SPEED, _STUCK_DRIVE = 4.0, 0.1, 0.3  # [s], [m/s], [-]
+_STUCK_TIME, _STUCK_DRIVE = 4.0, 0.3  # [s], [-]
 _ROLLOVER_TIME = 0.2  # [s]
 
 
@@ -62,6 +70,9 @@ class Briefing:
     n_range: tuple[float, float]  #: prior of the sinkage exponent: uniform [-]
     corridor: float  #: half width [m]
     target_speed: float  #: [m/s], 0 = as fast as possible
+    time_limit: float  #: [s]
+    stop_zone: float  #: > 0: stand within this distance before the end of the path [m]
+    shake_limit: float  #: largest running r.m.s. of the vertical acceleration [m/s^2]
     preview: tuple[float, ...] = PREVIEW  #: distances of the observed curvatures [m]
     dt: float = CONTROL_PERIOD  #: [s]
     shear: str = "resultant"  #: shear law of the model, for `wheel_forces`
@@ -104,29 +115,34 @@ class OffroadBekkerEnv(gym.Env):
     |---|---|---|
     | ``imu`` | (5,) | a_x, a_y, a_z [m/s^2], pitch rate, yaw rate [rad/s]: mean of the period's two samples |
     | ``motion`` | (5,) | speed [m/s], rim speed front, rear [m/s], last steering [rad], last drive [-] |
-    | ``path`` | (11,) | cross-track error [m] (left positive), heading error [rad], target speed [m/s] |
-    | | | (0 = as fast as possible), curvature [1/m] at 0, 3, 6, 10, 15, 20, 30, 40 m ahead |
+    | ``path`` | (12,) | cross-track error [m] (left positive), heading error [rad], target speed [m/s] |
+    | | | (0 = as fast as possible), curvature [1/m] at 0, 3, 6, 10, 15, 20, 30, 40 m ahead, |
+    | | | way to the end of the path [m] |
     | ``terrain`` | (3,) | n, its standard deviation, valid (0/1); absent with ``terrain_info="none"`` |
 
-    The estimator believes in the nominal vehicle and in flat ground: nobody gives it a map.
+    The estimator believes in the nominal vehicle and in flat ground; only of the hill of "climb" it
+    has a map, without the roughness.
     Everything comes from simulated sensors (IMU 100 Hz, wheel speeds 50 Hz, GNSS 10 Hz, with the
     paper's IMU noise) through a navigation filter, never from the simulator's state; ``terrain`` with
-    ``terrain_info="truth"`` is the exception it says it is. Values are clipped to the space.
+    ``terrain_info="truth"``, n under the front wheels, is the exception it says it is. Values are
+    clipped to the space.
 
     ## Reward
     0.1 per metre of progress along the path, less the cost of time, of distance from the path, of
-    missing the target speed and of restless actions; 10 on arrival, -20 on failure. ``info
-    ["reward_terms"]`` names the terms, which add up to the reward.
+    missing the target speed and of restless actions; 10 on arrival. A failure costs all that an
+    episode could cost otherwise, so that nobody gains by ending it. ``info["reward_terms"]`` names the
+    terms, which add up to the reward. "climb" has weights of its own (`offroad_env.scenarios`).
 
     ## Start and end
     Settled on the soil, on the path, rolling. n is drawn uniformly from ``n_range``;
     ``reset(options={"n": 0.7})`` sets it. Terminates at the goal (``info["success"]``) or with
     ``info["failure"]``: "left_corridor", "rollover" (the lateral acceleration holds the inner wheels off
     the ground for 0.2 s), "immobilised" (no motion for 4 s of drive, or sunk beyond the wheel),
-    "diverged". Truncates after ``max_episode_steps`` (6000 = 120 s).
+    "overran" (the line of "brake"), "too_rough" (the limit of "ride"), "diverged". Truncates after the
+    task's time limit (120 s, "brake" 40 s).
 
     ## Arguments
-    scenario : "track" or "speed" (`offroad_env.SCENARIOS`)
+    scenario : "track", "speed", "climb", "brake", "ride" or "patches" (`offroad_env.SCENARIOS`)
     terrain_info : "none", "estimate" or "truth"
     model : "full" (wheel spin, slopes) or "paper" (Buzhardt & Tallapragada, ACC 2021)
     vehicle_model : "half_car" or "bicycle"
@@ -137,8 +153,9 @@ class OffroadBekkerEnv(gym.Env):
     ## Info
     The same keys at every step: true soil (``n, n_front, n_rear``), ``sinkage`` [m] and ``slip`` (front,
     rear), ``cross_track_error`` [m], ``heading_error`` [rad], ``progress`` and ``path_length`` [m],
-    ``speed`` [m/s], ``time`` [s], the estimator's ``n_estimate``, ``n_estimate_sd``, ``nis`` and
-    ``filter_repairs`` (the prior and zeros when none runs), ``reward_terms``, ``success``, ``failure``.
+    ``speed`` [m/s], ``shake`` (running r.m.s. of the vertical acceleration) [m/s^2], ``time`` [s], the
+    estimator's ``n_estimate``, ``n_estimate_sd``, ``nis`` and ``filter_repairs`` (the prior and zeros
+    when none runs), ``reward_terms``, ``success``, ``failure``.
 
     ## Versions
     v0: first version.
@@ -184,7 +201,7 @@ class OffroadBekkerEnv(gym.Env):
         if estimator != "none" and self._believed_soil.rigid:
             raise InvalidParameter(f'estimator="{estimator}" needs a deformable soil, got {self.soil_name!r}')
         self._require_bearing()
-        self.weights = RewardWeights()
+        self.weights = self.scenario.weights
         self.sensors = SensorSuite(
             imu=ImuConfig(body_axes=model == "full"), wheel=WheelSpeedConfig(), gnss=GnssConfig()
         )
@@ -235,6 +252,9 @@ class OffroadBekkerEnv(gym.Env):
             n_range=self.n_range,
             corridor=self.scenario.corridor,
             target_speed=self.scenario.target_speed,
+            time_limit=self.scenario.time_limit,
+            stop_zone=self.scenario.stop_zone,
+            shake_limit=self.scenario.shake_limit,
             shear="resultant" if self.model == "full" else "independent",
         )
 
@@ -256,7 +276,7 @@ class OffroadBekkerEnv(gym.Env):
         slip = PAPER_SLIP.get(self.soil_name, 0.0)
         kinds = {"model": self.model, "vehicle_model": self.vehicle_model, "slip": slip}
         truth = make_soil(self._believed_soil, n=n)
-        self.plant = make_plant(self.vehicle, truth, self.course.ground, **kinds)
+        self.plant = make_plant(self.vehicle, truth, self.course.ground, soil_map=self._soil_map(), **kinds)
         self._packed = pack(self.plant)
         X, Y, yaw = (float(value) for value in self.course.path.nodes[0, :3])
         start = self.scenario.start_speed
@@ -264,14 +284,14 @@ class OffroadBekkerEnv(gym.Env):
         self.readings = np.zeros(at.READINGS_SIZE)
         self._time = 0.0
         self._last_action = np.zeros(2)
-        self._stuck_for = self._tilting_for = 0.0
+        self._stuck_for = self._tilting_for = self._mean_square = 0.0
         self._navigation.reset(X, Y, yaw, start)
         self._rims = np.full(2, start)
         self._true_index = nearest_index(self.course.path, X, Y)
         self._seen_index = self._true_index
         self._estimate = Estimate(*self.prior, 0.0, False, 0)
         if self._estimator_name == "parameter":
-            belief = make_plant(self.vehicle, self._believed_soil, flat(), **kinds)
+            belief = make_plant(self.vehicle, self._believed_soil, self.course.known_ground, **kinds)
             self.estimator = EmbeddedParameterUKF(
                 belief, self._believed_range(), dt=CONTROL_PERIOD / _SAMPLES, imu=self.sensors.imu
             )
@@ -285,6 +305,12 @@ class OffroadBekkerEnv(gym.Env):
         if self.render_mode == "human":
             self.render()
         return observation, info
+
+    def _soil_map(self) -> SoilMap:
+        """Stretches of the course where n is another, by their places in ``n_range``."""
+        low, high = self.n_range
+        sections = [(start, end, low + place * (high - low)) for start, end, place in self.course.sections]
+        return soil_patches_along(self.course.path, sections) if sections else soil_map()
 
     def _chosen_exponent(self, options: dict[str, Any] | None, drawn: float) -> float:
         unknown = set(options or {}) - {"n"}
@@ -300,17 +326,22 @@ class OffroadBekkerEnv(gym.Env):
         status = self._drive((steer, drive), _SAMPLES, _STEPS)
         self._time += CONTROL_PERIOD
         progress = self._progress if status >= NO_ROOT else self._locate_truth()[0]
-        failure = self._failure(status, drive)
-        success = not failure and progress >= self._path_length
+        self._mean_square += CONTROL_PERIOD / SHAKE_TIME * (self.readings[at.A_Z] ** 2 - self._mean_square)
+        moment = Moment(progress, self._path_length, self._where[1], self._speed(), self._shake())
+        failure = self._failure(status, drive, moment)
+        success = not failure and reached_goal(self.scenario.rules, moment)
         change = float((steer - self._last_action[0]) ** 2 + (drive - self._last_action[1]) ** 2)
         self._last_action[:] = steer, drive
-        terms = self._terms(progress - self._progress, change, success, bool(failure))
+        failed = bool(failure) and not (failure == "immobilised" and self.scenario.stalling)
+        terms = self._terms(progress - self._progress, change, success, failed)
         self._progress = progress
         observation = self._layout.split(self._flat) if status >= SUNK else self._observe()
         info = self._info(terms, success=success, failure=failure)
         if self.render_mode == "human":
             self.render()
-        return observation, float(sum(terms.values())), success or bool(failure), False, info
+        over = success or bool(failure)
+        late = not over and self._time > self.scenario.time_limit - 0.5 * CONTROL_PERIOD
+        return observation, float(sum(terms.values())), over, late, info
 
     def _checked_action(self, action: np.ndarray) -> tuple[float, float]:
         values = np.asarray(action, dtype=np.float64)
@@ -369,19 +400,25 @@ class OffroadBekkerEnv(gym.Env):
         self._where = (s, error, _wrapped(yaw - path_yaw))
         return self._where
 
-    def _failure(self, status: float, drive: float) -> str:
+    def _shake(self) -> float:
+        """Running r.m.s. of the vertical acceleration [m/s^2]."""
+        return math.sqrt(self._mean_square)
+
+    def _failure(self, status: float, drive: float, moment: Moment) -> str:
         if status >= NO_ROOT:
             return "diverged"
         if status >= SUNK:
             return "immobilised"
-        if abs(self._where[1]) > self.scenario.corridor:
-            return "left_corridor"
+        broken = broken_rule(self.scenario.rules, moment)
+        if broken:
+            return broken
         lateral = abs(self.readings[at.A_Y]) * self.vehicle.h_cg
         tilting = lateral > 0.5 * GRAVITY * self.vehicle.track
         self._tilting_for = self._tilting_for + CONTROL_PERIOD if tilting else 0.0
         if self._tilting_for > _ROLLOVER_TIME:
             return "rollover"
-        stuck = drive > _STUCK_DRIVE and self._speed() < _STUCK_SPEED
+        pushing = drive > _STUCK_DRIVE or self.scenario.stalling
+        stuck = pushing and self._speed() < STANDING
         self._stuck_for = self._stuck_for + CONTROL_PERIOD if stuck else 0.0
         return "immobilised" if self._stuck_for > _STUCK_TIME else ""
 
@@ -392,12 +429,14 @@ class OffroadBekkerEnv(gym.Env):
 
     def _terms(self, advance: float, change: float, success: bool, failed: bool) -> dict[str, float]:
         outcome = Outcome(advance, self._where[1], self._speed(), change, success, failed)
-        return reward_terms(self.scenario, self.weights, outcome, CONTROL_PERIOD)
+        return reward_terms(
+            self.scenario.rules, self.weights, self.scenario.target_speed, outcome, CONTROL_PERIOD
+        )
 
     def _observe(self) -> dict[str, np.ndarray]:
         terrain = (float(self._estimate.mean), float(self._estimate.sd), float(self._estimate.valid))
         if self.terrain_info == "truth":
-            terrain = (self.plant.soil.n, 0.0, 1.0)
+            terrain = (float(self.readings[at.EXPONENT]), 0.0, 1.0)
         steer, drive = float(self._last_action[0]), float(self._last_action[1])
         rims = (float(self._rims[0]), float(self._rims[1]))
         self._seen_index = write_observation(
@@ -405,7 +444,7 @@ class OffroadBekkerEnv(gym.Env):
             (*self._navigation.pose, self._seen_index),
             self._samples,
             (*rims, steer * self.vehicle.steer_max, drive, self.scenario.target_speed, *terrain),
-            self._layout.shown,
+            (*self._layout.shown, self._path_length),
             self._flat,
         )
         return self._layout.split(self._flat)
@@ -425,6 +464,7 @@ class OffroadBekkerEnv(gym.Env):
             "progress": s,
             "path_length": self._path_length,
             "speed": self._speed(),
+            "shake": self._shake(),
             "time": self._time,
             "n_estimate": self._estimate.mean,
             "n_estimate_sd": self._estimate.sd,

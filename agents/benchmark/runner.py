@@ -1,10 +1,11 @@
 """Arms over paired episodes: every arm drives the same courses, soils and sensor noise.
 
-Score of an episode: simulated time to the goal; an episode that fails costs the whole time limit of
-the environment, because the vehicle has not arrived when the time is over. The mean score is thus
-the mean crossing time restricted to the time limit, in seconds, and combines haste and caution
-without a made-up weight. Times of the episodes that every arm finished, and failures by cause,
-stand beside it.
+Score of an episode: what the task measures, less is better. Mostly that is the simulated time to the
+goal; an episode that fails costs the whole time limit, because the vehicle has not arrived when the
+time is over. The mean score is thus the mean crossing time restricted to the time limit, in seconds,
+and combines haste and caution without a made-up weight. `track` measures the r.m.s. distance from the
+path (a failure costs the half width of the corridor), `climb` the way to the top that is left. Times
+of the episodes that every arm finished, and failures by cause, stand beside it.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from agents.benchmark.statistics import (
 )
 from agents.protocol import Agent, ArmResult, EpisodeResult
 from offroad_env.errors import InvalidParameter
-from offroad_env.scenarios import find_scenario
+from offroad_env.scenarios import Scenario, find_scenario
 
 __all__ = [
     "ENV_ID",
@@ -56,8 +57,8 @@ class ArmSummary:
     """What the episodes of one arm say."""
 
     name: str
-    score: Interval  #: mean time to the goal, failures at the time limit [s]
-    score_iqm: float  #: interquartile mean of the same [s]
+    score: Interval  #: mean score, in the unit of the task
+    score_iqm: float  #: interquartile mean of the same
     success: Interval  #: share of episodes that reach the goal (Wilson)
     failures: dict[str, int]  #: failed episodes by cause
     paired_time: Interval | None  #: mean time over the episodes that every arm finished [s]
@@ -73,9 +74,9 @@ class Benchmark:
     arms: tuple[ArmResult, ...]
     summaries: tuple[ArmSummary, ...]
     finished_by_all: int  #: episodes that every arm finished
-    headroom: Interval | None  #: better of the uninformed arms minus oracle, mean score [s]
+    headroom: Interval | None  #: better of the uninformed arms minus oracle, mean score
     better_uninformed: str  #: which one that is
-    oracle_minus_uninformed: Interval | None  #: oracle minus that arm, mean score [s]; below 0: knowing pays
+    oracle_minus_uninformed: Interval | None  #: oracle minus that arm, mean score; below 0: knowing pays
     oracle_wins: Interval | None  #: share of episodes in which oracle scores better than that arm
     recovered: float | None  #: share of the headroom that aware recovers; None where there may be none [-]
 
@@ -170,17 +171,32 @@ def run_episode(env: gym.Env, agent: Agent, seed: int, *, n: float | None = None
         reward += float(r)
         squares += info["cross_track_error"] ** 2
         steps += 1
+    scenario: Scenario = env.unwrapped.scenario
+    regular = info["success"] or (scenario.stalling and info["failure"] in ("", "immobilised"))
+    failure = "" if regular else (info["failure"] or "time_limit")
+    rms = math.sqrt(squares / steps)
     return EpisodeResult(
         seed=seed,
         n=float(info["n"]),
-        success=bool(info["success"]),
-        failure="" if info["success"] else (info["failure"] or "time_limit"),
+        success=not failure,
+        failure=failure,
         time=float(info["time"]),
         progress=float(info["progress"]),
+        score=_score(scenario, info, failed=bool(failure), rms=rms),
         reward=reward,
-        cross_track_rms=math.sqrt(squares / steps),
+        cross_track_rms=rms,
         step_time=thinking / steps,
     )
+
+
+def _score(scenario: Scenario, info: Mapping[str, Any], *, failed: bool, rms: float) -> float:
+    """What the task measures in an episode that ended with ``info``; less is better."""
+    if scenario.measure == "cross_track":
+        return scenario.corridor if failed else rms
+    if scenario.measure == "shortfall":
+        left = info["path_length"] - max(info["progress"], 0.0)
+        return float(info["path_length"] if info["failure"] not in ("", "immobilised") else left)
+    return scenario.time_limit if failed else float(info["time"])
 
 
 def _run_chunk(
@@ -188,7 +204,7 @@ def _run_chunk(
 ) -> tuple[Any, float, list[EpisodeResult]]:
     env = gym.make(ENV_ID, scenario=scenario, terrain_info=arm.terrain_info, **env_options)
     try:
-        limit = env.spec.max_episode_steps * env.unwrapped.briefing.dt
+        limit = env.unwrapped.scenario.time_limit
         return key, limit, [run_episode(env, arm.agent, draw.seed, n=draw.n) for draw in draws]
     finally:
         env.close()

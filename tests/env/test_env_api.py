@@ -31,6 +31,7 @@ INFO_TYPES = {
     "progress": float,
     "path_length": float,
     "speed": float,
+    "shake": float,
     "time": float,
     "nis": float,
     "filter_repairs": int,
