@@ -1,0 +1,13 @@
+"""``offroad reproduce STUDY``: the studies that stand behind the documentation's figures.
+
+Nothing heavy is imported here: a study is imported only when it is called.
+"""
+
+from __future__ import annotations
+
+__all__ = ["STUDIES"]
+
+#: Study -> (module of agents.studies with its argument class, name of that class, what it shows).
+STUDIES: dict[str, tuple[str, str, str]] = {
+    "table1": ("table1", "Table1", "the paper's table: error of n on eight rows, three sources of the state"),
+}
