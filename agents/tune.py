@@ -186,7 +186,7 @@ def write_settings(path: Path, args: TuneArgs, tuned: dict[str, Tuned]) -> None:
         }
     budget = next(iter(tuned.values())).episodes
     scores = ", ".join(f"{name} {result.score:.4g}" for name, result in tuned.items())
-    runs[args.scenario] = f"seed {args.seed}, {budget} training episodes for each arm: {scores}"
+    runs[args.scenario] = f"seed {args.seed}, {budget} episodes an arm: {scores}"
     lines = [
         '"""Tuned knobs of the arms. Written by ``python -m agents.tune``; do not edit by hand."""',
         "",

@@ -45,7 +45,7 @@ from offroad_env.simulator import (
 )
 from offroad_env.soils import SOILS, make_soil
 from offroad_env.terrain import flat, soil_map, soil_patches_along
-from offroad_env.vehicles import VEHICLES
+from offroad_env.vehicles import VEHICLES, make_vehicle
 
 __all__ = ["CONTROL_PERIOD", "PREVIEW", "TERRAIN_INFO", "Briefing", "OffroadBekkerEnv", "Snapshot"]
 
@@ -265,9 +265,12 @@ class OffroadBekkerEnv(gym.Env):
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Start an episode. ``options={"n": value}`` sets the sinkage exponent of the true soil.
 
-        The draws happen in the same order whatever is observed: same seed, same episode.
+        ``options={"mismatch": (mass, k_phi, lag)}`` multiplies the true vehicle's mass and torque lag and
+        the true soil's k_phi by these factors; what estimator and briefing hold stays nominal. The draws
+        happen in the same order whatever is observed: same seed, same episode.
         """
         super().reset(seed=seed)
+        options = self._checked_options(options)
         n = self._chosen_exponent(options, drawn=float(self.np_random.uniform(*self.n_range)))
         self.course: Course = self.scenario.draw(self.np_random)
         self._path_length = self.course.path.length
@@ -275,8 +278,8 @@ class OffroadBekkerEnv(gym.Env):
         self._sensor_errors = self.sensors.errors
         slip = PAPER_SLIP.get(self.soil_name, 0.0)
         kinds = {"model": self.model, "vehicle_model": self.vehicle_model, "slip": slip}
-        truth = make_soil(self._believed_soil, n=n)
-        self.plant = make_plant(self.vehicle, truth, self.course.ground, soil_map=self._soil_map(), **kinds)
+        vehicle, truth = self._true_parts(n, options.get("mismatch"))
+        self.plant = make_plant(vehicle, truth, self.course.ground, soil_map=self._soil_map(), **kinds)
         self._packed = pack(self.plant)
         X, Y, yaw = (float(value) for value in self.course.path.nodes[0, :3])
         start = self.scenario.start_speed
@@ -312,13 +315,25 @@ class OffroadBekkerEnv(gym.Env):
         sections = [(start, end, low + place * (high - low)) for start, end, place in self.course.sections]
         return soil_patches_along(self.course.path, sections) if sections else soil_map()
 
-    def _chosen_exponent(self, options: dict[str, Any] | None, drawn: float) -> float:
-        unknown = set(options or {}) - {"n"}
+    def _checked_options(self, options: dict[str, Any] | None) -> dict[str, Any]:
+        unknown = set(options or {}) - {"n", "mismatch"}
         if unknown:
-            raise InvalidParameter(f'options may hold "n", got {", ".join(sorted(unknown))}')
-        if not options or options.get("n") is None:
-            return drawn
-        return make_soil(self._believed_soil, n=options["n"]).n
+            raise InvalidParameter(f'options may hold "n" and "mismatch", got {", ".join(sorted(unknown))}')
+        return options or {}
+
+    def _chosen_exponent(self, options: dict[str, Any], drawn: float) -> float:
+        return drawn if options.get("n") is None else make_soil(self._believed_soil, n=options["n"]).n
+
+    def _true_parts(self, n: float, mismatch: tuple[float, float, float] | None) -> tuple[Vehicle, Soil]:
+        """The true vehicle and soil: nominal, but for n and the factors of a mismatch."""
+        if mismatch is None:
+            return self.vehicle, make_soil(self._believed_soil, n=n)
+        mass, k_phi, lag = (float(factor) for factor in mismatch)
+        vehicle, soil = self.vehicle, self._believed_soil
+        return (
+            make_vehicle(vehicle, m=mass * vehicle.m, torque_lag=lag * vehicle.torque_lag),
+            make_soil(soil, n=n, k_phi=k_phi * soil.k_phi),
+        )
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Hold ``action`` for 0.02 s. See the class for its meaning and the results."""
