@@ -24,6 +24,12 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "soil": ("soil", "SoilPlot", "force and sinkage curves of a soil; --list shows the catalogue"),
     "wheel-data": ("wheel_data", "WheelData", "measured against predicted forces of one wheel"),
     "reproduce": ("reproduce", "STUDIES", "repeat a study: the paper's table, ..."),
+    "benchmark": (
+        "benchmark",
+        "BenchmarkRun",
+        "does knowing the soil pay? arms on the same episodes, one page",
+    ),
+    "compare": ("compare", "Compare", "an agent of your own against the arms, on the same episodes"),
     "data": ("data", "Data", "list measured data sets, or get one from its publisher"),
     "train": ("train", "Train", "train a policy by PPO (needs the extra rl)"),
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
@@ -30,9 +31,9 @@ class Senses(NamedTuple):
     heading_error: float  #: yaw less the path's yaw [rad]
     target_speed: float  #: speed asked for, 0 = as fast as possible [m/s]
     curvature: np.ndarray  #: curvature at the preview distances of the briefing, left positive [1/m]
-    distance: float  #: way to the end of the path [m]
     speed: float  #: estimated speed [m/s]
     rim_speed: tuple[float, float]  #: rim speed r omega of front and rear wheels [m/s]
+    distance: float = math.inf  #: way to the end of the path [m]
 
 
 def read_senses(observation: Observation) -> Senses:
@@ -69,6 +70,7 @@ class EpisodeResult:
     reward: float  #: sum of rewards [-]
     cross_track_rms: float  #: root mean square of the true cross-track error [m]
     step_time: float  #: wall time of the agent per control step [s]; not repeatable
+    env_time: float  #: the same of the environment and what runs on board [s]; not repeatable
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
