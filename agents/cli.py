@@ -20,14 +20,15 @@ __all__ = ["COMMANDS", "main"]
 #: In place of a class there may be a table of studies, one of which the next word names.
 COMMANDS: dict[str, tuple[str, str, str]] = {
     "demo": ("demo", "Demo", "run everything once, write one HTML page"),
-    "drive": ("drive", "Drive", "drive one episode: plot, video or window"),
+    "drive": ("drive", "Drive", "drive one episode: plot, video, window or log"),
+    "estimate": ("estimate", "Estimate", "estimate the soil from logs of drives"),
     "soil": ("soil", "SoilPlot", "force and sinkage curves of a soil; --list shows the catalogue"),
     "wheel-data": ("wheel_data", "WheelData", "measured against predicted forces of one wheel"),
     "reproduce": ("reproduce", "STUDIES", "repeat a study: the paper's table, ..."),
     "benchmark": (
         "benchmark",
         "BenchmarkRun",
-        "does knowing the soil pay? arms on the same episodes, one page",
+        "does knowing the soil pay? arms on the same episodes",
     ),
     "compare": ("compare", "Compare", "an agent of your own against the arms, on the same episodes"),
     "data": ("data", "Data", "list measured data sets, or get one from its publisher"),

@@ -75,6 +75,9 @@ LENGTH = 25
 CHANNELS = 7
 #: Damping of a bump's motion [-]: a spectrum without a peak.
 _ZETA = 0.7
+#: Depth whose pressure stands for the moduli [m]; where the logarithm of its factor is that of theirs [-].
+_DEPTH, _MIDDLE = 0.04, 0.75
+_LOG_DEPTH = math.log(_DEPTH)
 #: Slowest speed at which bumps pass [m/s].
 _SLOWEST = 0.5
 #: Steps of the one-sided differences for the ten states, eta, stiffness, mass, lag: second-order terms
@@ -186,12 +189,18 @@ def _vehicle(v, factor):
 
 
 @kernel
+def tie(n):
+    """What a belief adds to the logarithm of the moduli's factor: pressure at `_DEPTH` instead of moduli."""
+    return (n - _MIDDLE) * _LOG_DEPTH
+
+
+@kernel
 def _believed(point, model):
     """The plant that a point of the belief stands for."""
     plant, n = model.plant, to_range(point[ETA], model.low, model.high)
     return Plant(
         _vehicle(plant.vehicle, math.exp(point[MASS])),
-        _soil(plant.soil, n, math.exp(point[STIFFNESS])),
+        _soil(plant.soil, n, math.exp(point[STIFFNESS] - tie(n))),
         plant.ground,
         plant.soil_map,
         plant.slip,
@@ -364,11 +373,15 @@ def settled_belief(model, eta, variance, bump, pose, v_x):
         trial[ETA], trial[at.X], trial[at.Y] = eta, X, Y
         step = 0.01
         for sign in (-1.0, 1.0):
+            trial[STIFFNESS] = 0.0
             trial[j] += sign * step
+            trial[STIFFNESS] += tie(to_range(trial[ETA], model.low, model.high))
             status, x, _ = settle(_believed(trial, model), (trial[at.X], trial[at.Y], yaw), v_x, False)
             worst = max(worst, status)
             slope[:ETA, j] += sign * x[:ETA] / (2.0 * step)
-            trial[j] -= sign * step
+            slope[STIFFNESS, j] += sign * trial[STIFFNESS] / (2.0 * step)
+            if j != STIFFNESS:
+                trial[j] -= sign * step
         slope[j, j] = 1.0
     v = model.plant.vehicle
     base = v.l_f + v.l_r
@@ -381,6 +394,7 @@ def settled_belief(model, eta, variance, bump, pose, v_x):
         slope[z, front], slope[z, rear] = v.l_r / base, v.l_f / base
         slope[tilt, front], slope[tilt, rear] = 1.0 / base, -1.0 / base
     mean[ETA] = eta
+    mean[STIFFNESS] = tie(to_range(eta, model.low, model.high))
     status, x, warm = settle(_believed(mean, model), pose, v_x, False)
     mean[:ETA] = x[:ETA]
     variances = model.P.copy()
@@ -402,6 +416,7 @@ def _bound(truth, cov, warm, inputs, measured, noise, variances):
     variances[0] = np.diag(cov)
     for k in range(truth.shape[0]):
         point[: ETA + 1] = truth[k]
+        point[STIFFNESS] = tie(to_range(point[ETA], model.low, model.high))
         first, last = max(2 * k - 2, 0), max(2 * k, 2)
         rate = (inputs[last, 0] - inputs[first, 0]) / model.dt
         u = (inputs[2 * k, 0], inputs[2 * k, 1], rate)

@@ -144,6 +144,8 @@ def row_twin(
     *,
     duration: float = 100.0,
     change: tuple[float, float] | None = None,
+    inputs: np.ndarray | None = None,
+    exponents: np.ndarray | None = None,
 ) -> RowTwin:
     """Simulate a row with the noise that ``settings`` state.
 
@@ -158,6 +160,10 @@ def row_twin(
         [s]
     change : (time, n), optional
         From this time [s] on the true soil has this exponent [-].
+    inputs : array (2 T - 1, 3), optional
+        Other inputs than the row's, at every half step; they set the duration.
+    exponents : array (T,), optional
+        True exponent at every sample instead of ``change`` [-]; starts with the soil's.
 
     Raises
     ------
@@ -165,7 +171,8 @@ def row_twin(
         When the drawn vehicle leaves the range of the model.
     """
     model = row_model(row, settings)
-    inputs = row_truth(row, duration=duration).inputs
+    if inputs is None:
+        inputs = row_truth(row, duration=duration).inputs
     state, warm = settled_state(model.plant, v_x=CHOICES["start_speed"].value)
     rng = np.random.default_rng([seed, row.number])
     x = np.empty(SIZE)
@@ -175,6 +182,8 @@ def row_twin(
     noise = rng.normal(size=(T, SIZE)) * np.sqrt(model.Q)
     if change is not None:
         noise[round(change[0] / model.dt), ETA] += from_range(change[1], model.low, model.high) - x[ETA]
+    if exponents is not None:
+        noise[1:, ETA] += np.diff([from_range(float(n), model.low, model.high) for n in exponents])
     truth, z = np.empty((T, SIZE)), np.empty((T, len(CHANNELS)))
     done = _draw(x, warm, inputs, model, noise, truth, z)
     if done < T or not np.isfinite(z).all():

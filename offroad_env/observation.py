@@ -11,7 +11,7 @@ from gymnasium import spaces
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.path_kernels import preview, project
 
-__all__ = ["PREVIEW", "Layout", "write_observation"]
+__all__ = ["PREVIEW", "SHOWN", "Layout", "write_observation"]
 
 #: How far ahead the curvature of the path is observed [m].
 PREVIEW = (0.0, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0)
@@ -19,7 +19,8 @@ PREVIEW = (0.0, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0)
 # Where the parts stand in the flat observation.
 _MOTION, _PATH = 5, 10
 _TERRAIN = _PATH + 4 + len(PREVIEW)
-_SIZE = _TERRAIN + 3
+#: Length of the flat observation.
+SHOWN = _TERRAIN + 3
 
 #: Bounds: what the sensors saturate at, and what a drive can bring.
 _IMU_HIGH = (100.0, 100.0, 100.0, 10.0, 10.0)
@@ -96,14 +97,13 @@ class Layout:
         low[_PATH + 2] = 0.0
         low[_TERRAIN:] = 0.0
         self.bounds = np.stack([low, high]).astype(np.float32)
-        self.shown = (np.array(PREVIEW), self.bounds)
         self.slices = {
             "imu": slice(0, _MOTION),
             "motion": slice(_MOTION, _PATH),
             "path": slice(_PATH, _TERRAIN),
         }
         if terrain:
-            self.slices["terrain"] = slice(_TERRAIN, _SIZE)
+            self.slices["terrain"] = slice(_TERRAIN, SHOWN)
 
     def space(self) -> spaces.Dict:
         """The observation space."""
@@ -111,10 +111,6 @@ class Layout:
             {key: spaces.Box(self.bounds[0, part], self.bounds[1, part]) for key, part in self.slices.items()}
         )
 
-    def empty(self) -> np.ndarray:
-        """A flat observation to be filled."""
-        return np.zeros(_SIZE, np.float32)
-
     def split(self, flat: np.ndarray) -> dict[str, Any]:
-        """The observation as the agent gets it: new arrays that share no memory."""
-        return {key: flat[part].copy() for key, part in self.slices.items()}
+        """The observation as the agent gets it: new arrays that share no memory, of one row or of many."""
+        return {key: flat[..., part].copy() for key, part in self.slices.items()}

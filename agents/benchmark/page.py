@@ -18,8 +18,8 @@ READING = (
     "Every agent drives the same courses, soils and sensor noise, so differences are counted episode by "
     "episode. Scores: less is better.",
     "oracle is told the true n, aware lives on the estimate of the filter on board, nominal believes the "
-    "one n that does best over all soils, conservative the worst n for the task. The four are one controller, "
-    "tuned with the same budget on other episodes.",
+    "one n that does best over all soils, conservative the worst n for the task. The four are one controller "
+    "each task, tuned with the same budget on other episodes.",
     "Headroom: how much better the oracle scores than the better of nominal and conservative. That is what "
     "perfect knowledge is worth here, and no estimate can gain more. The share that aware recovers of it is "
     "what the filter is worth.",
@@ -80,7 +80,7 @@ def _overview(results: Mapping[tuple[str, str], Benchmark], command: str, second
         pictures=(
             figure_picture(
                 headroom_figure(compared),
-                "Headroom in per cent of the better uninformed arm's score, and how much of it aware recovers.",
+                "Headroom in per cent of the better uninformed arm's score, and the share that aware recovers.",
             ),
         )
         if compared

@@ -10,4 +10,5 @@ __all__ = ["STUDIES"]
 #: Study -> (module of agents.studies with its argument class, name of that class, what it shows).
 STUDIES: dict[str, tuple[str, str, str]] = {
     "table1": ("table1", "Table1", "the paper's table: error of n on eight rows, three sources of the state"),
+    "filters": ("filters", "Filters", "all filters on the same twins: error, bound, coverage, cost"),
 }
