@@ -80,7 +80,7 @@ def _overview(results: Mapping[tuple[str, str], Benchmark], command: str, second
         pictures=(
             figure_picture(
                 headroom_figure(compared),
-                "Headroom in per cent of the better uninformed arm's score, and the share that aware recovers.",
+                "Headroom in per cent of the better uninformed score; share of it that aware recovers.",
             ),
         )
         if compared
