@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from agents.benchmark.summary import Benchmark, Difference
 from agents.figures.arms import arms_figure
 from agents.figures.headroom import headroom_figure
-from agents.report import Section, Table, figure_picture
+from agents.report import Picture, Section, Table, figure_picture
 from offroad_env.scenarios import SCENARIOS
 
 __all__ = ["benchmark_sections", "verdict"]
@@ -61,12 +61,23 @@ def verdict(result: Benchmark) -> str:
 
 
 def benchmark_sections(
-    results: Mapping[tuple[str, str], Benchmark], *, command: str, seconds: float
+    results: Mapping[tuple[str, str], Benchmark], physics: Picture, *, command: str, seconds: float
 ) -> list[Section]:
-    """The page: an overview, then one section a task and form."""
-    sections = [_overview(results, command, seconds)]
+    """The page: an overview, what the soil changes, then one section a task and form."""
+    sections = [_overview(results, command, seconds), _physics(physics, command)]
     sections += [_section(result, command) for result in results.values()]
     return sections
+
+
+def _physics(picture: Picture, command: str) -> Section:
+    return Section(
+        name="physics",
+        title="What the soil changes in each task",
+        sees="Every task has its reason in physics, written down before any agent drove it.",
+        command=command,
+        pictures=(picture,),
+        notes=tuple(f"{task.name}: {task.reason}" for task in SCENARIOS.values()),
+    )
 
 
 def _overview(results: Mapping[tuple[str, str], Benchmark], command: str, seconds: float) -> Section:

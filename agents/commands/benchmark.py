@@ -76,12 +76,17 @@ def write_results(
 ) -> None:
     """Page and numbers into ``out``, and the verdicts on the screen."""
     from agents.benchmark.page import benchmark_sections, verdict
-    from agents.report import render_page
+    from agents.figures.tasks import tasks_figure
+    from agents.report import figure_picture, render_page
+    from agents.studies.tasks import task_curves
     from offroad_env import __version__
 
     command = f"offroad benchmark --episodes {args.episodes} --seed {args.seed}"
+    caption = "Curves over n from the forces of a wheel, runs of the vehicle's model, and two drives."
+    physics = figure_picture(tasks_figure(task_curves()), caption)
+    write_bytes(out / "tasks.png", physics.png)
     page = render_page(
-        benchmark_sections(results, command=command, seconds=seconds),
+        benchmark_sections(results, physics, command=command, seconds=seconds),
         title="OffroadBekker: does knowing the soil pay?",
         intro="Controllers that know more or less of the soil drive the same episodes. First what perfect "
         "knowledge is worth, then how much of it an estimate from the vehicle's sensors recovers.",
