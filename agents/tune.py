@@ -40,10 +40,10 @@ _CORNERS = {"margin": (0.5, 1.1), "slip_angle": (0.15, 0.52), "feed_forward": (0
 COMMON: dict[str, dict[str, tuple[float, float]]] = {
     "track": {"margin": (0.7, 1.3), "feed_forward": (0.0, 1.3)},
     "speed": _CORNERS,
-    "climb": {"slip_share": (0.5, 2.0)},
-    "brake": {"brake_share": (0.4, 1.3)},
+    "climb": {"slip_share": (0.5, 4.0)},
+    "brake": {"brake_share": (0.4, 2.0)},
     "ride": {"ride_speed": (4.0, 8.0), "ride_change": (0.0, 3.0), "ride_feel": (0.0, 1.0)}
-    | {"ride_share": (0.6, 0.95)},
+    | {"ride_share": (0.45, 0.9)},
     "patches": _CORNERS,
 }
 
