@@ -7,7 +7,7 @@ __all__ = ["RUNS", "SETTINGS"]
 #: Scenario -> the search that its settings come from, with the mean scores in training.
 RUNS: dict[str, str] = {
     "brake": "seed 0, 136 episodes an arm: nominal 9.197, conservative 9.37, aware 9.052, oracle 9.053",
-    "climb": "seed 0, 136 training episodes for each arm: nominal 74.42, conservative 72.65, aware 70.82, oracle 70.79",
+    "climb": "seed 0, 136 episodes an arm: nominal 74.42, conservative 72.65, aware 70.82, oracle 70.79",
 }
 
 #: (scenario, arm) -> fields of `agents.arms.ArmSettings`.
