@@ -23,6 +23,7 @@ import numpy as np
 from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
 from agents.protocol import EpisodeResult, Observation
 from offroad_env.errors import InvalidParameter, OffroadError
+from offroad_env.vector_env import make_vec
 
 __all__ = [
     "ALGORITHMS",
@@ -256,15 +257,14 @@ def train(args: TrainArgs, *, progress: Callable[[int, float], None] | None = No
         Without stable-baselines3.
     """
     learner = _learner(args.algorithm)
-    from stable_baselines3.common.env_util import make_vec_env
-    from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
+    from stable_baselines3.common.vec_env import VecFrameStack, VecMonitor, VecNormalize
+
+    from agents.learning_env import LearningVecEnv
 
     kinds = {"scenario": args.scenario, "terrain_info": args.terrain_info}
-    envs = VecNormalize(
-        make_vec_env(ENV_ID, n_envs=args.n_envs, seed=args.seed, env_kwargs=kinds),
-        gamma=args.gamma,
-        clip_obs=_CLIP,
-    )
+    episodes = LearningVecEnv(make_vec(args.n_envs, autoreset_mode="SameStep", **kinds))
+    episodes.seed(args.seed)
+    envs = VecNormalize(VecMonitor(episodes), gamma=args.gamma, clip_obs=_CLIP)
     seen = VecFrameStack(envs, args.frames) if args.frames > 1 else envs
     policy = "MultiInputLstmPolicy" if args.algorithm == "recurrent_ppo" else "MultiInputPolicy"
     model = learner(policy, seen, seed=args.seed, device="cpu", **_settings(args))

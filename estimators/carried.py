@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.embedded import EmbeddedParameterUKF
-from estimators.navigation import NavigationFilter
 from estimators.on_board import OnBoardFilter, OnBoardSettings
 from estimators.protocol import Estimate, Estimator, Pose
 from offroad_env.errors import InvalidParameter
@@ -132,12 +131,9 @@ def make_estimator(
             f"rate must divide the {imu.rate:g} Hz of the inertial unit, got {choice.rate:g} Hz"
         )
     belief, dt = choice.belief(plant), every / imu.rate
-    navigation = NavigationFilter(belief.vehicle)
     if choice.kind == "parameter":
-        inner = EmbeddedParameterUKF(belief, n_range, dt=dt, imu=imu, navigation=navigation)
+        inner = EmbeddedParameterUKF(belief, n_range, dt=dt, imu=imu)
     else:
         settings = OnBoardSettings(components=_COMPONENTS if choice.kind == "bank" else 1)
-        inner = OnBoardFilter(
-            belief, n_range, dt=dt, imu=imu, gnss=gnss, settings=settings, navigation=navigation
-        )
+        inner = OnBoardFilter(belief, n_range, dt=dt, imu=imu, gnss=gnss, settings=settings)
     return inner if every == 1 else Thinned(inner, every)

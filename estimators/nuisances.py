@@ -16,8 +16,9 @@ A map that is shifted is a vehicle that stands elsewhere: that is a wide prior o
 sinkage at constant slip is a factor of the moduli (`estimators.mismatch`), so the belief about
 the stiffness holds it too.
 
-A bump is coloured noise of the second order, (d/dt)^2 e + 2 zeta W d/dt e + W^2 e = white with
-W = v/length: its slope has the size sd/length and it has no rate that jumps.
+A bump is coloured noise of the second order, e'' + (a + b) v e' + a b v^2 e = white, a and b being
+the wavenumbers between which its spectrum falls with the square of the frequency, as that of
+rough ground does (ISO 8608); above b it falls with the fourth power, so its rate does not jump.
 
 `linearise` gives slopes of motion and reading from one set of trial evaluations of the forces; the
 filter (`estimators.robust`) and the bound (`bound_with_doubt`) share it. A bump moves the axle
@@ -73,8 +74,6 @@ ROLL_ERROR, PITCH_ERROR = 23, 24
 LENGTH = 25
 #: Channels: the inertial unit and the rims, the first seven of `joint.CHANNELS`.
 CHANNELS = 7
-#: Damping of a bump's motion [-]: a spectrum without a peak.
-_ZETA = 0.7
 #: Depth whose pressure stands for the moduli [m]; where the logarithm of its factor is that of theirs [-].
 _DEPTH, _MIDDLE = 0.04, 0.75
 _LOG_DEPTH = math.log(_DEPTH)
@@ -92,14 +91,19 @@ _ACC = (at.A_X, at.A_Y, at.A_Z, at.PITCH_ACC, at.YAW_ACC)
 class Doubt:
     """Standard deviations of what is uncertain: what a careful engineer would state beforehand."""
 
-    stiffness: float = 0.15  #: log of the moduli's factor [-]: +-20 % is 1.3 of them
+    stiffness: float = 0.2  #: log of the factor of the moduli [-]: ±20 % is one of them
     mass: float = 0.07  #: log of the mass's factor [-]
     lag: float = 0.05  #: of the steering [s]
-    bump_length: float = 1.0  #: length over which the ground departs from the map [m]
+    bump_lengths: tuple[float, float] = (20.0, 2.0)  #: longest and shortest waves that the map lacks [m]
     place: float = 0.4  #: of the vehicle on the map, along each axis [m]
     acceleration_bias: float = 0.1  #: [m/s^2]
     rate_bias: float = 0.005  #: [rad/s]
     misalignment: float = 0.035  #: roll and pitch of the inertial unit [rad]
+    #: What the model leaves out, per channel of the inertial unit [m/s^2, rad/s], and how long such an
+    #: error lasts [s]. A filter that believes in white noise must count it as a variance of
+    #: 2 error^2 time/dt per sample.
+    error: tuple[float, float, float, float, float] = (0.015, 0.015, 0.05, 0.005, 0.001)
+    error_time: float = 0.2
     #: Process noise beyond that of `joint.JointSettings`: v_x, v_y, v_z [m/s/sqrt(s)], pitch_rate,
     #: yaw_rate [rad/s/sqrt(s)].
     process: tuple[float, float, float, float, float] = (0.01, 0.002, 0.03, 0.03, 1e-4)
@@ -109,8 +113,9 @@ class Doubt:
             values = getattr(self, name)
             if not all(value > 0.0 for value in (values if isinstance(values, tuple) else (values,))):
                 raise InvalidParameter(f"{name} must be > 0, got {values}")
-        if len(self.process) != 5:
-            raise InvalidParameter(f"process must have 5 numbers, got {self.process}")
+        for name, count in (("process", 5), ("error", 5), ("bump_lengths", 2)):
+            if len(getattr(self, name)) != count:
+                raise InvalidParameter(f"{name} must have {count} numbers, got {getattr(self, name)}")
 
 
 class DoubtModel(NamedTuple):
@@ -123,7 +128,7 @@ class DoubtModel(NamedTuple):
     Q: np.ndarray  #: (LENGTH,) variances of the process noise per step, but for the bumps
     R: np.ndarray  #: (CHANNELS,) variances of the sensor noise
     P: np.ndarray  #: (LENGTH,) variances of the start, but for eta and the bumps
-    bump_length: float  #: length over which a bump changes [m]
+    bump_poles: tuple[float, float]  #: wavenumbers between which the bumps' spectrum falls [rad/m]
 
 
 def doubt_model(plant: Plant, dt: float, settings: JointSettings, doubt: Doubt) -> DoubtModel:
@@ -144,15 +149,17 @@ def doubt_model(plant: Plant, dt: float, settings: JointSettings, doubt: Doubt) 
     P[BUMP : BUMP + 4] = 0.0
     P[BIAS : BIAS + 5] = np.repeat([doubt.acceleration_bias**2, doubt.rate_bias**2], (3, 2))
     P[[ROLL_ERROR, PITCH_ERROR]] = doubt.misalignment**2
+    R = model.R[:CHANNELS].copy()
+    R[:5] += np.square(doubt.error) * 2.0 * doubt.error_time / dt
     return DoubtModel(
         plant=plant,
         dt=float(dt),
         low=model.low,
         high=model.high,
         Q=Q,
-        R=model.R[:CHANNELS].copy(),
+        R=R,
         P=P,
-        bump_length=float(doubt.bump_length),
+        bump_poles=tuple(2.0 * math.pi / float(length) for length in doubt.bump_lengths),
     )
 
 
@@ -231,6 +238,13 @@ def _forces(point, u, model, warm, x, readings):
 
 
 @kernel
+def _bump_rates(v_x, model):
+    """((a + b) v [1/s], a b v^2 [1/s^2]) of the bumps' motion."""
+    v, poles = max(v_x, _SLOWEST), model.bump_poles
+    return (poles[0] + poles[1]) * v, poles[0] * poles[1] * v * v
+
+
+@kernel
 def _motion(point, readings, model, d):
     """Time derivative of the belief's point (BT bicycle 1-3 and half-car 1-2, and the bumps) into ``d``."""
     cos_yaw, sin_yaw = math.cos(point[at.YAW]), math.sin(point[at.YAW])
@@ -246,10 +260,10 @@ def _motion(point, readings, model, d):
         readings[at.PITCH_ACC],
         readings[at.YAW_ACC],
     )
-    W = max(v_x, _SLOWEST) / model.bump_length
+    fast, square = _bump_rates(v_x, model)
     for i in (BUMP, BUMP + 2):
         d[i] = point[i + 1]
-        d[i + 1] = -2.0 * _ZETA * W * point[i + 1] - W * W * point[i]
+        d[i + 1] = -fast * point[i + 1] - square * point[i]
 
 
 @kernel
@@ -270,9 +284,9 @@ def _reading(point, readings, out):
 @kernel
 def process_noise(v_x, bump, model, Q):
     """Variances of the process noise of one step (25,) into ``Q``; ``v_x`` [m/s], bumps of ``bump`` [m]."""
-    W = max(v_x, _SLOWEST) / model.bump_length
+    fast, square = _bump_rates(v_x, model)
     Q[:] = model.Q
-    Q[BUMP + 1] = Q[BUMP + 3] = 4.0 * _ZETA * W**3 * bump**2 * model.dt
+    Q[BUMP + 1] = Q[BUMP + 3] = 2.0 * fast * square * bump**2 * model.dt
 
 
 @kernel
@@ -344,9 +358,9 @@ def linearise(point, warm, inputs, model, A, H, out):
         trial[j] = point[j]
     _bump_slopes(model, pull, A[at.V_X : at.YAW_RATE + 1])
     _bump_slopes(model, felt, H)
-    W = max(point[at.V_X], _SLOWEST) / model.bump_length
+    fast, square = _bump_rates(point[at.V_X], model)
     for i in (BUMP, BUMP + 2):
-        A[i, i + 1], A[i + 1, i], A[i + 1, i + 1] = 1.0, -W * W, -2.0 * _ZETA * W
+        A[i, i + 1], A[i + 1, i], A[i + 1, i + 1] = 1.0, -square, -fast
     for i in range(5):
         H[i, BIAS + i] = 1.0
     a_z = base[at.A_Z] + GRAVITY
@@ -400,7 +414,7 @@ def settled_belief(model, eta, variance, bump, pose, v_x):
     variances = model.P.copy()
     variances[ETA] = variance
     for i in (BUMP, BUMP + 2):
-        variances[i], variances[i + 1] = bump**2, (bump * v_x / model.bump_length) ** 2
+        variances[i], variances[i + 1] = bump**2, bump**2 * _bump_rates(v_x, model)[1]
     return max(worst, status), mean, (slope * variances) @ slope.T, warm
 
 

@@ -75,7 +75,7 @@ class RobustSettings:
     merge: float = 1.0  #: squared Mahalanobis distance below which two are one
 
     sure: float = 0.99  #: weight that the largest mode must have for a valid estimate
-    widest: float = 0.1  #: largest standard deviation of n for a valid estimate, as a share of n
+    widest: float = 0.15  #: largest standard deviation of n for a valid estimate, as a share of n
     watch_time: float = 2.0  #: time over which innovations are averaged [s]
     surprise: float = 5.0  #: their mean excess in its standard deviations: more is no valid estimate
     renew: float = 10.0  #: and more than this draws a new fan

@@ -39,6 +39,7 @@ __all__ = [
     "RowOutcome",
     "RowScore",
     "ends_wrong",
+    "innovation_flag",
     "row_bound",
     "run_filter",
     "score_run",
@@ -85,8 +86,8 @@ class RowFilter(NamedTuple):
     run: Callable[[RowTwin, str, JointSettings], RowOutcome]  #: (twin, sensors, noise settings)
 
 
-def _flag(run_nis: np.ndarray, width: np.ndarray, channels: int, dt: float) -> np.ndarray:
-    """Validity (T,) of a filter that has no flag of its own."""
+def innovation_flag(run_nis: np.ndarray, width: np.ndarray, channels: int, dt: float) -> np.ndarray:
+    """Validity (T,) of a filter without a flag of its own, from NIS (T,) and width of its 99 % interval."""
     calm = surprise(run_nis, channels, dt, _WATCH_TIME) <= _SURPRISE
     late = dt * np.arange(len(width)) > _WATCH_TIME
     return calm & late & (width <= _NARROW)
@@ -113,7 +114,7 @@ def _gaussian(run: JointRun, model: JointModel, z: np.ndarray, seconds: float) -
         low=run.low,
         high=run.high,
         nis=nis,
-        valid=_flag(nis, np.diff(ends, axis=1)[:, 0], channels, model.dt),
+        valid=innovation_flag(nis, np.diff(ends, axis=1)[:, 0], channels, model.dt),
         channels=channels,
         repairs=run.repairs,
         lost=run.skipped,
@@ -172,7 +173,7 @@ def _particles(twin: RowTwin, sensors: str, settings: JointSettings) -> RowOutco
         low=run.low,
         high=run.high,
         nis=nis,
-        valid=_flag(nis, run.width, channels, model.dt),
+        valid=innovation_flag(nis, run.width, channels, model.dt),
         channels=channels,
         repairs=run.repairs,
         lost=run.failed,
@@ -216,7 +217,7 @@ def _parameter(twin: RowTwin, settings: ParameterSettings, *, known: bool) -> Ro
         low=ends[:, 0],
         high=ends[:, 1],
         nis=run.nis,
-        valid=_flag(run.nis, ends[:, 3] - ends[:, 2], channels, twin.dt),
+        valid=innovation_flag(run.nis, ends[:, 3] - ends[:, 2], channels, twin.dt),
         channels=channels,
         repairs=run.repairs,
         lost=run.skipped,

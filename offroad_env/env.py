@@ -15,13 +15,13 @@ from estimators.embedded import EmbeddedParameterUKF
 from estimators.navigation import NavigationFilter
 from estimators.protocol import Estimate, Estimator
 from offroad_env.errors import InvalidParameter, SolverFailure
-from offroad_env.fleet import NOISE_ROWS, Fleet
+from offroad_env.fleet import LAST_ROW, NOISE_ROWS, Fleet
 from offroad_env.observation import PREVIEW, Layout
 from offroad_env.period import (
     BELIEVE,
     CONTROL_PERIOD,
     DRIVE,
-    NOISE_PERIODS,
+    FIRST_TERM,
     PAPER_FORCE,
     REPORT,
     REPORTED,
@@ -66,8 +66,7 @@ ESTIMATORS = (*KINDS, "none")
 
 _STEPS = round(CONTROL_PERIOD / SAMPLES / FULL_STEP)  # steps of the plant per IMU sample
 _EVERYTHING = DRIVE | BELIEVE | REPORT
-# Columns of the report, beyond those named in `_info`.
-_SINKAGE, _SLIP, _FIRST_TERM = REPORTED["sinkage"], REPORTED["slip"], len(REPORTED) + 2
+_SINKAGE, _SLIP = REPORTED["sinkage"], REPORTED["slip"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,7 +232,7 @@ class OffroadBekkerEnv(gym.Env):
         self._layout = Layout(self.vehicle.steer_max, terrain=terrain_info != "none")
         self._renderer: Any = None
         self._learner: EmbeddedParameterUKF | None = None  # the estimator that the compiled period carries
-        self._join(Fleet(1), 0)
+        self.join(Fleet(1), 0)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = self._layout.space()
 
@@ -330,7 +329,7 @@ class OffroadBekkerEnv(gym.Env):
         self._episode["count"], self._episode["steps"] = 1, 0
         self._advance()
         self._episode["count"], self._episode["steps"] = SAMPLES, _STEPS
-        info = self._info()[0]
+        info = self.result()[0]
         if self.render_mode == "human":
             self.render()
         return self._layout.split(self._shown), info
@@ -344,6 +343,7 @@ class OffroadBekkerEnv(gym.Env):
         mount, episode = self.sensors.mount, self._episode
         for name, value in (
             ("plant", pack(self.plant).numbers),
+            ("n", self.plant.soil.n),
             ("errors", self.sensors.errors),
             ("lever", mount.lever),
             ("rotation", mount.rotation),
@@ -363,7 +363,6 @@ class OffroadBekkerEnv(gym.Env):
         ):
             episode[name] = value
         self.sensors.draw_noise(self._fleet.noise[self._row, -1:])
-        self._noise_left = 0
         self._actions[:] = 0.0
 
     def _lay_down_rules(self) -> None:
@@ -420,11 +419,10 @@ class OffroadBekkerEnv(gym.Env):
         if values.shape != (2,) or not all(map(math.isfinite, values.tolist())):
             raise InvalidParameter(f"action must be 2 finite numbers (steer, drive), got {action!r}")
         self._actions[:] = values
-        if not self._noise_left:
-            self._draw_noise()
-        self._noise_left -= 1
+        if self._episode["noise_row"] > LAST_ROW:
+            self.draw_noise()
         self._advance()
-        info, reward = self._info()
+        info, reward = self.result()
         if self.render_mode == "human":
             self.render()
         terminated = info["success"] or info["failure"] != ""
@@ -433,7 +431,7 @@ class OffroadBekkerEnv(gym.Env):
 
     # ------------------------------------------------------------------ memory
 
-    def _join(self, fleet: Fleet, row: int) -> None:
+    def join(self, fleet: Fleet, row: int) -> None:
         """Live in that row of a fleet's memory from the next reset on."""
         self._fleet, self._row = fleet, row
         self._bind()
@@ -460,29 +458,40 @@ class OffroadBekkerEnv(gym.Env):
         self.__dict__.update(state)
         self._bind()
 
-    def _draw_noise(self) -> None:
-        """Sensor noise of the next periods."""
+    def draw_noise(self) -> None:
+        """Sensor noise of the next periods, for whoever runs the compiled period."""
         self.sensors.draw_noise(self._fleet.noise[self._row])
         self._episode["noise_row"] = 0
-        self._noise_left = NOISE_PERIODS
 
     # ------------------------------------------------------------------ one period
 
+    @property
+    def is_compiled(self) -> bool:
+        """Whether a period is one compiled call: no estimator, or the one that it carries."""
+        return self.estimator is self._learner
+
     def _advance(self) -> None:
         """Move on by one period: the truth, everything that watches it, and what is reported of it."""
-        if self.estimator is self._learner:
+        if self.is_compiled:
             self._run(_EVERYTHING)
             return
-        # An estimator from elsewhere sees the samples and the command, and nothing of the truth.
         self._fleet.rules["learns"] = 0
         self._run(DRIVE | BELIEVE)
-        if self._episode["status"] < SUNK:
-            for sample in self._samples[: self._episode["count"]]:
-                mean, sd, nis, valid, repairs = self.estimator.update(
-                    self.command, sample[IMU], sample[WHEEL], sample[GNSS]
-                )
-            self._episode["estimate"] = mean, sd, nis, float(valid), repairs
+        self.ask_estimator()
         self._run(REPORT)
+
+    def ask_estimator(self) -> None:
+        """Show the period's samples to an estimator that the compiled period does not carry.
+
+        It sees them and the command, and nothing of the truth.
+        """
+        if self._episode["status"] >= SUNK:
+            return
+        for sample in self._samples[: self._episode["count"]]:
+            mean, sd, nis, valid, repairs = self.estimator.update(
+                self.command, sample[IMU], sample[WHEEL], sample[GNSS]
+            )
+        self._episode["estimate"] = mean, sd, nis, float(valid), repairs
 
     def _run(self, phases: int) -> None:
         self._episode["phases"] = phases
@@ -501,11 +510,11 @@ class OffroadBekkerEnv(gym.Env):
             max(-drive, 0.0) * self.vehicle.brake_torque_max,
         )
 
-    def _info(self) -> tuple[dict[str, Any], float]:
+    def result(self) -> tuple[dict[str, Any], float]:
         """``info`` and the reward, from the report of the period."""
         report = self._report
         numbers = report.tolist()
-        terms = numbers[_FIRST_TERM:]
+        terms = numbers[FIRST_TERM:]
         ending = ENDINGS[self._episode["ending"]]
         return {
             "n": self.plant.soil.n,

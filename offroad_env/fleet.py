@@ -15,10 +15,12 @@ if TYPE_CHECKING:
     from offroad_env.physics.records import Ground
     from offroad_env.physics.vehicle_model import Plant
 
-__all__ = ["NOISE_ROWS", "Fleet"]
+__all__ = ["LAST_ROW", "NOISE_ROWS", "Fleet"]
 
 #: Samples for which sensor noise is drawn at a time.
 NOISE_ROWS = NOISE_PERIODS * SAMPLES
+#: Last row from which there is enough for a period.
+LAST_ROW = NOISE_ROWS - SAMPLES
 
 
 class Fleet:

@@ -47,6 +47,7 @@ __all__ = [
     "CONTROL_PERIOD",
     "DRIVE",
     "EPISODE",
+    "FIRST_TERM",
     "NOISE_PERIODS",
     "PAPER_FORCE",
     "REPORT",
@@ -88,8 +89,9 @@ REPORTED = {
     "filter_repairs": 14,
     "shake": 15,
 }
-_TERMS = 16
-_REPORT_SIZE = _TERMS + len(TERMS)
+#: Column of the first of them; the rest follow in the order of `TERMS`.
+FIRST_TERM = 16
+_REPORT_SIZE = FIRST_TERM + len(TERMS)
 
 #: One episode.
 EPISODE = np.dtype(
@@ -101,6 +103,7 @@ EPISODE = np.dtype(
         ("sound_state", "f8", at.STATE_SIZE),  # before a step that diverged
         ("sound_readings", "f8", at.READINGS_SIZE),
         ("plant", "f8", ASSUMPTIONS["plant"].shape[0]),
+        ("n", "f8"),  # of the base soil
         ("status", "f8"),  # worst contact status of the period
         # where its path, waves, patches and the waves that a map shows end in its table
         ("ds", "f8"),
@@ -368,7 +371,7 @@ def _report(e, rules, table, shown):
     if e.status < NO_ROOT:
         _locate(e, path)
     speed = math.hypot(state[at.V_X], state[at.V_Y])
-    terms = report[_TERMS:]
+    terms = report[FIRST_TERM:]
     terms[:] = 0.0
     if started:
         e.time += CONTROL_PERIOD

@@ -117,7 +117,7 @@ def _row(result: LogEstimate, reference: np.ndarray | None) -> tuple[str, ...]:
         f"{result.n[-1]:.3f} ± {result.sd[-1]:.3f}",
         f"{result.low[-1]:.3f} ... {result.high[-1]:.3f}",
         f"{100.0 * numbers['valid_share']:.0f} %",
-        f"{numbers['innovations']:.2f}",
+        "" if numbers["innovations"] is None else f"{numbers['innovations']:.2f}",
         f"{result.real_time_factor:.0f}",
         "" if truth is None else f"{truth:.3f}",
     )
@@ -126,6 +126,7 @@ def _row(result: LogEstimate, reference: np.ndarray | None) -> tuple[str, ...]:
 def _numbers(result: LogEstimate, reference: np.ndarray | None) -> dict[str, Any]:
     import numpy as np
 
+    updates = result.nis[~np.isnan(result.nis)]
     known = reference is not None and len(reference) > 0
     inside = None
     if known:
@@ -139,7 +140,7 @@ def _numbers(result: LogEstimate, reference: np.ndarray | None) -> dict[str, Any
         "high": float(result.high[-1]),
         "valid": bool(result.valid[-1]),
         "valid_share": float(result.valid.mean()),
-        "innovations": float(np.nanmean(result.nis)) / result.channels,
+        "innovations": float(np.mean(updates)) / result.channels if len(updates) else None,
         "repairs": result.repairs,
         "real_time_factor": result.real_time_factor,
         "n_range": result.n_range,

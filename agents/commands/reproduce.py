@@ -11,4 +11,6 @@ __all__ = ["STUDIES"]
 STUDIES: dict[str, tuple[str, str, str]] = {
     "table1": ("table1", "Table1", "the paper's table: error of n on eight rows, three sources of the state"),
     "filters": ("filters", "Filters", "all filters on the same twins: error, bound, coverage, cost"),
+    "gate": ("gate", "Gate", "an estimate holds and its sd grows while the motion says nothing of the soil"),
+    "changing": ("changing", "Changing", "n that changes on the way: how soon the filters answer"),
 }
