@@ -14,6 +14,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from offroad_env.errors import SolverFailure
+from offroad_env.physics._jit import kernel
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.records import Soil, Vehicle, Wheel
 from offroad_env.soils import make_soil
@@ -103,12 +104,7 @@ class Capability:
 
         The sign is that of ``lateral``; beyond what the soil holds the largest tabled angle.
         """
-        place = float(np.interp(n, self.grid, np.arange(self.grid.size, dtype=np.float64)))
-        low = min(int(place), self.grid.size - 2)
-        rows = self.side[:, low] + (place - low) * (self.side[:, low + 1] - self.side[:, low])
-        size = abs(lateral)
-        front = float(np.interp(size, rows[0], self.angles))
-        rear = float(np.interp(size, rows[1], self.angles))
+        front, rear = _slip_angles(self.grid, self.angles, self.side, n, abs(lateral))
         return (front, rear) if lateral >= 0.0 else (-front, -rear)
 
     def _limits(self, slip_angle: float) -> np.ndarray:
@@ -117,6 +113,25 @@ class Capability:
         low = min(int(column), self.angles.size - 2)
         held = self.side[..., low] + (column - low) * (self.side[..., low + 1] - self.side[..., low])
         return held.min(axis=0)
+
+
+@kernel
+def _slip_angles(grid, angles, side, n, size):
+    """(front, rear) slip angle [rad] that holds the lateral acceleration ``size`` [m/s^2] on soil n."""
+    # The grid is even.
+    place = (min(max(n, grid[0]), grid[-1]) - grid[0]) / (grid[1] - grid[0])
+    low = min(int(place), grid.shape[0] - 2)
+    found = np.empty(2)
+    for axle in range(2):
+        before, found[axle] = 0.0, angles[-1]
+        for i in range(angles.shape[0]):
+            held = side[axle, low, i] + (place - low) * (side[axle, low + 1, i] - side[axle, low, i])
+            if held >= size:
+                share = (size - before) / (held - before) if held > before else 0.0
+                found[axle] = angles[i] if i == 0 else angles[i - 1] + share * (angles[i] - angles[i - 1])
+                break
+            before = held
+    return found[0], found[1]
 
 
 @lru_cache(maxsize=16)

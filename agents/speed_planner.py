@@ -20,6 +20,7 @@ from agents.capability import Capability, soil_capability
 from agents.protocol import Observation, Senses, read_senses, to_action
 from agents.pure_pursuit import PursuitGains, goal_point, pursuit_curvature
 from agents.speed_control import SpeedController, SpeedGains
+from offroad_env.physics._jit import kernel
 
 __all__ = ["Belief", "BeliefSource", "PlannerGains", "SoilTracker", "planned_speed", "speed_limit"]
 
@@ -63,7 +64,8 @@ def speed_limit(curvature: np.ndarray, lateral: float, speed_max: float) -> np.n
     return np.minimum(np.sqrt(lateral / np.maximum(np.abs(curvature), _STRAIGHT)), speed_max)
 
 
-def planned_speed(limits: np.ndarray, stations: np.ndarray, braking: float, at: float) -> float:
+@kernel
+def planned_speed(limits, stations, braking, at):
     """Highest speed [m/s] at station ``at`` from which every later limit can be met.
 
     Backward pass with constant deceleration in closed form: v^2 = min over the stations s_i ahead
@@ -81,10 +83,12 @@ def planned_speed(limits: np.ndarray, stations: np.ndarray, braking: float, at: 
     at : float
         Station of the wanted speed [m].
     """
-    squares = limits * limits
-    squares[-1] = 0.0
-    allowed = squares + 2.0 * braking * np.maximum(stations - at, 0.0)
-    return math.sqrt(float(np.min(allowed[stations >= at - _STEP])))
+    last = stations.shape[0] - 1
+    least = 2.0 * braking * max(stations[last] - at, 0.0)
+    for i in range(last):
+        if stations[i] >= at - _STEP:
+            least = min(least, limits[i] * limits[i] + 2.0 * braking * max(stations[i] - at, 0.0))
+    return math.sqrt(least)
 
 
 class SoilTracker:

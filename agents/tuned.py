@@ -8,6 +8,7 @@ __all__ = ["RUNS", "SETTINGS"]
 RUNS: dict[str, str] = {
     "brake": "seed 0, 136 episodes an arm: nominal 9.197, conservative 9.37, aware 9.052, oracle 9.053",
     "climb": "seed 0, 136 episodes an arm: nominal 74.42, conservative 72.65, aware 70.82, oracle 70.79",
+    "patches": "seed 0, 136 episodes an arm: nominal 49.13, conservative 52.63, aware 58.14, oracle 43.92",
 }
 
 #: (scenario, arm) -> fields of `agents.arms.ArmSettings`.
@@ -20,6 +21,10 @@ SETTINGS: dict[tuple[str, str], dict[str, float]] = {
     ("climb", "conservative"): {"slip_share": 1.9358},
     ("climb", "nominal"): {"slip_share": 1.2047, "n": 0.3448},
     ("climb", "oracle"): {"slip_share": 1.7672},
+    ("patches", "aware"): {"margin": 0.6348, "slip_angle": 0.2744, "feed_forward": 0.8222, "z": 0.7108},
+    ("patches", "conservative"): {"margin": 0.7241, "slip_angle": 0.3119, "feed_forward": 0.6529},
+    ("patches", "nominal"): {"margin": 0.6348, "slip_angle": 0.2744, "feed_forward": 0.8222, "n": 0.2042},
+    ("patches", "oracle"): {"margin": 0.7241, "slip_angle": 0.3119, "feed_forward": 0.6529},
     ("speed", "aware"): {"margin": 0.8791, "slip_angle": 0.2919, "feed_forward": 0.8909, "z": 1.4555},
     ("speed", "conservative"): {"margin": 1.0056, "slip_angle": 0.3449, "feed_forward": 0.8228},
     ("speed", "nominal"): {"margin": 0.7797, "slip_angle": 0.3095, "feed_forward": 0.6367, "n": 0.0626},
