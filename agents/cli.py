@@ -27,6 +27,12 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "wheel-data": ("wheel_data", "WheelData", "measured against predicted forces of one wheel"),
     "reproduce": ("reproduce", "STUDIES", "repeat a study: the paper's table, ..."),
     "speed": ("speed", "SpeedCommand", "speed and memory, as ratios to other environments"),
+    "benchmark": (
+        "benchmark",
+        "BenchmarkRun",
+        "does knowing the soil pay? arms on the same episodes",
+    ),
+    "compare": ("compare", "Compare", "an agent of your own against the arms, on the same episodes"),
     "data": ("data", "Data", "list measured data sets, or get one from its publisher"),
     "train": ("train", "Train", "train a policy by PPO (needs the extra rl)"),
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
@@ -21,7 +21,6 @@ from offroad_env.period import (
     BELIEVE,
     CONTROL_PERIOD,
     DRIVE,
-    ENDINGS,
     FIRST_TERM,
     PAPER_FORCE,
     REPORT,
@@ -35,9 +34,9 @@ from offroad_env.physics.contact import SUNK
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.packing import pack
 from offroad_env.physics.path_kernels import nearest_index
-from offroad_env.physics.records import Soil, Vehicle
+from offroad_env.physics.records import Soil, SoilMap, Vehicle
 from offroad_env.physics.sensor_kernels import GNSS, IMU, WHEEL
-from offroad_env.rewards import TERMS, RewardWeights
+from offroad_env.rewards import ENDINGS, TERMS
 from offroad_env.scenarios import Course, Scenario, find_scenario
 from offroad_env.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
 from offroad_env.simulator import (
@@ -50,8 +49,8 @@ from offroad_env.simulator import (
     settled_state,
 )
 from offroad_env.soils import SOILS, make_soil
-from offroad_env.terrain import flat
-from offroad_env.vehicles import VEHICLES
+from offroad_env.terrain import flat, soil_map, soil_patches_along
+from offroad_env.vehicles import VEHICLES, make_vehicle
 
 __all__ = [
     "CONTROL_PERIOD",
@@ -81,6 +80,9 @@ class Briefing:
     n_range: tuple[float, float]  #: prior of the sinkage exponent: uniform [-]
     corridor: float  #: half width [m]
     target_speed: float  #: [m/s], 0 = as fast as possible
+    time_limit: float  #: [s]
+    stop_zone: float  #: > 0: stand within this distance before the end of the path [m]
+    shake_limit: float  #: largest running r.m.s. of the vertical acceleration [m/s^2]
     preview: tuple[float, ...] = PREVIEW  #: distances of the observed curvatures [m]
     dt: float = CONTROL_PERIOD  #: [s]
     shear: str = "resultant"  #: shear law of the model, for `wheel_forces`
@@ -132,29 +134,34 @@ class OffroadBekkerEnv(gym.Env):
     |---|---|---|
     | ``imu`` | (5,) | a_x, a_y, a_z [m/s^2], pitch rate, yaw rate [rad/s]: mean of the period's two samples |
     | ``motion`` | (5,) | speed [m/s], rim speed front, rear [m/s], last steering [rad], last drive [-] |
-    | ``path`` | (11,) | cross-track error [m] (left positive), heading error [rad], target speed [m/s] |
-    | | | (0 = as fast as possible), curvature [1/m] at 0, 3, 6, 10, 15, 20, 30, 40 m ahead |
+    | ``path`` | (12,) | cross-track error [m] (left positive), heading error [rad], target speed [m/s] |
+    | | | (0 = as fast as possible), curvature [1/m] at 0, 3, 6, 10, 15, 20, 30, 40 m ahead, |
+    | | | way to the end of the path [m] |
     | ``terrain`` | (3,) | n, its standard deviation, valid (0/1); absent with ``terrain_info="none"`` |
 
-    The estimator believes in the nominal vehicle and in flat ground: nobody gives it a map.
+    The estimator believes in the nominal vehicle and in flat ground; only of the hill of "climb" it
+    has a map, without the roughness.
     Everything comes from simulated sensors (IMU 100 Hz, wheel speeds 50 Hz, GNSS 10 Hz, with the
     paper's IMU noise) through a navigation filter, never from the simulator's state; ``terrain`` with
-    ``terrain_info="truth"`` is the exception it says it is. Values are clipped to the space.
+    ``terrain_info="truth"``, n under the front wheels, is the exception it says it is. Values are
+    clipped to the space.
 
     ## Reward
     0.1 per metre of progress along the path, less the cost of time, of distance from the path, of
-    missing the target speed and of restless actions; 10 on arrival, -20 on failure. ``info
-    ["reward_terms"]`` names the terms, which add up to the reward.
+    missing the target speed and of restless actions; 10 on arrival. A failure costs all that an
+    episode could cost otherwise, so that nobody gains by ending it. ``info["reward_terms"]`` names the
+    terms, which add up to the reward. "climb" and "brake" have weights of their own.
 
     ## Start and end
     Settled on the soil, on the path, rolling. n is drawn uniformly from ``n_range``;
     ``reset(options={"n": 0.7})`` sets it. Terminates at the goal (``info["success"]``) or with
     ``info["failure"]``: "left_corridor", "rollover" (the lateral acceleration holds the inner wheels off
     the ground for 0.2 s), "immobilised" (no motion for 4 s of drive, or sunk beyond the wheel),
-    "diverged". Truncates after ``max_episode_steps`` (6000 = 120 s).
+    "overran" (the line of "brake"), "too_rough" (the limit of "ride"), "diverged". Truncates after the
+    task's time limit (120 s, "brake" 40 s).
 
     ## Arguments
-    scenario : "track" or "speed" (`offroad_env.SCENARIOS`)
+    scenario : "track", "speed", "climb", "brake", "ride" or "patches" (`offroad_env.SCENARIOS`)
     terrain_info : "none", "estimate" or "truth"
     model : "full" (wheel spin, slopes) or "paper" (Buzhardt & Tallapragada, ACC 2021)
     vehicle_model : "half_car" or "bicycle"
@@ -167,8 +174,9 @@ class OffroadBekkerEnv(gym.Env):
     ## Info
     The same keys at every step: true soil (``n, n_front, n_rear``), ``sinkage`` [m] and ``slip`` (front,
     rear), ``cross_track_error`` [m], ``heading_error`` [rad], ``progress`` and ``path_length`` [m],
-    ``speed`` [m/s], ``time`` [s], the estimator's ``n_estimate``, ``n_estimate_sd``, ``nis`` and
-    ``filter_repairs`` (the prior and zeros when none runs), ``reward_terms``, ``success``, ``failure``.
+    ``speed`` [m/s], ``shake`` (running r.m.s. of the vertical acceleration) [m/s^2], ``time`` [s], the
+    estimator's ``n_estimate``, ``n_estimate_sd``, ``nis`` and ``filter_repairs`` (the prior and zeros
+    when none runs), ``reward_terms``, ``success``, ``failure``.
 
     ## Versions
     v0: first version.
@@ -215,7 +223,7 @@ class OffroadBekkerEnv(gym.Env):
             raise InvalidParameter(f"estimator={estimator!r} needs a deformable soil, got {self.soil_name!r}")
         announce_compilation()
         self._require_bearing()
-        self.weights = RewardWeights()
+        self.weights = self.scenario.weights
         self.sensors = SensorSuite(
             imu=ImuConfig(body_axes=model == "full"), wheel=WheelSpeedConfig(), gnss=GnssConfig()
         )
@@ -268,6 +276,9 @@ class OffroadBekkerEnv(gym.Env):
             n_range=self.n_range,
             corridor=self.scenario.corridor,
             target_speed=self.scenario.target_speed,
+            time_limit=self.scenario.time_limit,
+            stop_zone=self.scenario.stop_zone,
+            shake_limit=self.scenario.shake_limit,
             shear="resultant" if self.model == "full" else "independent",
         )
 
@@ -278,9 +289,12 @@ class OffroadBekkerEnv(gym.Env):
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Start an episode. ``options={"n": value}`` sets the sinkage exponent of the true soil.
 
-        The draws happen in the same order whatever is observed: same seed, same episode.
+        ``options={"mismatch": (mass, k_phi, lag)}`` multiplies the true vehicle's mass and torque lag and
+        the true soil's k_phi by these factors; what estimator and briefing hold stays nominal. The draws
+        happen in the same order whatever is observed: same seed, same episode.
         """
         super().reset(seed=seed)
+        options = self._checked_options(options)
         n = self._chosen_exponent(options, drawn=float(self.np_random.uniform(*self.n_range)))
         self.course: Course = self.scenario.draw(self.np_random)
         self._path_length = self.course.path.length
@@ -288,8 +302,8 @@ class OffroadBekkerEnv(gym.Env):
         self._sensor_errors = self.sensors.errors
         slip = PAPER_SLIP.get(self.soil_name, 0.0)
         kinds = {"model": self.model, "vehicle_model": self.vehicle_model, "slip": slip}
-        truth = make_soil(self._believed_soil, n=n)
-        self.plant = make_plant(self.vehicle, truth, self.course.ground, **kinds)
+        vehicle, truth = self._true_parts(n, options.get("mismatch"))
+        self.plant = make_plant(vehicle, truth, self.course.ground, soil_map=self._soil_map(), **kinds)
         X, Y, yaw = (float(value) for value in self.course.path.nodes[0, :3])
         start = self.scenario.start_speed
         self.state[:], self.warm[:] = settled_state(self.plant, x=X, y=Y, yaw=yaw, v_x=start)
@@ -297,7 +311,7 @@ class OffroadBekkerEnv(gym.Env):
         self._navigation.reset(X, Y, yaw, start)
         self.estimator = None
         self._learner = None
-        belief = make_plant(self.vehicle, self._believed_soil, flat(), **kinds)
+        belief = make_plant(self.vehicle, self._believed_soil, self.course.known_ground, **kinds)
         if isinstance(self._choice, OnBoard):
             imu, gnss = self.sensors.imu, self.sensors.gnss
             self.estimator = make_estimator(self._choice, belief, self._believed_range(), imu, gnss)
@@ -326,7 +340,7 @@ class OffroadBekkerEnv(gym.Env):
         """Write into the record what an episode starts with."""
         self.readings[:] = 0.0
         self._rims[:] = speed
-        self._fleet.lay_out(self._row, self.course.path, self.plant.ground, self.plant.soil_map)
+        self._fleet.lay_out(self._row, self.course.path, self.plant, self.course.known_ground)
         nearest = nearest_index(self.course.path, X, Y)
         mount, episode = self.sensors.mount, self._episode
         for name, value in (
@@ -346,6 +360,7 @@ class OffroadBekkerEnv(gym.Env):
             ("seen_index", nearest),
             ("tilting_for", 0.0),
             ("stuck_for", 0.0),
+            ("mean_square", 0.0),
             ("ending", 0),
         ):
             episode[name] = value
@@ -362,9 +377,9 @@ class OffroadBekkerEnv(gym.Env):
             ("tilt", 0.5 * GRAVITY * v.track / v.h_cg if v.h_cg > 0.0 else math.inf),
             ("axles", self._navigation.axles),
             ("navigation", self._navigation.constants),
-            ("corridor", self.scenario.corridor),
+            ("rules", self.scenario.rules),
             ("target_speed", self.scenario.target_speed),
-            ("weights", astuple(self.weights)),
+            ("weights", self.weights.row(self.scenario.time_limit)),
             ("distances", PREVIEW),
             ("bounds", self._layout.bounds),
             ("truth_shown", self.terrain_info == "truth"),
@@ -374,13 +389,31 @@ class OffroadBekkerEnv(gym.Env):
         if self._learner is not None:
             rules["assumptions"] = self._learner.assumptions[0]
 
-    def _chosen_exponent(self, options: dict[str, Any] | None, drawn: float) -> float:
-        unknown = set(options or {}) - {"n"}
+    def _soil_map(self) -> SoilMap:
+        """Stretches of the course where n is another, by their places in ``n_range``."""
+        low, high = self.n_range
+        sections = [(start, end, low + place * (high - low)) for start, end, place in self.course.sections]
+        return soil_patches_along(self.course.path, sections) if sections else soil_map()
+
+    def _checked_options(self, options: dict[str, Any] | None) -> dict[str, Any]:
+        unknown = set(options or {}) - {"n", "mismatch"}
         if unknown:
-            raise InvalidParameter(f'options may hold "n", got {", ".join(sorted(unknown))}')
-        if not options or options.get("n") is None:
-            return drawn
-        return make_soil(self._believed_soil, n=options["n"]).n
+            raise InvalidParameter(f'options may hold "n" and "mismatch", got {", ".join(sorted(unknown))}')
+        return options or {}
+
+    def _chosen_exponent(self, options: dict[str, Any], drawn: float) -> float:
+        return drawn if options.get("n") is None else make_soil(self._believed_soil, n=options["n"]).n
+
+    def _true_parts(self, n: float, mismatch: tuple[float, float, float] | None) -> tuple[Vehicle, Soil]:
+        """The true vehicle and soil: nominal, but for n and the factors of a mismatch."""
+        if mismatch is None:
+            return self.vehicle, make_soil(self._believed_soil, n=n)
+        mass, k_phi, lag = (float(factor) for factor in mismatch)
+        vehicle, soil = self.vehicle, self._believed_soil
+        return (
+            make_vehicle(vehicle, m=mass * vehicle.m, torque_lag=lag * vehicle.torque_lag),
+            make_soil(soil, n=n, k_phi=k_phi * soil.k_phi),
+        )
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Hold ``action`` for 0.02 s. See the class for its meaning and the results."""
@@ -395,7 +428,8 @@ class OffroadBekkerEnv(gym.Env):
         if self.render_mode == "human":
             self.render()
         terminated = info["success"] or info["failure"] != ""
-        return self._layout.split(self._shown), reward, terminated, False, info
+        late = not terminated and info["time"] > self.scenario.time_limit - 0.5 * CONTROL_PERIOD
+        return self._layout.split(self._shown), reward, terminated, late, info
 
     # ------------------------------------------------------------------ memory
 
@@ -500,6 +534,7 @@ class OffroadBekkerEnv(gym.Env):
             "progress": numbers[8],
             "path_length": self._path_length,
             "speed": numbers[9],
+            "shake": numbers[15],
             "time": numbers[10],
             "n_estimate": numbers[11],
             "n_estimate_sd": numbers[12],

@@ -12,7 +12,8 @@ from offroad_env.physics.sensor_kernels import CHANNELS
 
 if TYPE_CHECKING:
     from offroad_env.physics.path_kernels import PathTable
-    from offroad_env.physics.records import Ground, SoilMap
+    from offroad_env.physics.records import Ground
+    from offroad_env.physics.vehicle_model import Plant
 
 __all__ = ["LAST_ROW", "NOISE_ROWS", "Fleet"]
 
@@ -38,9 +39,12 @@ class Fleet:
         self.actions = np.zeros((count, 2))
         self.shown = np.zeros((count, SHOWN), np.float32)
 
-    def lay_out(self, row: int, path: PathTable, ground: Ground, soil_map: SoilMap) -> None:
-        """Write the course of an episode into its table; all tables grow where it is longer."""
-        parts = (path.nodes, ground.waves, soil_map.patches)
+    def lay_out(self, row: int, path: PathTable, plant: Plant, known: Ground) -> None:
+        """Write the course of an episode into its table; all tables grow where it is longer.
+
+        ``known`` is what a map shows of the ground.
+        """
+        parts = (path.nodes, plant.ground.waves, plant.soil_map.patches, known.waves)
         ends = np.cumsum([len(part) for part in parts])
         if ends[-1] > self.tables.shape[1]:
             grown = np.zeros((len(self.tables), int(ends[-1]), 4))
@@ -49,7 +53,8 @@ class Fleet:
         self.tables[row, : ends[-1]] = np.concatenate(parts)
         episode = self.episodes[row]
         episode["ds"] = path.ds
-        episode["path_end"], episode["waves_end"], episode["patches_end"] = ends
+        for name, end in zip(("path_end", "waves_end", "patches_end", "known_end"), ends, strict=True):
+            episode[name] = end
 
     def part(self, rows: slice) -> tuple[Any, ...]:
         """Arguments of `period_full` for some of the episodes."""

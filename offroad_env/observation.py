@@ -18,7 +18,7 @@ PREVIEW = (0.0, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0)
 
 # Where the parts stand in the flat observation.
 _MOTION, _PATH = 5, 10
-_TERRAIN = _PATH + 3 + len(PREVIEW)
+_TERRAIN = _PATH + 4 + len(PREVIEW)
 #: Length of the flat observation.
 SHOWN = _TERRAIN + 3
 
@@ -27,6 +27,7 @@ _IMU_HIGH = (100.0, 100.0, 100.0, 10.0, 10.0)
 _SPEED_HIGH = 60.0
 _ERROR_HIGH = 50.0
 _CURVATURE_HIGH = 2.0
+_DISTANCE_HIGH = 1e3
 
 
 @kernel
@@ -36,9 +37,9 @@ def write_observation(path, seen, samples, measured, shown, out):
     ``seen`` = (X, Y, yaw, speed, index): pose by the navigation filter, hint for the projection;
     ``samples`` (S, CHANNELS) of the period's sensors; ``measured`` = (rim speed front, rear [m/s],
     steering command [rad], drive command, target speed [m/s], n, sd of n, valid); ``shown`` =
-    (preview distances [m], bounds (2, size)). Returns the next hint.
+    (preview distances [m], bounds (2, size), length of the path [m]). Returns the next hint.
     """
-    distances, bounds = shown
+    distances, bounds, length = shown
     X, Y, yaw, speed, index = seen
     for i in range(_MOTION):
         total = 0.0
@@ -57,6 +58,7 @@ def write_observation(path, seen, samples, measured, shown, out):
     preview(path, s, distances, ahead)
     for i in range(distances.shape[0]):
         out[_PATH + 3 + i] = ahead[i, 0]
+    out[_TERRAIN - 1] = length - s
     for i in range(3):
         out[_TERRAIN + i] = measured[5 + i]
     for i in range(out.shape[0]):
@@ -85,6 +87,7 @@ class Layout:
                 math.pi,
                 _SPEED_HIGH,
                 *(_CURVATURE_HIGH,) * len(PREVIEW),
+                _DISTANCE_HIGH,
                 3.0,
                 1.0,
                 1.0,

@@ -34,13 +34,21 @@ from offroad_env.physics.packing import PackedPlant, unpack
 from offroad_env.physics.paper_model import paper_advance
 from offroad_env.physics.path_kernels import PathTable, project
 from offroad_env.physics.sensor_kernels import CHANNELS, GNSS, IMU, WHEEL, ImuMount, sense
-from offroad_env.rewards import TERMS, write_terms
+from offroad_env.rewards import (
+    ENDINGS,
+    SHAKE_TIME,
+    STANDING,
+    TERMS,
+    Rules,
+    broken_rule,
+    reached_goal,
+    write_terms,
+)
 
 __all__ = [
     "BELIEVE",
     "CONTROL_PERIOD",
     "DRIVE",
-    "ENDINGS",
     "EPISODE",
     "FIRST_TERM",
     "NOISE_PERIODS",
@@ -61,11 +69,9 @@ DRIVE, BELIEVE, REPORT = 1, 2, 4
 #: Periods for which sensor noise is drawn at a time.
 NOISE_PERIODS = 32
 
-#: How an episode stands, by the number in its record.
-ENDINGS = ("", "goal", "left_corridor", "rollover", "immobilised", "diverged")
-_GOAL, _LEFT, _ROLLOVER, _IMMOBILISED, _DIVERGED = range(1, len(ENDINGS))
+_GOAL, (_ROLLOVER, _IMMOBILISED, _DIVERGED) = 1, range(len(ENDINGS) - 3, len(ENDINGS))
 
-_STUCK_TIME, _STUCK_SPEED, _STUCK_DRIVE = 4.0, 0.1, 0.3  # [s], [m/s], [-]
+_STUCK_TIME, _STUCK_DRIVE = 4.0, 0.3  # [s], [-]
 _ROLLOVER_TIME = 0.2  # [s]
 #: Body force at full drive, per unit of mass [m/s^2]: above the paper's largest, 2.4.
 PAPER_FORCE = 3.0
@@ -85,9 +91,10 @@ REPORTED = {
     "n_estimate_sd": 12,
     "nis": 13,
     "filter_repairs": 14,
+    "shake": 15,
 }
 #: Column of the first of them; the rest follow in the order of `TERMS`.
-FIRST_TERM = 15
+FIRST_TERM = 16
 _REPORT_SIZE = FIRST_TERM + len(TERMS)
 
 #: One episode.
@@ -100,13 +107,14 @@ EPISODE = np.dtype(
         ("sound_state", "f8", at.STATE_SIZE),  # before a step that diverged
         ("sound_readings", "f8", at.READINGS_SIZE),
         ("plant", "f8", ASSUMPTIONS["plant"].shape[0]),
-        ("n", "f8"),
+        ("n", "f8"),  # of the base soil
         ("status", "f8"),  # worst contact status of the period
-        # where its path, waves and patches end in its table
+        # where its path, waves, patches and the waves that a map shows end in its table
         ("ds", "f8"),
         ("path_end", "i8"),
         ("waves_end", "i8"),
         ("patches_end", "i8"),
+        ("known_end", "i8"),
         # the sensors
         ("errors", "f8", (3, CHANNELS)),
         ("lever", "f8", 3),
@@ -134,6 +142,7 @@ EPISODE = np.dtype(
         ("where", "f8", 3),  # distance along the path, from it, heading error of the true vehicle
         ("tilting_for", "f8"),
         ("stuck_for", "f8"),
+        ("mean_square", "f8"),  # running, of the vertical acceleration [m^2/s^4]
         ("report", "f8", _REPORT_SIZE),
         ("ending", "i8"),
     ]
@@ -148,7 +157,7 @@ RULES = np.dtype(
         ("tilt", "f8"),  # lateral acceleration that lifts the inner wheels [m/s^2]
         ("axles", "f8", 2),
         ("navigation", "f8", 11),  # `NavigationNoise`
-        ("corridor", "f8"),
+        ("rules", "f8", len(Rules._fields)),
         ("target_speed", "f8"),
         ("weights", "f8", len(TERMS)),
         ("distances", "f8", len(PREVIEW)),
@@ -273,15 +282,15 @@ def _note_estimate(e, rules):
 
 @kernel
 def _believe_full(e, rules, table):
-    """BELIEVE: what the samples and the command tell. The filter believes in flat ground: it has no map."""
-    command, nothing = _full_command(rules, e.action[:]), table[:0]
+    """BELIEVE: what the samples and the command tell. The filter knows of the ground what a map shows."""
+    command, known = _full_command(rules, e.action[:]), (table[e.patches_end : e.known_end], table[:0])
     if e.status >= SUNK:
         return
     for i in range(e.count):
         _navigate(e, rules, command, i)
         if rules.learns > 0:
             imu = e.samples[:][i][IMU]
-            learn_full(e.filter, rules.assumptions, (nothing, nothing), e.navigation[:], imu, command)
+            learn_full(e.filter, rules.assumptions, known, e.navigation[:], imu, command)
     if rules.learns > 0:
         _note_estimate(e, rules)
 
@@ -289,14 +298,14 @@ def _believe_full(e, rules, table):
 @kernel
 def _believe_paper(e, rules, table):
     """`_believe_full` for the paper's model."""
-    command, nothing = _paper_command(rules, e.action[:]), table[:0]
+    command, known = _paper_command(rules, e.action[:]), (table[e.patches_end : e.known_end], table[:0])
     if e.status >= SUNK:
         return
     for i in range(e.count):
         _navigate(e, rules, command, i)
         if rules.learns > 0:
             imu = e.samples[:][i][IMU]
-            learn_paper(e.filter, rules.assumptions, (nothing, nothing), e.navigation[:], imu, command)
+            learn_paper(e.filter, rules.assumptions, known, e.navigation[:], imu, command)
     if rules.learns > 0:
         _note_estimate(e, rules)
 
@@ -323,17 +332,21 @@ def _judge(e, rules, speed):
         return _DIVERGED
     if e.status >= SUNK:
         return _IMMOBILISED
-    if abs(e.where[1]) > rules.corridor:
-        return _LEFT
+    where = e.where[:]
+    moment = (where[0], e.ds * (e.path_end - 1), where[1], speed, math.sqrt(e.mean_square))
+    broken = broken_rule(rules.rules[:], moment)
+    if broken > 0:
+        return broken
     tilting = abs(e.readings[at.A_Y]) > rules.tilt
     e.tilting_for = e.tilting_for + CONTROL_PERIOD if tilting else 0.0
     if e.tilting_for > _ROLLOVER_TIME:
         return _ROLLOVER
-    stuck = e.action[1] > _STUCK_DRIVE and speed < _STUCK_SPEED
+    pushing = e.action[1] > _STUCK_DRIVE or rules.rules[4] > 0.5
+    stuck = pushing and speed < STANDING
     e.stuck_for = e.stuck_for + CONTROL_PERIOD if stuck else 0.0
     if e.stuck_for > _STUCK_TIME:
         return _IMMOBILISED
-    return _GOAL if e.where[0] >= e.ds * (e.path_end - 1) else 0
+    return _GOAL if reached_goal(rules.rules[:], moment) else 0
 
 
 @inline_kernel
@@ -341,7 +354,7 @@ def _observe(e, rules, path, shown):
     estimate, nav, action, rims = e.estimate[:], e.navigation[:], e.action[:], e.rims[:]
     terrain = (estimate[0], estimate[1], estimate[3])
     if rules.truth_shown > 0:
-        terrain = (e.n, 0.0, 1.0)
+        terrain = (e.readings[at.EXPONENT], 0.0, 1.0)
     measured = (
         rims[0],
         rims[1],
@@ -357,7 +370,7 @@ def _observe(e, rules, path, shown):
         (nav[X], nav[Y], nav[YAW], nav[V], e.seen_index),
         e.samples[:][: e.count],
         measured,
-        (rules.distances[:], rules.bounds[:]),
+        (rules.distances[:], rules.bounds[:], e.ds * (e.path_end - 1)),
         shown,
     )
 
@@ -375,9 +388,11 @@ def _report(e, rules, table, shown):
     terms[:] = 0.0
     if started:
         e.time += CONTROL_PERIOD
+        e.mean_square += CONTROL_PERIOD / SHAKE_TIME * (readings[at.A_Z] ** 2 - e.mean_square)
         e.ending = _judge(e, rules, speed)
-        outcome = (e.where[0] - before, e.where[1], speed, e.change, e.ending == _GOAL, e.ending > _GOAL)
-        scale = (rules.corridor, rules.target_speed, CONTROL_PERIOD)
+        failed = e.ending > _GOAL and not (e.ending == _IMMOBILISED and rules.rules[4] > 0.5)
+        outcome = (e.where[0] - before, e.where[1], speed, e.change, e.ending == _GOAL, failed)
+        scale = (rules.rules[0], rules.target_speed, CONTROL_PERIOD)
         write_terms(outcome, scale, rules.weights[:], terms)
     if e.status < SUNK:
         _observe(e, rules, path, shown)
@@ -390,7 +405,7 @@ def _report(e, rules, table, shown):
     report[9], report[10] = speed, e.time
     report[11], report[12] = estimate[0], estimate[1]
     report[13] = estimate[2] if math.isfinite(estimate[2]) else 0.0
-    report[14] = estimate[4]
+    report[14], report[15] = estimate[4], math.sqrt(e.mean_square)
 
 
 @kernel
@@ -401,7 +416,8 @@ def period_full(episodes, rules, tables, noise, actions, shown):
     ----------
     episodes (N,) : of the type `EPISODE`
     rules (1,) : of the type `RULES`
-    tables (N, rows, 4) : nodes of the path, waves of the ground, patches of the soil, one after the other
+    tables (N, rows, 4) : nodes of the path, waves of the ground, patches of the soil, waves of the ground
+        that a map shows, one after the other
     noise (N, NOISE_PERIODS SAMPLES, CHANNELS) : standard normal numbers; a sample takes the next row
     actions (N, 2) : finite; what lies outside [-1, 1] is clipped
     shown (N, SHOWN) float32 : the observations, written

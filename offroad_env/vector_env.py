@@ -19,15 +19,15 @@ from offroad_env.fleet import LAST_ROW, Fleet
 from offroad_env.observation import Layout
 from offroad_env.period import (
     BELIEVE,
+    CONTROL_PERIOD,
     DRIVE,
-    ENDINGS,
     FIRST_TERM,
     REPORT,
     REPORTED,
     period_full,
     period_paper,
 )
-from offroad_env.rewards import TERMS
+from offroad_env.rewards import ENDINGS, TERMS
 
 __all__ = ["OffroadBekkerVectorEnv", "make_vec"]
 
@@ -52,7 +52,7 @@ def make_vec(num_envs: int, **options: Any) -> VectorEnv:
     >>> envs = make_vec(8, scenario="speed", terrain_info="estimate")
     >>> observations, infos = envs.reset(seed=0)
     >>> observations["path"].shape
-    (8, 11)
+    (8, 12)
     """
     name = "offroad_env:OffroadBekker-v0"
     return gym.make_vec(name, num_envs, vectorization_mode="vector_entry_point", **options)
@@ -79,7 +79,7 @@ class OffroadBekkerVectorEnv(VectorEnv):
     num_envs
         Episodes.
     max_episode_steps
-        Steps after which an episode is truncated.
+        Steps after which an episode is truncated, if the task's time limit has not done so.
     autoreset_mode
         When an episode that has ended begins anew: "NextStep" (that step's action is not used), "SameStep"
         (what ended is in ``infos["final_obs"]`` and ``infos["final_info"]``) or "Disabled" (call
@@ -106,10 +106,10 @@ class OffroadBekkerVectorEnv(VectorEnv):
         if num_envs < 1:
             raise InvalidParameter(f"num_envs must be at least 1, got {num_envs}")
         self.num_envs = int(num_envs)
-        self.max_episode_steps = int(max_episode_steps)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.envs = [OffroadBekkerEnv(**options) for _ in range(self.num_envs)]
         first = self.envs[0]
+        self.max_episode_steps = min(max_episode_steps, round(first.scenario.time_limit / CONTROL_PERIOD))
         self.metadata = {**first.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = first.render_mode
         self.single_action_space, self.single_observation_space = first.action_space, first.observation_space

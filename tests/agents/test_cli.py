@@ -149,7 +149,7 @@ def test_wrong_arguments_are_wrong_usage_and_no_traceback(arguments, capsys):
         (("soil", "clay", "--n", "30"), "n must be in"),
         (("soil", "clay", "--loads", "-5"), "loads must be positive"),
         (("soil", "clay", "--slips", "30"), "slip must be in [-1, 1]"),
-        (("drive", "--scenario", "moon"), "scenario must be one of track, speed, got 'moon'"),
+        (("drive", "--scenario", "moon"), "ride, patches, got 'moon'"),
         (("drive", "--agent", "nobody"), "agent must be one of pure_pursuit"),
         (("drive", "--scenario", "speed", "--agent", "oracle", "--terrain-info", "none"), '"truth"'),
         (("drive", "--duration", "-1"), "duration must be in (0, 3600] s, got -1"),
