@@ -1,6 +1,6 @@
 """One control period of any number of episodes, in one compiled call.
 
-An episode is one record: truth, sensors, beliefs, counters, and what is reported of it. A fleet is an
+An episode is one record: truth, sensors, beliefs, counters, and what is reported of it. A memory is an
 array of such records, so one vehicle and a thousand run through the same compiled code, and give the
 same numbers to the last bit. What does not fit a record of fixed size (path, waves, patches of soil)
 lies in tables beside it.
@@ -148,7 +148,7 @@ EPISODE = np.dtype(
     ]
 )
 
-#: What holds for every episode of a fleet.
+#: What holds for every episode of a memory.
 RULES = np.dtype(
     [
         ("dt", "f8"),  # step of the plant [s]

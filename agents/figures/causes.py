@@ -35,6 +35,7 @@ def phase_figure(phases: Sequence[PhaseError], drifting: Sequence[Drifting]) -> 
     left.plot(shift, [p.trusting for p in phases], "o-", color=_RED, label="assumes the sensors' noise")
     left.plot(shift, [p.table for p in phases], "o-", color=_BLUE, label="assumes little about a_z and pitch")
     left.set_yscale("log")
+    left.set_ylim(bottom=2e-7)  # room for the legend
     left.set_xlabel("place at which the map is read, off along X [m]")
     left.set_ylabel("mean square error of n [-]")
     left.set_title("row 3, state known but for the place", loc="left", fontsize=11)

@@ -28,7 +28,9 @@ def prediction_figure(lines: Sequence[_Line]) -> Figure:
     sources = list(dict.fromkeys(line.source for line in lines))
     figure = Figure(figsize=(13.0, 4.8), layout="constrained")
     panels = figure.subplots(1, len(models), sharey=True)
-    top = 2.0 * max(line.high for line in lines if np.isfinite(line.high))
+    # Predictions that left the model have no error to draw: their bars end at the top of the panel.
+    finite = [value for line in lines for value in (line.median, line.high) if np.isfinite(value)]
+    top = 2.0 * max(finite, default=1.0)
     for axes, model in zip(panels, models, strict=True):
         for index, (source, colour) in enumerate(zip(sources, _COLOURS, strict=True)):
             own = [line for line in lines if (line.model, line.source) == (model, source)]

@@ -25,7 +25,7 @@ def sensors_figure(lines: Sequence[_Line]) -> Figure:
     names = list(dict.fromkeys(line.sensors for line in lines))
     figure = Figure(figsize=(9.0, 4.6), layout="constrained")
     axes = figure.subplots()
-    for index, (name, colour) in enumerate(zip(names, _COLOURS, strict=True)):
+    for index, (name, colour) in enumerate(zip(names, _COLOURS, strict=False)):
         own = [line for line in lines if line.sensors == name]
         place = np.array([line.row for line in own]) + 0.25 * (index - 0.5 * (len(names) - 1))
         bound = [line.bound_rmse_after_20s for line in own]

@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from estimators.consistency import chi_square_band, coverage, nees, nees_test, nis_test, surprise
+from estimators.joint import JointSettings, prior, run_joint_filter
+from estimators.paper import ROWS
+from estimators.protocol_runs import row_model, row_twin
 from offroad_env.errors import InvalidParameter
 
 
@@ -88,3 +91,19 @@ def test_surprise_sees_innovations_that_are_too_large_and_keeps_still_without_an
     assert excess[-1] > 10.0
     nis[:] = math.nan
     assert (surprise(nis, 5, 0.01) == 0.0).all()
+
+
+def test_errors_of_the_joint_filter_over_runs_are_as_large_as_it_says():
+    """NEES of all eleven states after a second, with the truth drawn from the filter's own prior."""
+    settings, row = JointSettings(), ROWS[2]
+    model, errors, covariances = row_model(row, settings), [], []
+    rng = np.random.default_rng(7)
+    for seed in range(101, 125):
+        twin = row_twin(row, seed, settings, duration=1.0)
+        start = prior(model, settings, float(rng.normal(0.5, 0.01)), 0.01, (0.0, 0.0, 0.0), 5.0)
+        run = run_joint_filter(model, start, twin.inputs, twin.readings())
+        errors.append(run.means[-1] - twin.truth[-1])
+        covariances.append(run.covariances[-1])
+    assert nees_test(np.array(errors), np.array(covariances), 0.999).consistent
+    # And the test would notice a filter that is surer than it may be.
+    assert not nees_test(np.array(errors), 0.5 * np.array(covariances), 0.999).consistent
