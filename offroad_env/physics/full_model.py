@@ -17,7 +17,7 @@ import numpy as np
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.contact import NO_ROOT
-from offroad_env.physics.numerics import AIR_DENSITY
+from offroad_env.physics.numerics import AIR_DENSITY, sin_cos
 from offroad_env.physics.records import Wheel
 from offroad_env.physics.vehicle_model import (
     axle_contact,
@@ -47,16 +47,17 @@ def _full_axle(plant, x, wheel, arm, suspension, warm, readings):
     v = plant.vehicle
     forward, pitch, pitch_rate = x[at.V_X], x[at.PITCH], x[at.PITCH_RATE]
     reach = arm
+    sin, cos = sin_cos(pitch)
     if plant.half_car > 0.5:
-        reach += v.h_cg * math.sin(pitch)
-        forward += v.h_cg * math.cos(pitch) * pitch_rate
+        reach += v.h_cg * sin
+        forward += v.h_cg * cos * pitch_rate
     wx, wy, H, H_dot, H_ddot, u_l, u_c, g_l, g_c = axle_motion(
         plant.ground, (x[at.X], x[at.Y], x[at.YAW]), (forward, x[at.V_Y], x[at.YAW_RATE]), reach, steer
     )
     N_0, inertia = N_static, 0.0
     if plant.half_car > 0.5:
-        z = x[at.Z] + arm * math.sin(pitch)
-        z_dot = x[at.V_Z] + arm * math.cos(pitch) * pitch_rate
+        z = x[at.Z] + arm * sin
+        z_dot = x[at.V_Z] + arm * cos * pitch_rate
         N_0, inertia = suspension_load(N_static, k, c, v.m_w, (z, z_dot, H, H_dot, H_ddot))
     else:
         k = 0.0
@@ -66,7 +67,7 @@ def _full_axle(plant, x, wheel, arm, suspension, warm, readings):
     status, F_l, F_c, V, _ = axle_contact(
         plant, (v.r * omega, v_l, v_c), (wx, wy, H, g_l, g_c), (N_0, k), warm, readings
     )
-    cos_d, sin_d = math.cos(steer), math.sin(steer)
+    sin_d, cos_d = sin_cos(steer)
     F_s = suspension_force(V, N_static, inertia)
     return status, F_l * cos_d - F_c * sin_d, F_l * sin_d + F_c * cos_d, F_s, V, reach
 
@@ -140,12 +141,12 @@ def full_derivative(x, command, plant, warm, d, readings):
     a_x, a_y = (traction - drag * v_x) / v.m, (F_yf + F_yr - drag * v_y) / v.m
     a_z = pitch_acc = 0.0
     if plant.half_car > 0.5:
-        cos = math.cos(x[at.PITCH])
+        _, cos = sin_cos(x[at.PITCH])
         a_z = (S_f + S_r) / v.m
         pitch_acc = ((S_f * v.l_f - S_r * v.l_r) * cos + traction * v.h_cg * cos) / v.I_y
     yaw_acc = (F_yf * l_f + F_yr * l_r) / v.I_z
 
-    cos_yaw, sin_yaw = math.cos(x[at.YAW]), math.sin(x[at.YAW])
+    sin_yaw, cos_yaw = sin_cos(x[at.YAW])
     d[at.X] = v_x * cos_yaw - v_y * sin_yaw
     d[at.Y] = v_x * sin_yaw + v_y * cos_yaw
     d[at.YAW] = yaw_rate
@@ -223,8 +224,8 @@ def _implicit_slips(plant, x, stiffness, held, gamma_dt, k):
     """
     v = plant.vehicle
     (torque_f, force_f), (torque_r, force_r) = stiffness
-    cos, sin = math.cos(x[at.STEER]), math.sin(x[at.STEER])
-    lever = v.h_cg * math.cos(x[at.PITCH]) if plant.half_car > 0.5 else 0.0
+    sin, cos = sin_cos(x[at.STEER])
+    lever = v.h_cg * sin_cos(x[at.PITCH])[1] if plant.half_car > 0.5 else 0.0
     pitching = lever * lever / v.I_y
     inertia = v.wheels_per_axle * v.I_w
     free_f, free_r = 1.0 / (1.0 - gamma_dt * held[0]), 1.0 / (1.0 - gamma_dt * held[1])
@@ -271,8 +272,8 @@ def _implicit_sides(plant, x, stiffness, gamma_dt, k):
     is as stiff as the traction.
     """
     v = plant.vehicle
-    cos, sin = math.cos(x[at.STEER]), math.sin(x[at.STEER])
-    lever = v.h_cg * math.cos(x[at.PITCH]) if plant.half_car > 0.5 else 0.0
+    sin, cos = sin_cos(x[at.STEER])
+    lever = v.h_cg * sin_cos(x[at.PITCH])[1] if plant.half_car > 0.5 else 0.0
     s_f, s_r = gamma_dt * stiffness[0], gamma_dt * stiffness[1]
     m_ff = 1.0 + s_f * (
         sin * sin * (1.0 / v.m + lever * lever / v.I_y) + cos * cos * (1.0 / v.m + v.l_f * v.l_f / v.I_z)

@@ -15,6 +15,7 @@ import numpy as np
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.contact import NO_ROOT, SUNK
+from offroad_env.physics.numerics import sin_cos
 from offroad_env.physics.vehicle_model import (
     axle_contact,
     axle_motion,
@@ -41,7 +42,7 @@ def _paper_axle(plant, x, steer, arm, suspension, warm, readings):
     m_w = plant.vehicle.m_w
     N_0, inertia = N_static, 0.0
     if plant.half_car > 0.5:
-        sin, cos = math.sin(x[at.PITCH]), math.cos(x[at.PITCH])
+        sin, cos = sin_cos(x[at.PITCH])
         z, z_dot = x[at.Z] + arm * sin, x[at.V_Z] + arm * cos * x[at.PITCH_RATE]
         N_0, inertia = suspension_load(N_static, k, c, m_w, (z, z_dot, H, H_dot, H_ddot))
     else:
@@ -51,7 +52,7 @@ def _paper_axle(plant, x, steer, arm, suspension, warm, readings):
     status, F_l, F_c, V, _ = axle_contact(
         plant, (rim, u_l, u_c), (wx, wy, H, 0.0, 0.0), (N_0, k), warm, readings
     )
-    cos_d, sin_d = math.cos(steer), math.sin(steer)
+    sin_d, cos_d = sin_cos(steer)
     F_s = suspension_force(V, N_static, inertia)
     return status, F_l * cos_d - F_c * sin_d, F_l * sin_d + F_c * cos_d, F_s
 
@@ -69,7 +70,7 @@ def paper_derivative(x, inputs, plant, warm, d, readings):
     front, rear = readings[: at.AXLE], readings[at.AXLE : at.MOTION]
     status_f, F_xf, F_yf, S_f = _paper_axle(plant, x, steer, v.l_f, (N_f, v.k_f, v.c_f), warm[0], front)
     status_r, F_xr, F_yr, S_r = _paper_axle(plant, x, 0.0, -v.l_r, (N_r, v.k_r, v.c_r), warm[1], rear)
-    cos, sin = math.cos(x[at.PITCH]), math.sin(x[at.PITCH])
+    sin, cos = sin_cos(x[at.PITCH])
     a_x, a_y = (F_xf + F_xr + F_u) / v.m, (F_yf + F_yr) / v.m
     a_z = pitch_acc = 0.0
     if plant.half_car > 0.5:
@@ -77,7 +78,7 @@ def paper_derivative(x, inputs, plant, warm, d, readings):
         pitch_acc = (S_f * v.l_f - S_r * v.l_r) * cos / v.I_y
     yaw_acc = (F_yf * v.l_f - F_yr * v.l_r) / v.I_z
 
-    cos_yaw, sin_yaw = math.cos(x[at.YAW]), math.sin(x[at.YAW])
+    sin_yaw, cos_yaw = sin_cos(x[at.YAW])
     v_x, v_y, v_z, yaw_rate = x[at.V_X], x[at.V_Y], x[at.V_Z], x[at.YAW_RATE]
     d[at.X] = v_x * cos_yaw - v_y * sin_yaw
     d[at.Y] = v_x * sin_yaw + v_y * cos_yaw

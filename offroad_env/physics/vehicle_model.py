@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel
 from offroad_env.physics.contact import slope_frame, solve_contact
 from offroad_env.physics.ground import ground_readings, sinkage_exponent
-from offroad_env.physics.numerics import GRAVITY, smooth_step
+from offroad_env.physics.numerics import GRAVITY, sin_cos, smooth_step
 from offroad_env.physics.records import Ground, Soil, SoilMap, Vehicle, Wheel
 from offroad_env.physics.wheel_soil import slip_ratio
 
@@ -85,14 +84,14 @@ def axle_motion(ground, pose, velocity, arm, steer):
     """
     X, Y, yaw = pose
     forward, left, yaw_rate = velocity
-    cos, sin = math.cos(yaw), math.sin(yaw)
+    sin, cos = sin_cos(yaw)
     x, y = X + arm * cos, Y + arm * sin
     side = left + arm * yaw_rate
     v_X, v_Y = forward * cos - side * sin, forward * sin + side * cos
     H, H_X, H_Y, H_XX, H_XY, H_YY = ground_readings(ground, x, y)
     H_dot = H_X * v_X + H_Y * v_Y
     H_ddot = H_XX * v_X * v_X + 2.0 * H_XY * v_X * v_Y + H_YY * v_Y * v_Y
-    cos_d, sin_d = math.cos(steer), math.sin(steer)
+    sin_d, cos_d = sin_cos(steer)
     g_x, g_y = H_X * cos + H_Y * sin, H_Y * cos - H_X * sin
     return (
         x,
