@@ -21,9 +21,9 @@ CONTACT, AIRBORNE, SUNK, NO_ROOT = 0.0, 1.0, 2.0, 3.0
 #: Deepest sinkage as a share of the radius: the entry angle stays below 87 degrees.
 _DEEPEST = 0.95
 #: Relative accuracy of the sinkage. A warm start may not leave a trace in the result.
-_TOLERANCE = 1e-10
-#: Relative correction of the sinkage that is carried out without asking the soil again: what it gets
-#: wrong of the forces is a fraction of it.
+_TOLERANCE = 1e-11
+#: First relative correction of the sinkage that is carried out without asking the soil again: what it
+#: gets wrong of the forces is a fraction of it.
 _SAME = 5e-8
 _ITERATIONS = 60
 
@@ -146,7 +146,7 @@ def solve_contact(soil, wheel, motion, frame, support, warm, options):
             T += share * (T - G_t)
             h += step
             break
-        if abs(step) <= _SAME * h:
+        if abs(step) <= (_SAME if i == 0 else _TOLERANCE) * h:
             status = CONTACT
             growth = 1.0 + exponent * step / h
             F_x, F_y, F_z, T = growth * F_x, growth * F_y, growth * F_z, growth * T

@@ -9,6 +9,7 @@ from offroad_env.physics.numerics import LANES, lane_rows, lane_sum, sin_cos, sm
 
 __all__ = ["ground_height", "ground_heights", "ground_readings", "sinkage_exponent"]
 
+
 @kernel
 def _wave_sums(waves, X, Y):
     """Height, gradient and Hessian of all waves at (X, Y).

@@ -11,21 +11,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from offroad_env.physics.numerics import LANES
-
 __all__ = ["COARSE", "FINE", "WHOLE", "Rule"]
 
 
 class Rule:
-    """Gauss-Legendre nodes in t on [0, 1], in blocks of ``LANES``; u = t^p, p = 3 or 4.
+    """Gauss-Legendre nodes in t on [0, 1]; u = t^p, p = 3 or 4.
 
-    ``table`` (blocks, 2, LANES): t and weight. ``quartic`` is 1.0 for p = 4.
+    ``table`` (2, nodes): t and weight. ``quartic`` is 1.0 for p = 4.
     """
 
     def __init__(self, nodes: int, p: int) -> None:
         x, w = np.polynomial.legendre.leggauss(nodes)
-        table = np.stack([0.5 * (x + 1.0), 0.5 * w]).reshape(2, -1, LANES)
-        self.table = np.ascontiguousarray(table.transpose(1, 0, 2))
+        self.table = np.stack([0.5 * (x + 1.0), 0.5 * w])
         self.quartic = float(p - 3)
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 
 from offroad_env.physics import quadrature
-from offroad_env.physics._jit import inline_kernel, kernel
+from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
 from offroad_env.physics.numerics import (
     LANES,
     fast_exp,
@@ -45,7 +45,7 @@ _COARSE, _COARSE_QUARTIC = quadrature.COARSE.table, quadrature.COARSE.quartic
 _FINE, _FINE_QUARTIC = quadrature.FINE.table, quadrature.FINE.quartic
 _WHOLE = quadrature.WHOLE
 #: Largest growth of j/k over a segment that eight nodes resolve; less where j_x changes its sign.
-_GENTLE, _GENTLE_CUT = 4.0, 1.0
+_GENTLE, _GENTLE_CUT = 4.0, 3.0
 
 #: Rim speed below which a perfectly locked wheel is treated as turning (public function only) [-]
 _TINY = 1e-12
@@ -194,7 +194,7 @@ def _add_nodes(patch, stress, resultant, signs, nodes):
     return lane_sum(rows[0]), lane_sum(rows[1]), lane_sum(rows[2]), lane_sum(rows[3])
 
 
-@kernel
+@merged_kernel
 def _add_excess(patch, stress, cut):
     """What `_add_independent` leaves out where j_x changes its sign within a segment: (i_x, i_z, i_t).
 
@@ -205,35 +205,54 @@ def _add_excess(patch, stress, cut):
     theta_f, _, _, length_f, length_r, theta_r = patch
     _, _, c, tan_phi, A_x, B_x, _, _ = stress
     share, front, sign = cut
-    t_cut = fast_exp(fast_log(share) / 3.0)
-    t_0, span = front * t_cut, front * (1.0 - t_cut) + (1.0 - front) * t_cut
+    u_0, span = (share, 1.0 - share) if front > 0.5 else (0.0, share)
     length = front * length_f + (1.0 - front) * length_r
     start = (1.0 - front) * (theta_f - theta_r)
     rows = lane_rows()
     for i in range(LANES):
-        t = t_0 + span * _COARSE[0, 0, i]
-        u = t * t * t
+        u = u_0 + span * _WHOLE[0, i]
         drop, _, _, _ = _geometry(patch, u * length_f)
         d = start + (2.0 * front - 1.0) * u * length
         _, rise, sin, cos = _geometry(patch, d)
         grown = fast_exp(min(0.5 * sign * (B_x * rise - A_x * d), 50.0))
         doubled = grown - 1.0 / grown
         excess = sign * (c + _pressure(stress, drop) * tan_phi) * doubled * doubled
-        excess *= _COARSE[0, 1, i] * span * length * 3.0 * t * t
+        excess *= _WHOLE[1, i] * span * length
         rows[0, i] = excess * cos
         rows[1, i] = excess * sin
         rows[2, i] = excess
     return lane_sum(rows[0]), lane_sum(rows[1]), lane_sum(rows[2])
 
 
-@kernel
-def _sign_change(patch, a, kappa, accuracy):
+@inline_kernel
+def _near_sign_change(patch, ratio):
+    """Root d of (sin(theta_f) - sin(theta_f - d)) / d = ``ratio``, to about 1e-3 of the patch.
+
+    Taylor series of the left side: the root of its first three terms, then two steps of Newton's method.
+    """
+    _, sin_f, cos_f, _, _, _ = patch
+    gap = ratio - cos_f
+    bend = math.sqrt(max(0.25 * sin_f * sin_f - (2.0 / 3.0) * cos_f * gap, 0.0))
+    d = 2.0 * gap / (0.5 * sin_f + bend + 1e-12)
+    for _ in range(2):
+        q = d * d
+        even = 1.0 / 6.0 - q * (1.0 / 120.0 - q * (1.0 / 5040.0))
+        odd = 0.5 - q * (1.0 / 24.0 - q * (1.0 / 720.0))
+        value = d * (sin_f * odd - d * cos_f * even) - gap
+        even = 1.0 / 3.0 - q * (1.0 / 30.0 - q * (1.0 / 840.0))
+        odd = 0.5 - q * (1.0 / 8.0 - q * (1.0 / 144.0))
+        slope = sin_f * odd - d * cos_f * even
+        d -= value / max(slope, 0.05 * sin_f)
+    return d
+
+
+@merged_kernel
+def _sign_change(patch, a, kappa, closely):
     """Where j_x changes its sign inside the patch (light braking): (share, 1 in the front segment).
 
     The share is 2 if it does not. j_x starts with the sign of a - kappa cos(theta_f); one root,
-    because dj_x/dtheta changes sign once. Bisection-safe Newton on a (theta_f - theta) =
-    kappa (sin(theta_f) - sin(theta)), until a step is below ``accuracy`` of the patch; what it
-    leaves is the square of that.
+    because dj_x/dtheta changes sign once. ``closely``: bisection-safe Newton on a (theta_f - theta)
+    = kappa (sin(theta_f) - sin(theta)), to 1e-6 of the patch.
     """
     theta_f, sin_f, cos_f, length_f, length_r, theta_r = patch
     if a < kappa * cos_f:  # a wheel that turns backwards, in the forward half of the blend at standstill
@@ -242,12 +261,10 @@ def _sign_change(patch, a, kappa, accuracy):
     _, rise, _, _ = _geometry(patch, full)
     if not (a > kappa * cos_f and a * full < kappa * rise):
         return 2.0, 1.0
-    # Start: root of the two-term series of (sin(theta_f) - sin(theta_f - d)) / d - a / kappa.
-    gap = a / kappa - cos_f
-    d = 2.0 * gap / sin_f
-    d = min(2.0 * gap / (sin_f - cos_f * min(d, full) / 3.0 + 1e-12), 0.9 * full)
+    d = min(max(_near_sign_change(patch, a / kappa), 1e-6 * full), (1.0 - 1e-6) * full)
     low, high = 0.0, full
-    for _ in range(60):
+    iterations = 60 if closely else 0
+    for _ in range(iterations):
         _, rise, _, cos = _geometry(patch, d)
         mean = rise / d
         # The trivial root d = 0 is divided out.
@@ -260,7 +277,7 @@ def _sign_change(patch, a, kappa, accuracy):
         step = d - value / slope if slope != 0.0 else -1.0
         if not low < step < high:
             step = 0.5 * (low + high)
-        done = abs(step - d) < accuracy * full
+        done = abs(step - d) < 1e-3 * full  # Newton leaves 1e-6, and only a curvature jumps there
         d = step
         if done:
             break
@@ -283,19 +300,19 @@ def _piece_end(u_0, growth_f, growth_r, resolved, ratio):
     return min(end, 1.0)
 
 
-@inline_kernel
+@merged_kernel
 def _add_piece(patch, stress, resultant, signs, ends, rule):
     """Integrals over the piece ``ends`` = (t_0, t_1) of both segments, u = t^p; ``rule`` = (table, quartic)."""
     table, quartic = rule
     t_0, t_1 = ends
     nodes = lane_rows()
     i_x = i_y = i_z = i_t = 0.0
-    for block in range(table.shape[0]):
+    for block in range(0, table.shape[1], LANES):
         for i in range(LANES):
-            t = t_0 + (t_1 - t_0) * table[block, 0, i]
+            t = t_0 + (t_1 - t_0) * table[0, block + i]
             nodes[0, i] = t * t * t * (1.0 - quartic + quartic * t)
             power = t * t * (3.0 - 3.0 * quartic + 4.0 * quartic * t)
-            nodes[1, i] = (t_1 - t_0) * table[block, 1, i] * power
+            nodes[1, i] = (t_1 - t_0) * table[1, block + i] * power
         p_x, p_y, p_z, p_t = _add_nodes(patch, stress, resultant, signs, nodes)
         i_x += p_x
         i_y += p_y
@@ -346,7 +363,7 @@ def _signs(cut, u):
     return sign, (-sign if u < share else sign)
 
 
-@inline_kernel
+@merged_kernel
 def _add_whole(patch, stress, resultant, cut):
     """The patch in one piece of eight nodes a segment: gentle shear."""
     share, front, sign = cut
@@ -359,7 +376,7 @@ def _add_whole(patch, stress, resultant, cut):
     return i_x, i_y, i_z, i_t
 
 
-@inline_kernel
+@merged_kernel
 def soil_constants(soil, wheel):
     """What a soil and a wheel contribute to every evaluation: computed once per solve.
 
@@ -403,7 +420,7 @@ def integrate_stresses(constants, shares, h, kinematics, law):
     growths = (growth * length_f, growth * patch[4])
     largest = max(growths[0], growths[1])
     apart = resultant < 0.5 and largest <= _GENTLE_CUT and not fine
-    share, front = _sign_change(patch, a, kappa, 1e-2 if apart else 1e-3)
+    share, front = _sign_change(patch, a, kappa, not apart)
     cut = (share, front, math.copysign(1.0, a - kappa * cos_f))
     if apart or (share > 1.0 and largest <= _GENTLE and not fine):
         i_x, i_y, i_z, i_t = _add_whole(patch, stress, resultant, cut)
@@ -424,7 +441,7 @@ def rolling_direction(motion, v_eps):
     return smooth_step(0.5 * (1.0 + motion[1] / v_eps))
 
 
-@inline_kernel
+@merged_kernel
 def wheel_pattern(soil, motion, v_eps):
     """What a motion contributes to every evaluation: (forward share, forward side, reverse side).
 
@@ -442,7 +459,7 @@ def wheel_pattern(soil, motion, v_eps):
     )
 
 
-@inline_kernel
+@merged_kernel
 def directed_reaction(constants, h, pattern, law):
     """(F_x, F_y, F_z, torque) in either direction; ``pattern`` of `wheel_pattern`."""
     forward, ahead, reverse = pattern
