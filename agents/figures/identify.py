@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from agents.studies.identify import Finding
 from estimators.identifiability import PARAMETERS
@@ -58,6 +59,7 @@ def _draw(axes: Axes, finding: Finding, colour: str) -> None:
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     axes.tick_params(labelsize=8)
+    axes.xaxis.set_major_locator(MaxNLocator(5))
 
 
 def _ellipse(covariance: np.ndarray) -> np.ndarray:
