@@ -109,7 +109,7 @@ class Doubt:
     error_time: float = 0.2
     #: Process noise beyond that of `joint.JointSettings`: v_x, v_y, v_z [m/s/sqrt(s)], pitch_rate,
     #: yaw_rate [rad/s/sqrt(s)].
-    process: tuple[float, float, float, float, float] = (0.01, 0.002, 0.03, 0.03, 1e-4)
+    process: tuple[float, float, float, float, float] = (0.05, 0.01, 0.1, 0.1, 0.002)
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:

@@ -280,12 +280,7 @@ def run_robust_bank(
     start = (tuple(float(p) for p in pose), float(v_x), (inputs[0, 0], inputs[0, 1], rate))
     if _place(state, slopes, rules, model, start) == K:
         raise SolverFailure("no soil of the fan carries the vehicle: move n_fan")
-    report, means, sds, size = (
-        np.empty((T, REPORT)),
-        np.empty((T, LENGTH)),
-        np.empty((T, LENGTH)),
-        np.empty(T),
-    )
+    report, means, sds = np.empty((T, REPORT)), np.empty((T, LENGTH)), np.empty((T, LENGTH))
     history = (np.empty((T, K)), np.empty((T, K)), np.empty((T, K)))
     seen = np.ascontiguousarray(z[:, :CHANNELS])
     counts = _run(state, slopes, inputs, seen, rules, model, (report, *history, means, sds))
