@@ -74,7 +74,7 @@ def _enter_dask(stack: ExitStack, address: str) -> None:
 def _enter_ray(stack: ExitStack, address: str) -> None:
     try:
         import ray
-        from ray.util.joblib import register_ray
+        from ray.util.joblib.ray_backend import RayBackend
     except ImportError as error:
         raise EngineError(f"Ray is not installed ({error}): pip install offroad-bekker[ray]") from error
     try:
@@ -82,5 +82,10 @@ def _enter_ray(stack: ExitStack, address: str) -> None:
     except (ConnectionError, ValueError) as error:
         raise EngineError(f"no Ray cluster answers at {address!r}: {error}") from error
     stack.callback(ray.shutdown)
-    register_ray()
-    stack.enter_context(parallel_config(backend="ray"))
+
+    class Generating(RayBackend):
+        """Ray's pool, whose results may be taken as they come."""
+
+        supports_return_generator = True
+
+    stack.enter_context(parallel_config(backend=Generating()))

@@ -86,7 +86,7 @@ class OnBoardSettings:
     push: tuple[float, float] = (0.15, 0.3)  #: standard deviation of the pushes along, across [m/s^2]
     push_time: float = 0.3  #: how long a push lasts: a metre or two of ground [s]
     #: Random walks of v_x, v_y, yaw rate; z, pitch, v_z, pitch rate; wheel spin [the unit per sqrt(s)].
-    walk: tuple[float, ...] = (0.02, 0.03, 0.06, 6e-4, 4e-4, 0.008, 0.012, 0.3)
+    walk: tuple[float, ...] = (0.02, 0.03, 0.12, 6e-4, 4e-4, 0.008, 0.012, 0.3)
     #: Start: standard deviation of the same [m/s, rad/s; m, rad, m/s, rad/s; rad/s].
     start: tuple[float, ...] = (0.2, 0.1, 0.03, 0.005, 0.005, 0.03, 0.03, 1.0)
     hold_speed: float = 1.0  #: below this the filter rests and the estimate holds [m/s]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,6 +15,7 @@ from estimators.mismatch_runs import FILTERS, MismatchSummary
 __all__ = ["mismatch_figure"]
 
 _COLOURS = {"robust": "#009E73", "bank": "#0072B2", "embedded": "#E69F00", "propagated": "#D55E00"}
+_BEHIND = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.4}
 _FLOOR = 0.1  # smallest error that is drawn [%]
 
 
@@ -35,7 +37,8 @@ def mismatch_figure(summaries: Sequence[MismatchSummary], bars: Mapping[str, flo
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
     _limits(panels, names, bars)
-    panels[0].set(yscale="log", ylabel="median error of n [%]")
+    panels[0].set(yscale="log", ylim=(0.1, 200.0), ylabel="median error of n [%]")
+    panels[0].yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     panels[0].set_title("While the filter vouches for its estimate", loc="left", fontsize=11)
     panels[1].set(ylim=(0.0, 109.0), ylabel="95 % interval holds the truth [%]")
     panels[2].set(ylim=(0.0, 109.0), ylabel="flag up, of excited time [%]")
@@ -44,7 +47,7 @@ def mismatch_figure(summaries: Sequence[MismatchSummary], bars: Mapping[str, flo
     ]
     panels[2].set_xticks(np.arange(len(names)), labels, fontsize=9)
     panels[0].legend(
-        frameon=False, fontsize=9, ncols=len(filters), loc="lower left", bbox_to_anchor=(0.35, 1.0)
+        frameon=False, fontsize=9, ncols=len(filters) + 1, loc="lower left", bbox_to_anchor=(0.35, 1.0)
     )
     return figure
 
@@ -64,7 +67,7 @@ def _bars(
     for x, value, top in zip(place, values, drawn, strict=True):
         text = "-" if not np.isfinite(value) else f"{value:.1f}" if error and value < 9.95 else f"{value:.0f}"
         height = max(top, _FLOOR) * 1.05 if error else top + 1.0
-        axes.annotate(text, (x, height), ha="center", va="bottom", fontsize=7)
+        axes.annotate(text, (x, height), ha="center", va="bottom", fontsize=7, zorder=5, bbox=_BEHIND)
 
 
 def _limits(panels: Sequence[Axes], names: Sequence[str], bars: Mapping[str, float]) -> None:
@@ -76,4 +79,5 @@ def _limits(panels: Sequence[Axes], names: Sequence[str], bars: Mapping[str, flo
         wanted.append(bars["flag_twin"] if name == "none" else bars["flag"])
         for axes, value in zip(panels, wanted, strict=True):
             if not (together and axes is panels[2]):
-                axes.plot(reach, [100.0 * value] * 2, color="0.2", lw=1.1, ls="--")
+                label = "asked for" if i == 0 else None
+                axes.plot(reach, [100.0 * value] * 2, color="0.2", lw=1.1, ls="--", label=label)

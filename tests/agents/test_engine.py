@@ -15,13 +15,13 @@ from offroad_env.errors import InvalidParameter
 
 
 def driven(n_jobs=2):
-    """Results of two arms without the time that their thinking took."""
+    """Results of two arms without what a clock measured: the time of agent and environment."""
     jobs = {name: make_arm(name) for name in ("nominal", "aware")}
     draws = draw_episodes("speed", 2, seed=3)
     limit = {"max_episode_steps": 150}
     results = run_jobs("speed", jobs, draws, n_jobs=n_jobs, env_options=limit)
     return {
-        key: [replace(episode, step_time=0.0) for episode in result.episodes]
+        key: [replace(episode, step_time=0.0, env_time=0.0) for episode in result.episodes]
         for key, result in results.items()
     }
 
