@@ -347,27 +347,24 @@ def _stages(x, warm, command, plant, dt, work):
 
 
 @kernel
-def full_step(x, warm, command, plant, dt, work, readings):
-    """One step of a two-stage Rosenbrock W-method of order 2, implicit in the wheels' slip, in place.
-
-    Verwer, Spee, Blom & Hundsdorfer, SIAM J. Sci. Comput. 20 (1999), eq. 2.4: order 2 for any
-    approximate Jacobian, so it may hold nothing but the stiff directions, and be the product of two
-    factors, along and across the wheels. The spin rate constant reaches 1e4 1/s at walking pace,
-    where an explicit method needs steps of 0.2 ms. Where a wheel grips or locks within a step, the
-    two stages disagree, and the step is taken in parts. Returns the worst contact status;
-    ``readings`` belong to the state before the step. ``work`` (WORK_ROWS, READINGS_SIZE).
-    """
+def _step(x, warm, command, plant, dt, known, work, readings):
+    """`full_step` that with ``known`` takes the Jacobian of the step before, in work[5]."""
     k_1, k_2, seen = work[1], work[2], readings
     part, left, worst = dt, dt, 0.0
     while True:
         full_derivative(x, command, plant, warm, work[0], seen)
-        _stiffness(plant, x, seen, work[5])
+        if not known:
+            _stiffness(plant, x, seen, work[5])
         worst = max(worst, seen[at.STATUS])
         while True:
             status, error = _stages(x, warm, command, plant, part, work)
-            if not (error > _SPIN_ERROR * plant.v_eps and part > _SHORTEST * dt):
+            if not (error > _SPIN_ERROR * plant.v_eps and (known or part > _SHORTEST * dt)):
                 break
-            part *= 0.5
+            if known:
+                _stiffness(plant, x, seen, work[5])
+                known = False
+            else:
+                part *= 0.5
         worst = max(worst, status)
         for i in range(x.shape[0]):
             x[i] += part * (1.5 * k_1[i] + 0.5 * k_2[i])
@@ -378,16 +375,32 @@ def full_step(x, warm, command, plant, dt, work, readings):
 
 
 @merged_kernel
+def full_step(x, warm, command, plant, dt, work, readings):
+    """One step of a two-stage Rosenbrock W-method of order 2, implicit in the wheels' slip, in place.
+
+    Verwer, Spee, Blom & Hundsdorfer, SIAM J. Sci. Comput. 20 (1999), eq. 2.4: order 2 for any
+    approximate Jacobian, so it may hold nothing but the stiff directions, be the product of two
+    factors, along and across the wheels, and serve two steps. The spin rate constant reaches 1e4
+    1/s at walking pace, where an explicit method needs steps of 0.2 ms. Where a wheel grips or
+    locks within a step, the two stages disagree, and the step is taken in parts. Returns the worst
+    contact status; ``readings`` belong to the state before the step. ``work`` (WORK_ROWS,
+    READINGS_SIZE).
+    """
+    return _step(x, warm, command, plant, dt, False, work, readings)
+
+
+@merged_kernel
 def full_advance(x, warm, command, plant, dt, steps, readings):
     """``steps`` steps of ``dt`` under a held command, in place; returns the worst contact status.
 
-    ``readings`` become those of the state reached, so a sensor sees no lag. Stops at a state that
-    is not finite or has no contact solution, with status NO_ROOT.
+    ``readings`` become those of the state reached, so a sensor sees no lag. Every other step takes
+    the Jacobian of the step before it. Stops at a state that is not finite or has no contact
+    solution, with status NO_ROOT.
     """
     work = np.empty((WORK_ROWS, at.READINGS_SIZE))
     worst = 0.0
-    for _ in range(steps):
-        worst = max(worst, full_step(x, warm, command, plant, dt, work, readings))
+    for i in range(steps):
+        worst = max(worst, _step(x, warm, command, plant, dt, i % 2 == 1, work, readings))
         if worst >= NO_ROOT or not np.isfinite(x).all():
             return NO_ROOT
     full_derivative(x, command, plant, warm, work[0], readings)

@@ -129,7 +129,7 @@ def test_impossible_fleets_are_refused_with_the_reason():
         make_fleet([])
     with pytest.raises(InvalidParameter, match="all full or all paper"):
         make_fleet([some[0], plants("paper")[0]])
-    with pytest.raises(InvalidParameter, match="share the waves"):
+    with pytest.raises(InvalidParameter, match="share ground waves"):
         make_fleet([some[0], plants("full", flat())[0]])
     with pytest.raises(InvalidParameter, match="unknown fields: speed"):
         vary(some[0], {"speed": EXPONENTS})

@@ -14,7 +14,7 @@ from offroad_env.physics.contact import SUNK
 from offroad_env.physics.full_model import full_advance
 from offroad_env.physics.ground import sin_cos
 from offroad_env.physics.numerics import fast_exp, fast_log, half_angle, smooth_clamp, smooth_step
-from offroad_env.physics.quadrature import COARSE, FINE, Rule
+from offroad_env.physics.quadrature import COARSE, FINE, WHOLE, Rule
 from offroad_env.physics.records import Wheel
 from offroad_env.physics.vehicle_model import with_exponent
 from offroad_env.physics.wheel_soil import wheel_reaction
@@ -122,6 +122,22 @@ def test_a_piece_that_begins_close_to_the_end_of_the_patch_is_as_accurate(n, sta
     truth = quad(lambda u: u**n * math.exp(-u), start, 1.0, epsabs=1e-14, points=[min(10 * start, 0.9)])[0]
     assert singular_integral(COARSE, n, start) == pytest.approx(truth, rel=1e-6)
     assert singular_integral(FINE, n, start) == pytest.approx(truth, rel=1e-9)
+
+
+@pytest.mark.parametrize("n", [0.05, 0.2, 0.5, 0.8, 1.1, 1.6, 2.5])
+@pytest.mark.parametrize("growth", [-1.0, 0.0, 0.7, 2.0, 4.0])
+def test_the_rule_of_the_whole_patch_integrates_what_it_was_made_for(n, growth):
+    """Pressure u^(n+k) under shear that grows from either end, errors relative to the pressure's integral."""
+    u, weights = WHOLE
+    for k in (0.0, 1.0, 3.0):
+        for start in (0.0, 1.0):
+
+            def smooth(x, k=k, start=start):
+                return x**k * math.exp(-growth * abs(x - start))
+
+            truth = quad(smooth, 0.0, 1.0, weight="alg", wvar=(n, 0.0), epsabs=1e-14)[0]
+            found = float(np.sum(weights * u**n * [smooth(x) for x in u]))
+            assert found == pytest.approx(truth, abs=2e-7 / (n + 1.0))
 
 
 # --- the fast rule where it is used -------------------------------------------------------------
