@@ -183,7 +183,7 @@ def draw(results: dict[str, list[dict]], path: Path) -> None:
         "fast, as the kernels use it": ("C3", "*", "fast: the simulation"),
         "fine, as the public function uses it": ("C4", "P", "fine: the public function"),
     }
-    figure, axes = plt.subplots(1, len(results), figsize=(9.5, 4.2), sharey=True, layout="constrained")
+    figure, axes = plt.subplots(1, len(results), figsize=(9.5, 4.8), sharey=True, layout="constrained")
     for axis, (soil, rows) in zip(axes, results.items(), strict=True):
         for kind, (colour, style, label) in marks.items():
             some = [row for row in rows if row["kind"] == kind]
@@ -204,7 +204,7 @@ def draw(results: dict[str, list[dict]], path: Path) -> None:
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("largest error of the forces / load")
     axes[0].annotate("promise", (0.98, LIMIT), xycoords=("axes fraction", "data"), ha="right", va="bottom")
-    axes[-1].legend(fontsize=8)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=9)
     figure.savefig(path, dpi=150)
 
 

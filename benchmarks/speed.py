@@ -1,9 +1,9 @@
 """Speed as ratios in one run: `make speed`, or `python benchmarks/speed.py --json speed.json`.
 
 Every figure stands beside a peer measured in the same minutes: MuJoCo's HalfCheetah step for the
-physics, Pendulum-v1 for the environment. Actions are drawn beforehand; the two sides take turns,
-so that a busy machine slows both; CPU time is measured, and the median of the ratios is printed
-with its range.
+physics, one vehicle for a fleet, Pendulum-v1 for the environment. Actions are drawn beforehand; the
+two sides take turns, so that a busy machine slows both; CPU time is measured, and the median of the
+ratios is printed with its range.
 """
 
 from __future__ import annotations
@@ -20,14 +20,19 @@ import gymnasium as gym
 import numpy as np
 
 import offroad_env
+from offroad_env.fleet import simulate_fleet_commands, vary
 from offroad_env.physics import state as at
+from offroad_env.physics.full_model import full_advance
 from offroad_env.physics.paper_model import simulate_paper
-from offroad_env.simulator import PAPER_SLIP
-from offroad_env.terrain import paper_terrain
+from offroad_env.simulator import FULL_STEP, PAPER_SLIP, Plant
+from offroad_env.terrain import paper_terrain, rough_terrain
 
 #: What the project promises: (name, ratio, smallest or largest).
 BARS = {
-    "RK4 step, half-car, clay / mj_step": ("at most", 2.0),
+    "RK4 step, half-car, clay / mj_step": ("at most", 1.3),
+    "RK4 step, half-car, dry_sand / mj_step": ("at most", 1.3),
+    "fleet of 64 / a vehicle stepped from Python": ("at most", 0.5),
+    "fleet of 64, two threads / one (wall)": ("at most", 1.0 / 1.8),
     "env.step / Pendulum-v1": ("at least", 0.15),
     "env.step with UKF / Pendulum-v1": ("at least", 0.05),
 }
@@ -82,6 +87,57 @@ def half_cheetah() -> Callable[[int], float]:
     return run
 
 
+#: Interval that commands are held for [s], as in the environment, and intervals of a drive.
+_INTERVAL, _DRIVE = 0.02, 50
+
+
+def full_plant() -> tuple[Plant, np.ndarray, np.ndarray]:
+    """The full model on clay and an average unpaved road, with its settled state and warm start."""
+    ground = rough_terrain("C", np.random.default_rng(0))
+    plant = offroad_env.make_plant(offroad_env.VEHICLES["mrzr"], offroad_env.SOILS["clay"], ground)
+    return plant, *offroad_env.settled_state(plant, v_x=5.0)
+
+
+def stepped_vehicle() -> Callable[[int], float]:
+    """Seconds per 0.02 s of the full model, one vehicle, one call from Python for each interval."""
+    plant, state, warm = full_plant()
+    readings, command = np.empty(at.READINGS_SIZE), (0.02, 400.0, 0.0)
+
+    def run(intervals: int) -> float:
+        start = time.process_time()
+        for i in range(intervals):
+            if i % _DRIVE == 0:
+                x, w = state.copy(), warm.copy()
+            full_advance(x, w, command, plant, FULL_STEP, round(_INTERVAL / FULL_STEP), readings)
+        return (time.process_time() - start) / intervals
+
+    return run
+
+
+def fleet_drive(count: int, threads: int = 1, *, wall: bool = False) -> Callable[[int], float]:
+    """Seconds per vehicle and 0.02 s of a fleet, each vehicle on a soil of its own.
+
+    ``count = 1`` is the compiled loop over one vehicle. ``wall``: by the clock on the wall, which
+    only an idle machine gives a meaning.
+    """
+    plant, state, warm = full_plant()
+    fleet = vary(plant, {"n": plant.soil.n * np.linspace(0.95, 1.05, count) if count > 1 else [plant.soil.n]})
+    clock = time.perf_counter if wall else time.process_time
+
+    held = np.tile([0.02, 400.0, 0.0], (_DRIVE, 1))
+
+    def run(intervals: int) -> float:
+        repeats = max(intervals // (count * _DRIVE), 1)
+        start = clock()
+        for _ in range(repeats):
+            found = simulate_fleet_commands(fleet, state, warm, held, every=False, threads=threads)
+            if (found.done < _DRIVE).any():
+                raise RuntimeError("a vehicle of the fleet did not come to the end")
+        return (clock() - start) / (repeats * _DRIVE * count)
+
+    return run
+
+
 def environment(name: str, actions: np.ndarray, **options: object) -> Callable[[int], float]:
     """Seconds per step of an environment as ``gym.make`` returns it; resets are not counted."""
     env = gym.make(name, **options)
@@ -130,6 +186,11 @@ def measure(rounds: int) -> dict[str, dict]:
         for soil, push in (("clay", (0.8, 0.5)), ("dry_sand", (1.8, 0.6))):
             name = f"RK4 step, half-car, {soil} / mj_step"
             results[name] = take_turns(paper_drive(soil, push), cheetah, 3000, rounds)
+    vehicle, fleet = stepped_vehicle(), fleet_drive(64)
+    results["fleet of 64 / a vehicle stepped from Python"] = take_turns(fleet, vehicle, 3200, rounds)
+    results["fleet of 64 / a vehicle in a compiled loop"] = take_turns(fleet, fleet_drive(1), 3200, rounds)
+    walls = fleet_drive(64, 2, wall=True), fleet_drive(64, 1, wall=True)
+    results["fleet of 64, two threads / one (wall)"] = take_turns(*walls, 6400, rounds)
     pendulum = environment("Pendulum-v1", swing)
     bekker = "offroad_env:OffroadBekker-v0"
     for name, options in (

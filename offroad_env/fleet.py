@@ -64,9 +64,7 @@ def make_fleet(plants: Sequence[Plant]) -> Fleet:
     first = packed[0]
     for other in packed[1:]:
         if not (np.array_equal(other.waves, first.waves) and np.array_equal(other.patches, first.patches)):
-            raise InvalidParameter(
-                "the plants of a fleet must share ground waves and soil map"
-            )
+            raise InvalidParameter("the plants of a fleet must share ground waves and soil map")
     models = {plant_model(plant) for plant in plants}
     if len(models) > 1:
         raise InvalidParameter("the plants of a fleet must be all full or all paper")

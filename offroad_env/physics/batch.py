@@ -12,7 +12,7 @@ import numpy as np
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.contact import NO_ROOT, SUNK
-from offroad_env.physics.full_model import full_advance
+from offroad_env.physics.full_model import WORK_ROWS, full_continue, full_derivative
 from offroad_env.physics.packing import PackedPlant, unpack
 from offroad_env.physics.paper_model import paper_derivative, paper_step
 
@@ -35,23 +35,25 @@ def full_rows(fleet, start, commands, timing, rows, found):
         out. A vehicle that sinks or diverges stops; what follows in its rows is left as it was.
     """
     states, warms = start
-    dt, steps = timing
     kept, readings, outcome = found
     boundaries = kept.shape[0]
+    work, seen = np.empty((WORK_ROWS, at.READINGS_SIZE)), np.empty(at.READINGS_SIZE)
     for i in range(rows[0], rows[1]):
         plant = unpack(PackedPlant(fleet.numbers[i], fleet.waves, fleet.patches))
         held = commands[i if commands.shape[0] > 1 else 0]
         x, warm = states[i], warms[i]
         kept[0, i] = x
-        # No step: only the readings of the start, which do not depend on the command.
-        worst = full_advance(x, warm, (0.0, 0.0, 0.0), plant, dt, 0, readings[0, i])
-        done = 0
+        # The readings of the start do not depend on the command; each interval goes on from the last.
+        full_derivative(x, (0.0, 0.0, 0.0), plant, warm, work[0], seen)
+        readings[0, i] = seen
+        worst, done = seen[at.STATUS], 0
         while done < held.shape[0] and worst < SUNK:
             command = (held[done, 0], held[done, 1], held[done, 2])
             row = min(done + 1, boundaries - 1)
-            worst = max(worst, full_advance(x, warm, command, plant, dt, steps, readings[row, i]))
+            worst = max(worst, full_continue(x, warm, command, plant, timing, work, seen))
             if worst < SUNK:
                 kept[row, i] = x
+                readings[row, i] = seen
                 done += 1
         outcome[i, 0], outcome[i, 1] = worst, done
 

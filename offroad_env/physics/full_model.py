@@ -29,7 +29,7 @@ from offroad_env.physics.vehicle_model import (
 )
 from offroad_env.physics.wheel_soil import rigid_forces, wheel_reaction
 
-__all__ = ["WORK_ROWS", "full_advance", "full_derivative", "full_step"]
+__all__ = ["WORK_ROWS", "full_advance", "full_continue", "full_derivative", "full_step"]
 
 #: L-stable choice of the two-stage Rosenbrock method.
 _GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
@@ -347,15 +347,20 @@ def _stages(x, warm, command, plant, dt, work):
 
 
 @kernel
-def _step(x, warm, command, plant, dt, known, work, readings):
-    """`full_step` that with ``known`` takes the Jacobian of the step before, in work[5]."""
-    k_1, k_2, seen = work[1], work[2], readings
+def _step(x, warm, command, plant, dt, modes, arrays):
+    """A step from the slope work[0] at ``x``, in place; returns the worst contact status on the way.
+
+    ``modes`` = (known, onward): ``known`` takes the Jacobian of the step before, in work[5];
+    ``onward`` leaves in work[0] and ``after`` the slope and readings of the state reached.
+    ``arrays`` = (work, readings at ``x``, after). See `full_step`.
+    """
+    known, onward = modes
+    work, seen, after = arrays
+    k_1, k_2 = work[1], work[2]
     part, left, worst = dt, dt, 0.0
     while True:
-        full_derivative(x, command, plant, warm, work[0], seen)
         if not known:
             _stiffness(plant, x, seen, work[5])
-        worst = max(worst, seen[at.STATUS])
         while True:
             status, error = _stages(x, warm, command, plant, part, work)
             if not (error > _SPIN_ERROR * plant.v_eps and (known or part > _SHORTEST * dt)):
@@ -369,9 +374,13 @@ def _step(x, warm, command, plant, dt, known, work, readings):
         for i in range(x.shape[0]):
             x[i] += part * (1.5 * k_1[i] + 0.5 * k_2[i])
         left -= part
-        if left < 1e-9 * dt:
+        finished = left < 1e-9 * dt
+        if onward or not finished:
+            full_derivative(x, command, plant, warm, work[0], after)
+            worst = max(worst, after[at.STATUS])
+            seen = after
+        if finished:
             return worst
-        seen = work[6]
 
 
 @merged_kernel
@@ -386,22 +395,37 @@ def full_step(x, warm, command, plant, dt, work, readings):
     contact status; ``readings`` belong to the state before the step. ``work`` (WORK_ROWS,
     READINGS_SIZE).
     """
-    return _step(x, warm, command, plant, dt, False, work, readings)
+    full_derivative(x, command, plant, warm, work[0], readings)
+    status = _step(x, warm, command, plant, dt, (False, False), (work, readings, work[6]))
+    return max(status, readings[at.STATUS])
+
+
+@merged_kernel
+def full_continue(x, warm, command, plant, timing, work, readings):
+    """`full_advance` from a state whose slope and readings are in ``work`` and ``readings`` already.
+
+    As `full_advance` and this function leave them, under whatever command: that enters the slope
+    through the actuators only. ``timing`` = (dt [s], steps). Every other step takes the Jacobian of
+    the step before it.
+    """
+    dt, steps = timing
+    worst = readings[at.STATUS]
+    _actuators(plant.vehicle, x, command, work[0])
+    for i in range(steps):
+        modes = (i % 2 == 1, True)
+        worst = max(worst, _step(x, warm, command, plant, dt, modes, (work, readings, readings)))
+        if worst >= NO_ROOT or not np.isfinite(x).all():
+            return NO_ROOT
+    return worst
 
 
 @merged_kernel
 def full_advance(x, warm, command, plant, dt, steps, readings):
     """``steps`` steps of ``dt`` under a held command, in place; returns the worst contact status.
 
-    ``readings`` become those of the state reached, so a sensor sees no lag. Every other step takes
-    the Jacobian of the step before it. Stops at a state that is not finite or has no contact
-    solution, with status NO_ROOT.
+    ``readings`` become those of the state reached, so a sensor sees no lag. Stops at a state that
+    is not finite or has no contact solution, with status NO_ROOT.
     """
     work = np.empty((WORK_ROWS, at.READINGS_SIZE))
-    worst = 0.0
-    for i in range(steps):
-        worst = max(worst, _step(x, warm, command, plant, dt, i % 2 == 1, work, readings))
-        if worst >= NO_ROOT or not np.isfinite(x).all():
-            return NO_ROOT
     full_derivative(x, command, plant, warm, work[0], readings)
-    return max(worst, readings[at.STATUS])
+    return full_continue(x, warm, command, plant, (dt, steps), work, readings)
