@@ -13,6 +13,7 @@ from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.contact import NO_ROOT, SUNK
 from offroad_env.physics.full_model import WORK_ROWS, full_continue, full_derivative
+from offroad_env.physics.numerics import all_finite
 from offroad_env.physics.packing import PackedPlant, unpack
 from offroad_env.physics.paper_model import paper_derivative, paper_step
 
@@ -74,7 +75,7 @@ def paper_rows(fleet, start, inputs, dt, rows, found):
         while done < steps and worst < SUNK:
             seen = readings[min(done, boundaries - 1), i]
             worst = max(worst, paper_step(x, warm, given[2 * done : 2 * done + 3], plant, dt, work, seen))
-            if not np.isfinite(x).all():
+            if not all_finite(x):
                 worst = NO_ROOT
             if worst < SUNK:
                 done += 1

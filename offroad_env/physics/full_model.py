@@ -17,7 +17,7 @@ import numpy as np
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
 from offroad_env.physics.contact import NO_ROOT
-from offroad_env.physics.numerics import AIR_DENSITY, sin_cos
+from offroad_env.physics.numerics import AIR_DENSITY, all_finite, sin_cos
 from offroad_env.physics.records import Wheel
 from offroad_env.physics.vehicle_model import (
     axle_contact,
@@ -414,7 +414,7 @@ def full_continue(x, warm, command, plant, timing, work, readings):
     for i in range(steps):
         modes = (i % 2 == 1, True)
         worst = max(worst, _step(x, warm, command, plant, dt, modes, (work, readings, readings)))
-        if worst >= NO_ROOT or not np.isfinite(x).all():
+        if worst >= NO_ROOT or not all_finite(x):
             return NO_ROOT
     return worst
 
