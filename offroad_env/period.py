@@ -29,7 +29,7 @@ from offroad_env.observation import PREVIEW, SHOWN, write_observation
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import cache_folder, inline_kernel, kernel
 from offroad_env.physics.contact import NO_ROOT, SUNK
-from offroad_env.physics.full_model import full_advance
+from offroad_env.physics.full_model import WORK_ROWS, full_continue, full_derivative
 from offroad_env.physics.packing import PackedPlant, unpack
 from offroad_env.physics.paper_model import paper_advance
 from offroad_env.physics.path_kernels import PathTable, project
@@ -238,8 +238,10 @@ def _drive_full(e, rules, table, noise):
     state, warm, readings = e.state[:], e.warm[:], e.readings[:]
     e.samples[:][:] = 0.0
     e.status = 0.0
+    work = np.empty((WORK_ROWS, at.READINGS_SIZE))
+    full_derivative(state, command, plant, warm, work[0], readings)
     for i in range(e.count):
-        status = full_advance(state, warm, command, plant, rules.dt, e.steps, readings)
+        status = full_continue(state, warm, command, plant, (rules.dt, e.steps), work, readings)
         e.status = max(e.status, status)
         if e.status >= SUNK:
             break

@@ -17,7 +17,7 @@ import numpy as np
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
 from offroad_env.physics.contact import NO_ROOT
-from offroad_env.physics.numerics import AIR_DENSITY, sin_cos
+from offroad_env.physics.numerics import AIR_DENSITY, all_finite, sin_cos
 from offroad_env.physics.records import Wheel
 from offroad_env.physics.vehicle_model import (
     axle_contact,
@@ -29,7 +29,7 @@ from offroad_env.physics.vehicle_model import (
 )
 from offroad_env.physics.wheel_soil import rigid_forces, wheel_reaction
 
-__all__ = ["WORK_ROWS", "full_advance", "full_derivative", "full_step"]
+__all__ = ["WORK_ROWS", "full_advance", "full_continue", "full_derivative", "full_step"]
 
 #: L-stable choice of the two-stage Rosenbrock method.
 _GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
@@ -347,34 +347,76 @@ def _stages(x, warm, command, plant, dt, work):
 
 
 @kernel
-def full_step(x, warm, command, plant, dt, work, readings):
-    """One step of a two-stage Rosenbrock W-method of order 2, implicit in the wheels' slip, in place.
+def _step(x, warm, command, plant, dt, modes, arrays):
+    """A step from the slope work[0] at ``x``, in place; returns the worst contact status on the way.
 
-    Verwer, Spee, Blom & Hundsdorfer, SIAM J. Sci. Comput. 20 (1999), eq. 2.4: order 2 for any
-    approximate Jacobian, so it may hold nothing but the stiff directions, and be the product of two
-    factors, along and across the wheels. The spin rate constant reaches 1e4 1/s at walking pace,
-    where an explicit method needs steps of 0.2 ms. Where a wheel grips or locks within a step, the
-    two stages disagree, and the step is taken in parts. Returns the worst contact status;
-    ``readings`` belong to the state before the step. ``work`` (WORK_ROWS, READINGS_SIZE).
+    ``modes`` = (known, onward): ``known`` takes the Jacobian of the step before, in work[5];
+    ``onward`` leaves in work[0] and ``after`` the slope and readings of the state reached.
+    ``arrays`` = (work, readings at ``x``, after). See `full_step`.
     """
-    k_1, k_2, seen = work[1], work[2], readings
+    known, onward = modes
+    work, seen, after = arrays
+    k_1, k_2 = work[1], work[2]
     part, left, worst = dt, dt, 0.0
     while True:
-        full_derivative(x, command, plant, warm, work[0], seen)
-        _stiffness(plant, x, seen, work[5])
-        worst = max(worst, seen[at.STATUS])
+        if not known:
+            _stiffness(plant, x, seen, work[5])
         while True:
             status, error = _stages(x, warm, command, plant, part, work)
-            if not (error > _SPIN_ERROR * plant.v_eps and part > _SHORTEST * dt):
+            if not (error > _SPIN_ERROR * plant.v_eps and (known or part > _SHORTEST * dt)):
                 break
-            part *= 0.5
+            if known:
+                _stiffness(plant, x, seen, work[5])
+                known = False
+            else:
+                part *= 0.5
         worst = max(worst, status)
         for i in range(x.shape[0]):
             x[i] += part * (1.5 * k_1[i] + 0.5 * k_2[i])
         left -= part
-        if left < 1e-9 * dt:
+        finished = left < 1e-9 * dt
+        if onward or not finished:
+            full_derivative(x, command, plant, warm, work[0], after)
+            worst = max(worst, after[at.STATUS])
+            seen = after
+        if finished:
             return worst
-        seen = work[6]
+
+
+@merged_kernel
+def full_step(x, warm, command, plant, dt, work, readings):
+    """One step of a two-stage Rosenbrock W-method of order 2, implicit in the wheels' slip, in place.
+
+    Verwer, Spee, Blom & Hundsdorfer, SIAM J. Sci. Comput. 20 (1999), eq. 2.4: order 2 for any
+    approximate Jacobian, so it may hold nothing but the stiff directions, be the product of two
+    factors, along and across the wheels, and serve two steps. The spin rate constant reaches 1e4
+    1/s at walking pace, where an explicit method needs steps of 0.2 ms. Where a wheel grips or
+    locks within a step, the two stages disagree, and the step is taken in parts. Returns the worst
+    contact status; ``readings`` belong to the state before the step. ``work`` (WORK_ROWS,
+    READINGS_SIZE).
+    """
+    full_derivative(x, command, plant, warm, work[0], readings)
+    status = _step(x, warm, command, plant, dt, (False, False), (work, readings, work[6]))
+    return max(status, readings[at.STATUS])
+
+
+@merged_kernel
+def full_continue(x, warm, command, plant, timing, work, readings):
+    """`full_advance` from a state whose slope and readings are in ``work`` and ``readings`` already.
+
+    As `full_advance` and this function leave them, under whatever command: that enters the slope
+    through the actuators only. ``timing`` = (dt [s], steps). Every other step takes the Jacobian of
+    the step before it.
+    """
+    dt, steps = timing
+    worst = readings[at.STATUS]
+    _actuators(plant.vehicle, x, command, work[0])
+    for i in range(steps):
+        modes = (i % 2 == 1, True)
+        worst = max(worst, _step(x, warm, command, plant, dt, modes, (work, readings, readings)))
+        if worst >= NO_ROOT or not all_finite(x):
+            return NO_ROOT
+    return worst
 
 
 @merged_kernel
@@ -385,10 +427,5 @@ def full_advance(x, warm, command, plant, dt, steps, readings):
     is not finite or has no contact solution, with status NO_ROOT.
     """
     work = np.empty((WORK_ROWS, at.READINGS_SIZE))
-    worst = 0.0
-    for _ in range(steps):
-        worst = max(worst, full_step(x, warm, command, plant, dt, work, readings))
-        if worst >= NO_ROOT or not np.isfinite(x).all():
-            return NO_ROOT
     full_derivative(x, command, plant, warm, work[0], readings)
-    return max(worst, readings[at.STATUS])
+    return full_continue(x, warm, command, plant, (dt, steps), work, readings)

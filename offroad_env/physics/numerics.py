@@ -16,6 +16,7 @@ __all__ = [
     "AIR_DENSITY",
     "GRAVITY",
     "LANES",
+    "all_finite",
     "fast_exp",
     "fast_log",
     "half_angle",
@@ -70,6 +71,15 @@ _C1, _C2, _C3, _C4, _C5, _C6, _C7 = (
     -0.4999999999999998, 0.0416666666666536, -0.001388888888765145, 2.4801586862006167e-05,
     -2.7557244832099035e-07, 2.0870289005447105e-09, -1.1191332777315705e-11,
 )  # fmt: skip
+
+
+@inline_kernel
+def all_finite(x):
+    """Whether every number of ``x`` is finite; ``np.isfinite(x).all()`` without its array."""
+    total = 0.0
+    for i in range(x.shape[0]):
+        total += 0.0 * x[i]
+    return total == 0.0
 
 
 @inline_kernel

@@ -15,7 +15,7 @@ import numpy as np
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel, merged_kernel
 from offroad_env.physics.contact import NO_ROOT, SUNK
-from offroad_env.physics.numerics import sin_cos
+from offroad_env.physics.numerics import all_finite, lane_rows, sin_cos
 from offroad_env.physics.vehicle_model import (
     axle_contact,
     axle_motion,
@@ -121,7 +121,7 @@ def paper_step(x, warm, inputs, plant, dt, work, readings):
     """
     k, total, stage = work[0], work[1], work[2]
     size = x.shape[0]
-    later = np.empty(at.READINGS_SIZE)
+    later = lane_rows().reshape(-1)
     u_0 = (inputs[0, 0], inputs[0, 1], inputs[0, 2])
     u_1 = (inputs[1, 0], inputs[1, 1], inputs[1, 2])
     u_2 = (inputs[2, 0], inputs[2, 1], inputs[2, 2])
@@ -160,7 +160,7 @@ def paper_advance(x, warm, held, plant, dt, steps, readings):
     worst = 0.0
     for _ in range(steps):
         worst = max(worst, paper_step(x, warm, inputs, plant, dt, work, readings))
-        if worst >= NO_ROOT or not np.isfinite(x).all():
+        if worst >= NO_ROOT or not all_finite(x):
             return NO_ROOT
     paper_derivative(x, held, plant, warm, work[0], readings)
     return max(worst, readings[at.STATUS])
@@ -181,7 +181,7 @@ def simulate_paper(x, warm, inputs, plant, dt, states, readings):
         states[i] = x
         status = paper_step(x, warm, inputs[2 * i : 2 * i + 3], plant, dt, work, readings[i])
         worst = max(worst, status)
-        if status >= SUNK or not np.isfinite(x).all():
+        if status >= SUNK or not all_finite(x):
             return worst, i
     states[steps] = x
     last = inputs[2 * steps]

@@ -28,10 +28,13 @@ from offroad_env.physics.numerics import (
 )
 
 __all__ = [
+    "add_nodes",
+    "add_piece",
     "contact_angle_shares",
     "directed_reaction",
     "entry_angle",
     "integrate_stresses",
+    "patch_and_stress",
     "rigid_forces",
     "rolling_direction",
     "shear_kinematics",
@@ -163,7 +166,7 @@ def _integrands(weights, sigma, front, rear):
 
 
 @kernel
-def _add_nodes(patch, stress, resultant, signs, nodes):
+def add_nodes(patch, stress, resultant, signs, nodes):
     """Integrals of F_x, F_y, F_z and torque over the eight ``nodes`` (shares u, weights) of both segments.
 
     ``signs`` of j_x in the front and rear segment. The integrands go to rows of their own first: a
@@ -254,7 +257,7 @@ def _sign_change(patch, a, kappa, closely):
     because dj_x/dtheta changes sign once. ``closely``: bisection-safe Newton on a (theta_f - theta)
     = kappa (sin(theta_f) - sin(theta)), to 1e-6 of the patch.
     """
-    theta_f, sin_f, cos_f, length_f, length_r, theta_r = patch
+    theta_f, _, cos_f, length_f, length_r, theta_r = patch
     if a < kappa * cos_f:  # a wheel that turns backwards, in the forward half of the blend at standstill
         a, kappa = -a, -kappa
     full = theta_f - theta_r
@@ -301,8 +304,8 @@ def _piece_end(u_0, growth_f, growth_r, resolved, ratio):
 
 
 @merged_kernel
-def _add_piece(patch, stress, resultant, signs, ends, rule):
-    """Integrals over the piece ``ends`` = (t_0, t_1) of both segments, u = t^p; ``rule`` = (table, quartic)."""
+def add_piece(patch, stress, resultant, signs, ends, rule):
+    """Integrals over the piece ``ends`` = (t_0, t_1) of both segments by ``rule`` = (table, quartic)."""
     table, quartic = rule
     t_0, t_1 = ends
     nodes = lane_rows()
@@ -313,7 +316,7 @@ def _add_piece(patch, stress, resultant, signs, ends, rule):
             nodes[0, i] = t * t * t * (1.0 - quartic + quartic * t)
             power = t * t * (3.0 - 3.0 * quartic + 4.0 * quartic * t)
             nodes[1, i] = (t_1 - t_0) * table[1, block + i] * power
-        p_x, p_y, p_z, p_t = _add_nodes(patch, stress, resultant, signs, nodes)
+        p_x, p_y, p_z, p_t = add_nodes(patch, stress, resultant, signs, nodes)
         i_x += p_x
         i_y += p_y
         i_z += p_z
@@ -343,7 +346,7 @@ def _add_pieces(patch, stress, law, cut, growths):
         if u_0 < share < u_1:
             u_1 = share
         t_1 = fast_exp(power * fast_log(u_1)) if u_1 < 1.0 else 1.0
-        p_x, p_y, p_z, p_t = _add_piece(patch, stress, resultant, _signs(cut, u_0), (t_0, t_1), rule)
+        p_x, p_y, p_z, p_t = add_piece(patch, stress, resultant, _signs(cut, u_0), (t_0, t_1), rule)
         i_x += p_x
         i_y += p_y
         i_z += p_z
@@ -369,7 +372,7 @@ def _add_whole(patch, stress, resultant, cut):
     share, front, sign = cut
     # The segment that the cut divides is taken with the sign of its part on the entry's side.
     signs = (sign, -sign) if share < 1.0 and front > 0.5 else (sign, sign)
-    i_x, i_y, i_z, i_t = _add_nodes(patch, stress, resultant, signs, _WHOLE)
+    i_x, i_y, i_z, i_t = add_nodes(patch, stress, resultant, signs, _WHOLE)
     if share < 1.0:
         e_x, e_z, e_t = _add_excess(patch, stress, cut)
         i_x, i_z, i_t = i_x + e_x, i_z + e_z, i_t + e_t
@@ -395,6 +398,24 @@ def soil_constants(soil, wheel):
     )
 
 
+@inline_kernel
+def patch_and_stress(constants, shares, h, kinematics):
+    """Geometry and stresses of a contact patch at sinkage ``h`` [m].
+
+    (theta_f, its sine and cosine, length of the front segment, of the rear one, theta_r) and
+    (pressure at h = r, n, c, tan phi, j_x/k_x per d, per rise, j_y/k_y per d, sign of j_y).
+    """
+    pressure, n, c, tan_phi, per_k_x, per_k_y, r, _ = constants
+    share_m, share_r = shares
+    a, kappa, ct = kinematics
+    theta_f = entry_angle(h, r)
+    sin_f, vers_f = half_angle(theta_f)
+    length_f, length_r = theta_f * (1.0 - share_m), theta_f * (share_m - share_r)
+    patch = (theta_f, sin_f, 1.0 - vers_f, length_f, length_r, theta_f * share_r)
+    side = math.copysign(1.0, ct)
+    return patch, (pressure, n, c, tan_phi, a * per_k_x, kappa * per_k_x, ct * per_k_y, side)
+
+
 @kernel
 def integrate_stresses(constants, shares, h, kinematics, law):
     """(F_x, F_y, F_z, torque) of a wheel that rolls forward at sinkage ``h`` [m], (BT Fx, Fy, Fz).
@@ -405,19 +426,14 @@ def integrate_stresses(constants, shares, h, kinematics, law):
     """
     if h <= 0.0:
         return 0.0, 0.0, 0.0, 0.0
-    pressure, n, c, tan_phi, per_k_x, per_k_y, r, area = constants
-    share_m, share_r = shares
+    _, _, _, _, per_k_x, per_k_y, r, area = constants
     a, kappa, ct = kinematics
     resultant, fine = law
-    theta_f = entry_angle(h, r)
-    sin_f, vers_f = half_angle(theta_f)
-    cos_f = 1.0 - vers_f
-    length_f = theta_f * (1.0 - share_m)
-    patch = (theta_f, sin_f, cos_f, length_f, theta_f * (share_m - share_r), theta_f * share_r)
-    stress = (pressure, n, c, tan_phi, a * per_k_x, kappa * per_k_x, ct * per_k_y, math.copysign(1.0, ct))
+    patch, stress = patch_and_stress(constants, shares, h, kinematics)
+    cos_f = patch[2]
     # Largest growth of j/k over each segment: decides how many nodes resolve exp(-j/k).
     growth = max(max(abs(a - kappa * cos_f), abs(a - kappa)) * per_k_x, abs(ct) * per_k_y)
-    growths = (growth * length_f, growth * patch[4])
+    growths = (growth * patch[3], growth * patch[4])
     largest = max(growths[0], growths[1])
     apart = resultant < 0.5 and largest <= _GENTLE_CUT and not fine
     share, front = _sign_change(patch, a, kappa, not apart)

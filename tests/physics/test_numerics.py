@@ -7,6 +7,7 @@ import math
 import numba
 import numpy as np
 import pytest
+from numba.core.runtime import _nrt_python as runtime
 from scipy.integrate import quad
 
 from offroad_env.physics import state as at
@@ -14,7 +15,8 @@ from offroad_env.physics.contact import SUNK
 from offroad_env.physics.full_model import full_advance
 from offroad_env.physics.ground import sin_cos
 from offroad_env.physics.numerics import fast_exp, fast_log, half_angle, smooth_clamp, smooth_step
-from offroad_env.physics.quadrature import COARSE, FINE, Rule
+from offroad_env.physics.paper_model import paper_advance
+from offroad_env.physics.quadrature import COARSE, FINE, WHOLE, Rule
 from offroad_env.physics.records import Wheel
 from offroad_env.physics.vehicle_model import with_exponent
 from offroad_env.physics.wheel_soil import wheel_reaction
@@ -124,6 +126,22 @@ def test_a_piece_that_begins_close_to_the_end_of_the_patch_is_as_accurate(n, sta
     assert singular_integral(FINE, n, start) == pytest.approx(truth, rel=1e-9)
 
 
+@pytest.mark.parametrize("n", [0.05, 0.2, 0.5, 0.8, 1.1, 1.6, 2.5])
+@pytest.mark.parametrize("growth", [-1.0, 0.0, 0.7, 2.0, 4.0])
+def test_the_rule_of_the_whole_patch_integrates_what_it_was_made_for(n, growth):
+    """Pressure u^(n+k) under shear that grows from either end, errors relative to the pressure's integral."""
+    u, weights = WHOLE
+    for k in (0.0, 1.0, 3.0):
+        for start in (0.0, 1.0):
+
+            def smooth(x, k=k, start=start):
+                return x**k * math.exp(-growth * abs(x - start))
+
+            truth = quad(smooth, 0.0, 1.0, weight="alg", wvar=(n, 0.0), epsabs=1e-14)[0]
+            found = float(np.sum(weights * u**n * [smooth(x) for x in u]))
+            assert found == pytest.approx(truth, abs=2e-7 / (n + 1.0))
+
+
 # --- the fast rule where it is used -------------------------------------------------------------
 
 
@@ -184,3 +202,33 @@ def test_the_fast_rule_keeps_its_accuracy_under_random_commands_on_rough_ground(
     found = rule_errors(plant, readings[:i])
     assert len(found) > 10
     assert found.max() < 1e-6
+
+
+# --- memory ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="uncompiled, numpy allocates")
+@pytest.mark.parametrize("model", ["full", "paper"])
+def test_a_step_allocates_nothing(model):
+    """However many steps a call takes, it asks for memory as often as for one."""
+    vehicle = VEHICLES["mrzr"]
+    ground = add(rough_terrain("C", np.random.default_rng(1)), paper_terrain(0.05))
+    plant = make_plant(vehicle, SOILS["clay"], ground, model=model, slip=0.03)
+    advance = full_advance if model == "full" else paper_advance
+    command = (0.1, 300.0, 0.0) if model == "full" else (0.1, 300.0, math.nan)
+    readings = np.zeros(at.READINGS_SIZE)
+
+    def allocations(steps: int) -> int:
+        state, warm = settled_state(plant, v_x=4.0)
+        before = runtime.memsys_get_stats_alloc()
+        advance(state, warm, command, plant, FULL_STEP, steps, readings)
+        return runtime.memsys_get_stats_alloc() - before
+
+    runtime.memsys_enable_stats()
+    try:
+        one, many = allocations(1), allocations(40)
+    finally:
+        runtime.memsys_disable_stats()
+    # A handle for each array that comes from Python, and scratch for all steps of the call: it does count.
+    assert 5 <= one <= 8
+    assert many == one

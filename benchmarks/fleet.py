@@ -1,0 +1,132 @@
+"""Speed of fleets as ratios in one run: `python benchmarks/fleet.py --json fleet.json`.
+
+The full model of one vehicle and of 64, on clay and an average unpaved road, 1 s drives. The sides take
+turns, so that a busy machine slows all of them; CPU time is measured, and of threads the clock on the
+wall, which only an idle machine gives a meaning. The median of the ratios is printed with its range.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from offroad_env.fleet import simulate_fleet_commands, vary
+from offroad_env.physics import state as at
+from offroad_env.physics.full_model import full_advance
+from offroad_env.simulator import FULL_STEP, Plant, make_plant, settled_state, simulate_commands
+from offroad_env.soils import SOILS
+from offroad_env.terrain import rough_terrain
+from offroad_env.vehicles import VEHICLES
+
+#: What was aimed at, as ratios of time.
+AIMS = {"fleet / a vehicle by simulate_commands": 0.5, "two threads / one (wall)": 1.0 / 1.8}
+#: Interval that commands are held for [s], intervals of a drive, and vehicles.
+INTERVAL, DRIVE, COUNT = 0.02, 50, 64
+COMMAND = (0.02, 400.0, 0.0)
+
+
+def full_plant() -> tuple[Plant, np.ndarray, np.ndarray]:
+    """The plant with its settled state and warm start."""
+    ground = rough_terrain("C", np.random.default_rng(0))
+    plant = make_plant(VEHICLES["mrzr"], SOILS["clay"], ground)
+    return plant, *settled_state(plant, v_x=5.0)
+
+
+def by_steps() -> Callable[[], float]:
+    """Seconds per interval of one vehicle whose every step of 5 ms is a call from Python."""
+    plant, state, warm = full_plant()
+    readings = np.empty(at.READINGS_SIZE)
+
+    def run() -> float:
+        x, w = state.copy(), warm.copy()
+        start = time.process_time()
+        for _ in range(DRIVE * round(INTERVAL / FULL_STEP)):
+            full_advance(x, w, COMMAND, plant, FULL_STEP, 1, readings)
+        return (time.process_time() - start) / DRIVE
+
+    return run
+
+
+def by_commands() -> Callable[[], float]:
+    """Seconds per interval of one vehicle by `simulate_commands`."""
+    plant, state, warm = full_plant()
+    held = np.tile(COMMAND, (DRIVE, 1))
+
+    def run() -> float:
+        start = time.process_time()
+        simulate_commands(plant, state, warm, held)
+        return (time.process_time() - start) / DRIVE
+
+    return run
+
+
+def by_fleet(count: int, threads: int = 1, *, wall: bool = False) -> Callable[[], float]:
+    """Seconds per vehicle and interval of a fleet; of one vehicle, this is the compiled loop."""
+    plant, state, warm = full_plant()
+    fleet = vary(plant, {"n": plant.soil.n * np.linspace(0.95, 1.05, 2 * count + 1)[1::2]})
+    held = np.tile(COMMAND, (DRIVE, 1))
+    clock = time.perf_counter if wall else time.process_time
+    repeats = COUNT // count
+
+    def run() -> float:
+        start = clock()
+        for _ in range(repeats):
+            found = simulate_fleet_commands(fleet, state, warm, held, every=False, threads=threads)
+            if (found.done < DRIVE).any():
+                raise RuntimeError("a vehicle of the fleet did not come to the end")
+        return (clock() - start) / (repeats * DRIVE * count)
+
+    return run
+
+
+def take_turns(ours: Callable[[], float], peer: Callable[[], float], rounds: int) -> dict[str, float]:
+    """Median and range of ours/peer over rounds in which both run once."""
+    ours(), peer()
+    pairs = [(ours(), peer()) for _ in range(rounds)]
+    ratios = [a / b for a, b in pairs]
+    return {
+        "ours_us": 1e6 * statistics.median(a for a, _ in pairs),
+        "peer_us": 1e6 * statistics.median(b for _, b in pairs),
+        "ratio": statistics.median(ratios),
+        "lowest": min(ratios),
+        "highest": max(ratios),
+    }
+
+
+def main() -> None:
+    """Measure, print and, if asked, write JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=9, help="turns that each side takes")
+    parser.add_argument("--json", type=Path, help="file for the figures")
+    arguments = parser.parse_args()
+    fleet = by_fleet(COUNT)
+    results = {
+        name: take_turns(ours, peer, arguments.rounds)
+        for name, ours, peer in (
+            ("fleet / a vehicle stepped from Python", fleet, by_steps()),
+            ("fleet / a vehicle by simulate_commands", fleet, by_commands()),
+            ("fleet / a vehicle in a compiled loop", fleet, by_fleet(1)),
+            ("two threads / one (wall)", by_fleet(COUNT, 2, wall=True), by_fleet(COUNT, 1, wall=True)),
+            ("two threads / one (CPU)", by_fleet(COUNT, 2), fleet),
+        )
+    }
+    for name, row in results.items():
+        aim = f"  aim: at most {AIMS[name]:.2f}" if name in AIMS else ""
+        print(
+            f"{name:40s} {row['ratio']:6.3f} [{row['lowest']:.3f}, {row['highest']:.3f}]"
+            f"  ({row['ours_us']:.1f} us against {row['peer_us']:.1f} us){aim}"
+        )
+    if arguments.json:
+        partial = arguments.json.with_suffix(".partial")
+        partial.write_text(json.dumps(results, indent=2) + "\n")
+        partial.replace(arguments.json)
+
+
+if __name__ == "__main__":
+    main()
