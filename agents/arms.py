@@ -37,6 +37,7 @@ __all__ = [
     "ArmSettings",
     "believe_estimate",
     "believe_fixed",
+    "believe_prior",
     "believe_truth",
     "believe_worst",
     "make_arm",
@@ -122,6 +123,12 @@ def believe_estimate(z: float) -> BeliefSource:
         return Belief(max(mean - z * sd, low), mean, min(mean + z * sd, high))
 
     return believe
+
+
+def believe_prior(briefing: Any, table: Capability, observation: Observation) -> Belief:
+    """The whole prior: its middle, insured from end to end."""
+    low, high = briefing.n_range
+    return Belief(low, 0.5 * (low + high), high)
 
 
 def believe_truth(briefing: Any, table: Capability, observation: Observation) -> Belief:

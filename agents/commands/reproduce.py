@@ -12,5 +12,6 @@ STUDIES: dict[str, tuple[str, str, str]] = {
     "table1": ("table1", "Table1", "the paper's table: error of n on eight rows, three sources of the state"),
     "filters": ("filters", "Filters", "all filters on the same twins: error, bound, coverage, cost"),
     "gate": ("gate", "Gate", "an estimate holds and its sd grows while the motion says nothing of the soil"),
+    "headroom": ("headroom", "Headroom", "what knowing n is worth, over soils and widths of the prior"),
     "changing": ("changing", "Changing", "n that changes on the way: how soon the filters answer"),
 }
