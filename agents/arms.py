@@ -26,7 +26,6 @@ from agents.ride_controller import RideController
 from agents.slip_controller import SlipController
 from agents.speed_planner import Belief, BeliefSource, PlannerGains, SoilTracker
 from agents.stop_controller import StopController
-from agents.tuned import SETTINGS
 from offroad_env.errors import InvalidParameter
 
 __all__ = [
@@ -178,6 +177,9 @@ def make_arm(name: str, *, scenario: str = "speed", settings: ArmSettings | None
     if name not in ARMS:
         raise InvalidParameter(f"arm must be one of {', '.join(ARMS)}, got {name!r}")
     if settings is None:
+        # Here and not above: who asks what sources stand behind a result adds the settings of its arm.
+        from agents.tuned import SETTINGS
+
         if (scenario, name) not in SETTINGS:
             tuned = ", ".join(sorted({key[0] for key in SETTINGS}))
             raise InvalidParameter(

@@ -95,10 +95,12 @@ class Headroom(Results):
 
         if min(self.episodes, self.training) < 2:
             raise InvalidParameter("episodes and training must be at least 2: one episode has no interval")
-        stamp = stamp_of(*_SOURCES)
+        stamps = {task: f"{stamp_of(*_SOURCES)}-{SETTINGS[task, 'oracle']}" for task in self.tasks}
         keys = [key for cell in self._cells() for key in self._keys(*cell)]
         path = self.out / "headroom.jsonl"
-        done = run_units(path, run_unit, dict.fromkeys(keys, stamp), label="episodes", n_jobs=self.n_jobs)
+        done = run_units(
+            path, run_unit, {key: stamps[key[0]] for key in keys}, label="episodes", n_jobs=self.n_jobs
+        )
         cells = [cell for place in self._cells() if (cell := self._cell(*place, done)) is not None]
         heading = ("task", "soil", "width", "headroom", "share", "nominal at")
         rows = [
