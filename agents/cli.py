@@ -26,6 +26,7 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "soil": ("soil", "SoilPlot", "force and sinkage curves of a soil; --list shows the catalogue"),
     "wheel-data": ("wheel_data", "WheelData", "measured against predicted forces of one wheel"),
     "reproduce": ("reproduce", "STUDIES", "repeat a study: the paper's table, ..."),
+    "speed": ("speed", "SpeedCommand", "speed and memory, as ratios to other environments"),
     "benchmark": (
         "benchmark",
         "BenchmarkRun",
@@ -48,6 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _run(arguments: list[str]) -> int:
+    arguments, engine = _take_engine(arguments)
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(_overview())
         return 0 if arguments else _USAGE
@@ -63,7 +65,13 @@ def _run(arguments: list[str]) -> int:
         command = _parse(name, rest)
         if getattr(command, "seed", 0) < 0:
             raise InvalidParameter(f"seed must be >= 0, got {command.seed}")
-        command.run()
+        if engine == "local":
+            command.run()
+        else:
+            from agents.engine import using_engine
+
+            with using_engine(engine):
+                command.run()
     except OffroadError as error:
         return _complain(str(error), 1)
     except KeyboardInterrupt:
@@ -71,6 +79,22 @@ def _run(arguments: list[str]) -> int:
     except BrokenPipeError:  # the reader of a pipe, such as head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
+
+
+def _take_engine(arguments: list[str]) -> tuple[list[str], str]:
+    """The arguments without ``--engine NAME``, which belongs to no command, and NAME."""
+    rest, engine = [], "local"
+    words = iter(arguments)
+    for word in words:
+        if word == "--engine":
+            engine = next(words, None)
+            if engine is None:
+                sys.exit(_complain("--engine needs a name: local, dask or ray", _USAGE))
+        elif word.startswith("--engine="):
+            engine = word.removeprefix("--engine=")
+        else:
+            rest.append(word)
+    return rest, engine
 
 
 def _parse(name: str, arguments: list[str]):
@@ -130,6 +154,7 @@ def _overview() -> str:
             *_listing(COMMANDS),
             "",
             "offroad COMMAND --help explains a command; offroad --version names the version.",
+            "--engine local|dask|ray, with any command: where the runs of a study are computed.",
         ]
     )
 

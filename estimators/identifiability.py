@@ -58,8 +58,8 @@ __all__ = [
 #: Half the step of the differences, by state: cubic terms stay below 1e-6 of the slope.
 _STEPS = np.array([1e-4, 1e-4, 1e-5, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3, 1e-3])
 _FIX_PERIOD = 0.1  # time between satellite fixes [s]
-#: Gauss-Newton steps of an estimate; the last one changes it by less than a thousandth of the bound.
-_ITERATIONS = 8
+#: Most Gauss-Newton steps of an estimate, and the change that ends them, in standard deviations.
+_ITERATIONS, _CONVERGED = 20, 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,6 +117,10 @@ class Manoeuvre:
     commands: np.ndarray  #: (T, 3) held over a sample, as the kernels take them
     title: str  #: in words
     dt: float = 0.01  #: time between samples [s]
+
+    def __post_init__(self) -> None:
+        if self.plant.soil.rigid > 0.5:
+            raise InvalidParameter(f"{self.name}: stands on hard ground, which has no soil parameters")
 
     @property
     def duration(self) -> float:
@@ -481,11 +485,12 @@ def scatter(
 
     Every seed draws a true start, process and sensor noise, and a prior mean about the truth. The
     estimate is iterated on the nonlinear model; only its slopes are those of the undisturbed drive
-    (Gauss-Newton with a fixed Jacobian).
+    (Gauss-Newton with a fixed Jacobian). The search begins at the truth: the bound is local, and
+    whether a search gets there from afar is another question.
 
     Returns
     -------
-    (len(seeds), q) in shown units; a row of NaN where the estimate left the range of the model.
+    (len(seeds), q) in shown units; a row of NaN where the estimate did not converge or left the model.
     """
     errors = np.full((len(seeds), len(line.parameters)), math.nan)
     for i, seed in enumerate(seeds):
@@ -500,15 +505,15 @@ def _one_estimate(line: Linearised, seed: int) -> np.ndarray:
     information, rng = line.information, np.random.default_rng(seed)
     sd = information.prior_sd
     z = _measured(line, rng)
-    guess = prior = rng.normal(size=len(sd)) * sd
+    prior, guess = rng.normal(size=len(sd)) * sd, np.zeros(len(sd))
     weight = np.diag(1.0 / np.square(sd))
     for _ in range(_ITERATIONS):
         gradient = _score(line, z, guess) + weight @ (prior - guess)
         change = information.bound @ gradient
         guess = guess + change
-        if np.max(np.abs(change) / np.sqrt(np.diag(information.bound))) < 1e-3:
-            break
-    return guess
+        if np.max(np.abs(change) / np.sqrt(np.diag(information.bound))) < _CONVERGED:
+            return guess
+    return np.full(len(sd), math.nan)
 
 
 def _measured(line: Linearised, rng: np.random.Generator) -> list[np.ndarray]:

@@ -34,7 +34,16 @@ from estimators.transforms import interval
 from offroad_env.sensors import ImuConfig
 from offroad_env.simulator import settled_state
 
-__all__ = ["FILTERS", "Belief", "MismatchSummary", "Verdict", "judge", "run_filter", "summarise_verdicts"]
+__all__ = [
+    "FILTERS",
+    "Belief",
+    "Candidate",
+    "MismatchSummary",
+    "Verdict",
+    "judge",
+    "run_filter",
+    "summarise_verdicts",
+]
 
 _SPEED = CHOICES["start_speed"].value
 _POSE = (0.0, 0.0, 0.0)
@@ -114,21 +123,29 @@ def _propagated(twin: MismatchTwin, seen: np.ndarray) -> tuple[np.ndarray, ...]:
     return run.n, run.sd, *np.transpose(ends), np.ones(len(seen), dtype=bool)
 
 
-#: Filter -> (its loop, sensors that it sees, see `protocol_runs.SENSORS`).
-FILTERS: dict[str, tuple[Callable[..., tuple[np.ndarray, ...]], str]] = {
-    "robust": (_robust, "imu"),
-    "bank": (_bank, "imu"),
-    "embedded": (_embedded, "imu+wheels+gnss"),
-    "propagated": (_propagated, "imu"),
+class Candidate(NamedTuple):
+    """A filter of the study."""
+
+    loop: Callable[[MismatchTwin, np.ndarray], tuple[np.ndarray, ...]]  #: n, sd, low, high, valid
+    sensors: str  #: that it sees, see `protocol_runs.SENSORS`
+    module: str  #: that it lives in
+    title: str
+
+
+FILTERS: dict[str, Candidate] = {
+    "robust": Candidate(_robust, "imu", "estimators.robust", "robust bank"),
+    "bank": Candidate(_bank, "imu", "estimators.bank", "plain bank"),
+    "embedded": Candidate(_embedded, "imu+wheels+gnss", "estimators.embedded", "embedded UKF"),
+    "propagated": Candidate(_propagated, "imu", "estimators.parameter", "propagated"),
 }
 
 
 def run_filter(name: str, twin: MismatchTwin) -> Belief:
     """Run one of `FILTERS` on a truth; what it believes about everything but n is the nominal row."""
-    loop, sensors = FILTERS[name]
-    seen = twin.readings(sensors)
+    candidate = FILTERS[name]
+    seen = twin.readings(candidate.sensors)
     begin = time.process_time()
-    beliefs = loop(twin, seen)
+    beliefs = candidate.loop(twin, seen)
     return Belief(*beliefs, seconds=time.process_time() - begin)
 
 

@@ -178,7 +178,8 @@ def _before(state, navigation, sensors, command, vehicle, rules):
         turn, share = rules.dt / max(vehicle[2], rules.dt), rules.dt / max(vehicle[3], rules.dt)
         shared[at.STEER] += turn * (command[0] - shared[at.STEER])
         shared[at.DRIVE] += share * (command[1] - shared[at.DRIVE])
-        shared[at.BRAKE] += share * (command[2] - shared[at.BRAKE])
+        if math.isfinite(command[2]):  # the paper's model has no brake
+            shared[at.BRAKE] += share * (command[2] - shared[at.BRAKE])
         return False
     shared[at.X], shared[at.Y], shared[at.YAW] = nav[X], nav[Y], nav[YAW]
     for k in range(int(memory[ALIVE])):

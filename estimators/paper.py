@@ -123,7 +123,7 @@ KNOWN_SETTINGS: dict[str, ParameterSettings] = {
 }
 #: Spread of the sigma points and sqrt(R_n) that the sweep tries.
 SWEEP: dict[str, tuple[float, ...]] = {
-    "alpha": (0.1, 0.5, 1.0, 2.0),
+    "alpha": (0.5, 1.0, 2.0),
     "drift": (0.001, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.04),
 }
 
@@ -195,8 +195,8 @@ def _comparison_steer(t: float) -> float:
     return 0.3 * math.sin(0.1 * t)
 
 
-def _comparison_run(plant: Plant, duration: float, **kwargs) -> Trajectory:
-    state, warm = settled_state(plant, v_x=CHOICES["start_speed"].value)
+def _comparison_run(plant: Plant, duration: float, *, speed: float | None = None, **kwargs) -> Trajectory:
+    state, warm = settled_state(plant, v_x=CHOICES["start_speed"].value if speed is None else speed)
     return simulate(
         plant, state, warm, steer=_comparison_steer, duration=duration, dt=CHOICES["dt"].value, **kwargs
     )
@@ -217,7 +217,9 @@ class ForwardComparison:
         return float(self.distance.max())
 
 
-def forward_comparison(*, duration: float = 50.0, H0: float = 0.05) -> ForwardComparison:
+def forward_comparison(
+    *, duration: float = 50.0, H0: float = 0.05, slip: float | None = None, speed: float | None = None
+) -> ForwardComparison:
     """Run the paper's forward comparison on clay: both models, each settled on the soil at the start.
 
     Parameters
@@ -226,9 +228,16 @@ def forward_comparison(*, duration: float = 50.0, H0: float = 0.05) -> ForwardCo
         [s]
     H0 : float
         Amplitude of the terrain [m]; with 0 the models agree (level ground).
+    slip : float, optional
+        Another constant slip than the chosen one [-].
+    speed : float, optional
+        Another speed at the start [m/s].
     """
+    ground = ROWS[0]._replace(H0=H0)
     runs = {
-        model: _comparison_run(row_plant(ROWS[0]._replace(H0=H0), model), duration, force=_force("clay"))
+        model: _comparison_run(
+            row_plant(ground, model, slip=slip), duration, speed=speed, force=_force("clay")
+        )
         for model in ("half_car", "bicycle")
     }
     half_car, bicycle = runs["half_car"], runs["bicycle"]

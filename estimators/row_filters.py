@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,20 +20,20 @@ from estimators.bounds import posterior_bound
 from estimators.consistency import coverage, surprise
 from estimators.ekf import run_ekf
 from estimators.joint import ETA, JointModel, JointRun, JointSettings, prior, run_joint_filter
-from estimators.paper import CHOICES, SETTINGS
+from estimators.paper import CHOICES, KNOWN_SETTINGS, SETTINGS, row_plant
 from estimators.parameter import ParameterSettings, run_parameter_filter
 from estimators.particle import ParticleSettings, run_particles
-from estimators.protocol_runs import SENSORS, RowTwin, row_model, row_plant
+from estimators.protocol_runs import SENSORS, RowTwin, row_model
+from estimators.scores import SETTLED, mean_square_error, time_to_5pct
 from estimators.smoother import run_smoother
 from estimators.transforms import interval
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.simulator import settled_state
-from offroad_env.soils import make_soil
 
 __all__ = [
     "FILTERS",
-    "KNOWN",
+    "WRONG",
     "RowFilter",
     "RowOutcome",
     "RowScore",
@@ -43,13 +42,11 @@ __all__ = [
     "row_bound",
     "run_filter",
     "score_run",
-    "time_to",
+    "scored",
 ]
 
 #: Prior of n shared by all filters that estimate the state too: the bank's.
 _PRIOR = (BankSettings().n_prior, BankSettings().n_prior_sd)
-#: The paper's filter with a perfect state: what it may assume is the sensors' noise.
-KNOWN = ParameterSettings(noise=(0.2, 0.2, 0.2, 0.0175, 0.0175), drift=1e-3)
 #: A filter without a validity flag of its own is believed while its 99 % interval is narrower than the
 #: distance between two soils that pull alike on clay, and its innovations are as large as they should be.
 _NARROW = 0.08
@@ -59,8 +56,6 @@ _Z_99 = 2.575829
 _START_POSE = (0.0, 0.0, 0.0)
 #: Error of n beyond which an estimate belongs to another soil [-].
 WRONG = 0.05
-#: From here on the first search is over [s].
-SETTLED = 20.0
 
 
 class RowOutcome(NamedTuple):
@@ -196,7 +191,7 @@ def _smoother(twin: RowTwin, sensors: str, settings: JointSettings) -> RowOutcom
 
 
 def _parameter(twin: RowTwin, settings: ParameterSettings, *, known: bool) -> RowOutcome:
-    plant = row_plant(twin.row)._replace(soil=make_soil(twin.row.soil, n=settings.n_prior))
+    plant = row_plant(twin.row, n=settings.n_prior)
     start = settled_state(plant, v_x=CHOICES["start_speed"].value)
     states = None
     if known:
@@ -226,11 +221,11 @@ def _parameter(twin: RowTwin, settings: ParameterSettings, *, known: bool) -> Ro
 
 
 def _propagated(twin: RowTwin, sensors: str, settings: JointSettings) -> RowOutcome:
-    return _parameter(twin, replace(SETTINGS["half_car"], n_range=settings.n_range), known=False)
+    return _parameter(twin, SETTINGS["half_car"], known=False)
 
 
 def _known(twin: RowTwin, sensors: str, settings: JointSettings) -> RowOutcome:
-    return _parameter(twin, replace(KNOWN, n_range=settings.n_range), known=True)
+    return _parameter(twin, KNOWN_SETTINGS["half_car"], known=True)
 
 
 FILTERS: dict[str, RowFilter] = {
@@ -299,14 +294,6 @@ class RowScore(NamedTuple):
     updates: int
 
 
-def time_to(error: np.ndarray, t: np.ndarray, limit: np.ndarray | float) -> float:
-    """Time [s] from which on ``|error|`` (T,) stays below ``limit``; inf when it does not."""
-    outside = np.flatnonzero(np.abs(error) > limit)
-    if outside.size == 0:
-        return float(t[0])
-    return float(t[outside[-1] + 1]) if outside[-1] + 1 < len(t) else math.inf
-
-
 def ends_wrong(outcome: RowOutcome, twin: RowTwin) -> bool:
     """Whether the filter vouches at the end for an estimate that belongs to another soil."""
     return bool(outcome.valid[-1] and abs(outcome.n[-1] - twin.n[-1]) > WRONG)
@@ -318,7 +305,7 @@ def score_run(outcome: RowOutcome, twin: RowTwin) -> RowScore:
     finite = np.isfinite(outcome.nis)
     inside = (outcome.low, outcome.high, twin.n)
     return RowScore(
-        mse=float(np.mean(error**2)),
+        mse=mean_square_error(outcome.n, twin.n),
         late_mse=float(np.mean(error[late] ** 2)) if late.any() else math.nan,
         coverage=coverage(*inside),
         coverage_late=coverage(*inside, late),
@@ -327,7 +314,7 @@ def score_run(outcome: RowOutcome, twin: RowTwin) -> RowScore:
         nis=float(outcome.nis[finite].mean()) if finite.any() else math.nan,
         nis_count=int(finite.sum()),
         channels=outcome.channels,
-        time_to_5pct=time_to(error, twin.t, 0.05 * twin.n),
+        time_to_5pct=time_to_5pct(twin.t, outcome.n, twin.n),
         end=float(outcome.n[-1]),
         end_sd=float(outcome.sd[-1]),
         wrong=ends_wrong(outcome, twin),

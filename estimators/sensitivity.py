@@ -23,12 +23,21 @@ from offroad_env.soils import SOILS, make_soil
 from offroad_env.vehicles import VEHICLES
 from offroad_env.wheel import wheel_forces
 
-__all__ = ["ForceCurve", "Sensitivity", "channel_distance", "force_curve", "sensitivity_curves"]
+__all__ = [
+    "ForceCurve",
+    "Sensitivity",
+    "channel_distance",
+    "force_curve",
+    "information_rate",
+    "sensitivity_curves",
+]
 
 _N = np.linspace(0.36, 1.4, 53)
 _SPEED = CHOICES["start_speed"].value
 #: Drives over which channels are compared, and what is left out until heave and pitch have settled [s].
 _DURATION, _FIRST = 8.0, 2.0
+#: Half the step of the central difference in n [-].
+_STEP = 2e-3
 _NOISE = np.array([CHOICES["noise_acceleration"].value] * 3 + [CHOICES["noise_rate"].value] * 2)
 
 
@@ -128,6 +137,30 @@ def channel_distance(row: Row, n: np.ndarray) -> np.ndarray:
         apart = _channels(row_plant(row, n=float(value)), row)[late:] - truth
         distances[i] = np.sqrt(np.mean(apart**2, axis=0)) / _NOISE
     return distances
+
+
+def information_rate(row: Row, n: np.ndarray) -> np.ndarray:
+    """Fisher information about n that every channel gives in a second, the state being known.
+
+    Parameters
+    ----------
+    row : Row
+        Ground and steering; its soil with every exponent of ``n`` in turn as the truth.
+    n : array (K,)
+        Sinkage exponents [-].
+
+    Returns
+    -------
+    (K, 5) : [1/s], `models.CHANNELS`; the standard deviation of n after a time T is (sum T)^-1/2.
+    """
+    dt = CHOICES["dt"].value
+    late = round(_FIRST / dt)
+    rate = np.empty((len(n), len(CHANNELS)))
+    for i, value in enumerate(n):
+        low, high = (_channels(row_plant(row, n=float(value) + side), row)[late:] for side in (-_STEP, _STEP))
+        slope = (high - low) / (2.0 * _STEP)
+        rate[i] = np.mean((slope / _NOISE) ** 2, axis=0) / dt
+    return rate
 
 
 def sensitivity_curves(soil: str) -> Sensitivity:

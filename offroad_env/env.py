@@ -15,7 +15,7 @@ from estimators.embedded import EmbeddedParameterUKF
 from estimators.navigation import NavigationFilter
 from estimators.protocol import Estimate, Estimator
 from offroad_env.errors import InvalidParameter, SolverFailure
-from offroad_env.fleet import LAST_ROW, NOISE_ROWS, Fleet
+from offroad_env.memory import LAST_ROW, NOISE_ROWS, Memory
 from offroad_env.observation import PREVIEW, Layout
 from offroad_env.period import (
     BELIEVE,
@@ -26,6 +26,7 @@ from offroad_env.period import (
     REPORT,
     REPORTED,
     SAMPLES,
+    announce_compilation,
     period_full,
     period_paper,
 )
@@ -220,6 +221,7 @@ class OffroadBekkerEnv(gym.Env):
         self._believed_soil = make_soil(SOILS[self.soil_name], n=self.prior[0])
         if estimator != "none" and self._believed_soil.rigid:
             raise InvalidParameter(f"estimator={estimator!r} needs a deformable soil, got {self.soil_name!r}")
+        announce_compilation()
         self._require_bearing()
         self.weights = self.scenario.weights
         self.sensors = SensorSuite(
@@ -232,7 +234,7 @@ class OffroadBekkerEnv(gym.Env):
         self._layout = Layout(self.vehicle.steer_max, terrain=terrain_info != "none")
         self._renderer: Any = None
         self._learner: EmbeddedParameterUKF | None = None  # the estimator that the compiled period carries
-        self.join(Fleet(1), 0)
+        self.join(Memory(1), 0)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = self._layout.space()
 
@@ -338,7 +340,7 @@ class OffroadBekkerEnv(gym.Env):
         """Write into the record what an episode starts with."""
         self.readings[:] = 0.0
         self._rims[:] = speed
-        self._fleet.lay_out(self._row, self.course.path, self.plant, self.course.known_ground)
+        self._memory.lay_out(self._row, self.course.path, self.plant, self.course.known_ground)
         nearest = nearest_index(self.course.path, X, Y)
         mount, episode = self.sensors.mount, self._episode
         for name, value in (
@@ -362,12 +364,12 @@ class OffroadBekkerEnv(gym.Env):
             ("ending", 0),
         ):
             episode[name] = value
-        self.sensors.draw_noise(self._fleet.noise[self._row, -1:])
+        self.sensors.draw_noise(self._memory.noise[self._row, -1:])
         self._actions[:] = 0.0
 
     def _lay_down_rules(self) -> None:
         """Write down what holds for the whole episode."""
-        v, rules = self.vehicle, self._fleet.rules[0]
+        v, rules = self.vehicle, self._memory.rules[0]
         for name, value in (
             ("dt", FULL_STEP),
             ("limits", (v.steer_max, v.drive_torque_max, v.brake_torque_max)),
@@ -431,23 +433,28 @@ class OffroadBekkerEnv(gym.Env):
 
     # ------------------------------------------------------------------ memory
 
-    def join(self, fleet: Fleet, row: int) -> None:
-        """Live in that row of a fleet's memory from the next reset on."""
-        self._fleet, self._row = fleet, row
+    def join(self, memory: Memory, row: int) -> None:
+        """Live in that row of a memory from the next reset on."""
+        self._memory, self._row = memory, row
         self._bind()
 
     def _bind(self) -> None:
         """Point at the own row: a copy of an array that was a view is none any more."""
         rows = slice(self._row, self._row + 1)
-        self._arguments = self._fleet.part(rows)
-        self._episode = self._fleet.episodes[self._row]
+        self._arguments = self._memory.part(rows)
+        self._episode = self._memory.episodes[self._row]
         self.state, self.warm = self._episode["state"], self._episode["warm"]
         self.readings, self._rims = self._episode["readings"], self._episode["rims"]
         self._samples, self._report = self._episode["samples"], self._episode["report"]
-        self._actions, self._shown = self._fleet.actions[self._row], self._fleet.shown[self._row]
+        self._actions, self._shown = self._memory.actions[self._row], self._memory.shown[self._row]
         self._navigation.lodge(self._episode["navigation"], self._episode["covariance"])
         if self._learner is not None:
-            self._learner.lodge(self._fleet.episodes["filter"][rows])
+            self._learner.lodge(self._memory.episodes["filter"][rows])
+
+    @property
+    def memory_size(self) -> int:
+        """Bytes of the record that an episode lives in; its course and the noise lie beside it."""
+        return self._memory.episodes.itemsize
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the tuple of views, which would be stored once more."""
@@ -460,7 +467,7 @@ class OffroadBekkerEnv(gym.Env):
 
     def draw_noise(self) -> None:
         """Sensor noise of the next periods, for whoever runs the compiled period."""
-        self.sensors.draw_noise(self._fleet.noise[self._row])
+        self.sensors.draw_noise(self._memory.noise[self._row])
         self._episode["noise_row"] = 0
 
     # ------------------------------------------------------------------ one period
@@ -475,7 +482,7 @@ class OffroadBekkerEnv(gym.Env):
         if self.is_compiled:
             self._run(_EVERYTHING)
             return
-        self._fleet.rules["learns"] = 0
+        self._memory.rules["learns"] = 0
         self._run(DRIVE | BELIEVE)
         self.ask_estimator()
         self._run(REPORT)

@@ -1,6 +1,6 @@
 """One control period of any number of episodes, in one compiled call.
 
-An episode is one record: truth, sensors, beliefs, counters, and what is reported of it. A fleet is an
+An episode is one record: truth, sensors, beliefs, counters, and what is reported of it. A memory is an
 array of such records, so one vehicle and a thousand run through the same compiled code, and give the
 same numbers to the last bit. What does not fit a record of fixed size (path, waves, patches of soil)
 lies in tables beside it.
@@ -15,8 +15,11 @@ before it left, and the second one nothing of the truth:
 
 from __future__ import annotations
 
+import logging
 import math
+from functools import cache
 
+import numba
 import numpy as np
 
 from estimators.embedded import ASSUMPTIONS, MEMORY, learn_full, learn_paper, summary
@@ -24,7 +27,7 @@ from estimators.navigation import SIZE as NAVIGATION
 from estimators.navigation import YAW, V, X, Y, navigate
 from offroad_env.observation import PREVIEW, SHOWN, write_observation
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import inline_kernel, kernel
+from offroad_env.physics._jit import cache_folder, inline_kernel, kernel
 from offroad_env.physics.contact import NO_ROOT, SUNK
 from offroad_env.physics.full_model import full_advance
 from offroad_env.physics.packing import PackedPlant, unpack
@@ -54,6 +57,7 @@ __all__ = [
     "REPORTED",
     "RULES",
     "SAMPLES",
+    "announce_compilation",
     "period_full",
     "period_paper",
 ]
@@ -144,7 +148,7 @@ EPISODE = np.dtype(
     ]
 )
 
-#: What holds for every episode of a fleet.
+#: What holds for every episode of a memory.
 RULES = np.dtype(
     [
         ("dt", "f8"),  # step of the plant [s]
@@ -163,6 +167,15 @@ RULES = np.dtype(
         ("assumptions", ASSUMPTIONS),
     ]
 )
+
+
+@cache
+def announce_compilation() -> None:
+    """Say once, on the log, that the first step will take a while, where nothing is compiled yet."""
+    if not numba.config.DISABLE_JIT and not any(cache_folder(__name__).rglob("*.nbi")):
+        logging.getLogger("offroad_env").warning(
+            "OffroadBekker compiles its physics, which takes a minute or so: only once, the result is kept"
+        )
 
 
 @inline_kernel

@@ -15,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 
 from offroad_env.env import OffroadBekkerEnv
 from offroad_env.errors import InvalidParameter
-from offroad_env.fleet import LAST_ROW, Fleet
+from offroad_env.memory import LAST_ROW, Memory
 from offroad_env.observation import Layout
 from offroad_env.period import (
     BELIEVE,
@@ -109,7 +109,8 @@ class OffroadBekkerVectorEnv(VectorEnv):
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.envs = [OffroadBekkerEnv(**options) for _ in range(self.num_envs)]
         first = self.envs[0]
-        self.max_episode_steps = min(max_episode_steps, round(first.scenario.time_limit / CONTROL_PERIOD))
+        self.max_episode_steps = int(max_episode_steps)
+        self._time_limit = first.scenario.time_limit
         self.metadata = {**first.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = first.render_mode
         self.single_action_space, self.single_observation_space = first.action_space, first.observation_space
@@ -117,9 +118,9 @@ class OffroadBekkerVectorEnv(VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._layout = Layout(first.vehicle.steer_max, terrain=first.terrain_info != "none")
         self._period = period_full if first.model == "full" else period_paper
-        self._fleet = Fleet(self.num_envs)
+        self._memory = Memory(self.num_envs)
         for row, env in enumerate(self.envs):
-            env.join(self._fleet, row)
+            env.join(self._memory, row)
         count = _threads(threads, self.num_envs)
         edges = [round(i * self.num_envs / count) for i in range(count + 1)]
         self._shares = [slice(low, high) for low, high in pairwise(edges)]
@@ -150,7 +151,7 @@ class OffroadBekkerVectorEnv(VectorEnv):
             self._restart(i, seeds[i], exponents[i])
         present = np.zeros(self.num_envs, np.bool_)
         present[rows] = True
-        return self._layout.split(self._fleet.shown), self._infos(present)
+        return self._layout.split(self._memory.shown), self._infos(present)
 
     def step(
         self, actions: np.ndarray
@@ -162,30 +163,31 @@ class OffroadBekkerVectorEnv(VectorEnv):
         if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
             raise InvalidParameter(f"episodes {np.flatnonzero(self._over)} are over: reset them first")
         again = self._over.copy()
-        self._fleet.actions[:] = values
+        self._memory.actions[:] = values
         self._advance(~again)
         for i in np.flatnonzero(again):
             self._restart(i, None, {})
         self._elapsed[~again] += 1
-        episodes = self._fleet.episodes
+        episodes = self._memory.episodes
         terms = episodes["report"][:, FIRST_TERM:]
         rewards = np.zeros(self.num_envs)
         for j in range(len(TERMS)):  # one after the other, as a single environment adds them
             rewards += terms[:, j]
         rewards[again] = 0.0
         terminated = (episodes["ending"] > 0) & ~again
-        truncated = (self._elapsed >= self.max_episode_steps) & ~again
+        late = episodes["time"] > self._time_limit - 0.5 * CONTROL_PERIOD
+        truncated = ((self._elapsed >= self.max_episode_steps) | (late & ~terminated)) & ~again
         ended = terminated | truncated
         infos: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             for i in np.flatnonzero(ended):
-                final = {"final_obs": self._layout.split(self._fleet.shown[i])}
+                final = {"final_obs": self._layout.split(self._memory.shown[i])}
                 infos = self._add_info(infos, {**final, "final_info": self.envs[i].result()[0]}, i)
                 self._restart(i, None, {})
         else:
             self._over = ended
         infos |= self._infos(np.ones(self.num_envs, np.bool_))
-        return self._layout.split(self._fleet.shown), rewards, terminated, truncated, infos
+        return self._layout.split(self._memory.shown), rewards, terminated, truncated, infos
 
     def render(self) -> tuple[Any, ...]:
         """What every single environment draws."""
@@ -242,13 +244,13 @@ class OffroadBekkerVectorEnv(VectorEnv):
 
     def _advance(self, moving: np.ndarray) -> None:
         """One period of the episodes in the mask ``moving``."""
-        for i in np.flatnonzero((self._fleet.episodes["noise_row"] > LAST_ROW) & moving):
+        for i in np.flatnonzero((self._memory.episodes["noise_row"] > LAST_ROW) & moving):
             self.envs[i].draw_noise()
         asking = [i for i in np.flatnonzero(moving) if not self.envs[i].is_compiled]
         if not asking:
             self._run(np.where(moving, _EVERYTHING, 0))
             return
-        self._fleet.rules["learns"] = 0
+        self._memory.rules["learns"] = 0
         self._run(np.where(moving, DRIVE | BELIEVE, 0))
         for i in asking:
             self.envs[i].ask_estimator()
@@ -256,8 +258,8 @@ class OffroadBekkerVectorEnv(VectorEnv):
 
     def _run(self, phases: np.ndarray) -> None:
         """The compiled period, every thread its share."""
-        self._fleet.episodes["phases"] = phases
-        parts = [self._fleet.part(share) for share in self._shares]
+        self._memory.episodes["phases"] = phases
+        parts = [self._memory.part(share) for share in self._shares]
         waiting = [self._pool.submit(self._period, *part) for part in parts[1:]]
         self._period(*parts[0])
         for future in waiting:
@@ -265,7 +267,7 @@ class OffroadBekkerVectorEnv(VectorEnv):
 
     def _infos(self, present: np.ndarray) -> dict[str, Any]:
         """Gymnasium's form: one array per key, and a mask of the episodes that have it."""
-        episodes = self._fleet.episodes
+        episodes = self._memory.episodes
         report = np.where(present[:, None], episodes["report"], 0.0)
         columns = {name: report[:, at].copy() for name, at in REPORTED.items()}
         ending = np.where(present, episodes["ending"], 0)

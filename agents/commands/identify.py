@@ -86,7 +86,7 @@ class Identify(Results):
         for finding in findings:
             say(f"{finding.source}: {finding.information.in_words()}")
             if finding.failed:
-                say(f"{finding.source}: {finding.failed} of {len(finding.errors)} estimates left the model")
+                say(f"{finding.source}: {finding.failed} of {len(finding.errors)} estimates did not converge")
         say("")
 
 

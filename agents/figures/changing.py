@@ -10,6 +10,8 @@ from matplotlib.figure import Figure
 __all__ = ["changing_figure"]
 
 _COLOURS = ("#009E73", "#D55E00", "#0072B2")
+#: The second and third filter often agree: both show.
+_STYLES = ("-", "-", (0, (4, 3)))
 
 
 def changing_figure(results: Mapping[tuple[str, str], Mapping], *, step: float) -> Figure:
@@ -29,10 +31,10 @@ def changing_figure(results: Mapping[tuple[str, str], Mapping], *, step: float) 
     for (model, scenario), unit in results.items():
         axes = panels[models.index(model), scenarios.index(scenario)]
         t = step * np.arange(len(unit["truth"]))
-        for (name, run), colour in zip(unit["runs"].items(), _COLOURS, strict=False):
+        for (name, run), colour, style in zip(unit["runs"].items(), _COLOURS, _STYLES, strict=False):
             n, sd = np.array(run["n"]), np.array(run["sd"])
             axes.fill_between(t, n - 2.0 * sd, n + 2.0 * sd, color=colour, alpha=0.15, lw=0)
-            axes.plot(t, n, color=colour, lw=1.3, label=name)
+            axes.plot(t, n, color=colour, lw=1.3, ls=style, label=name)
         axes.plot(t, unit["truth"], color="0.1", lw=1.2, ls="--", label="true n")
         low, high = min(unit["truth"]), max(unit["truth"])
         margin = 0.6 * (high - low)

@@ -68,10 +68,11 @@ def _draw_innovations(axes: Axes, result: LogEstimate) -> None:
         return
     t, nis = result.t[present], result.nis[present] / result.channels
     count = max(round(_MEAN_TIME / float(np.median(np.diff(t)))), 1) if len(t) > 1 else 1
-    mean = np.convolve(nis, np.ones(count) / count, mode="same")
+    window = np.ones(count)
+    mean = np.convolve(nis, window, mode="same") / np.convolve(np.ones(len(nis)), window, mode="same")
     low, high = chi2.ppf([0.025, 0.975], result.channels * count) / (result.channels * count)
     axes.axhspan(low, high, color=_GREY, alpha=0.15, lw=0, label="expected of white noise, 95 %")
     axes.plot(t, mean, color=_BLUE, lw=1.2, label=f"mean over {_MEAN_TIME:g} s")
-    axes.set_yscale("log")
+    axes.set_ylim(0.0, max(2.0, 1.1 * float(mean.max())))
     axes.set_ylabel("innovation² /\nexpected [-]")
     axes.legend(frameon=False, fontsize=9, loc="best")

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from agents.studies.identify import Finding
 from estimators.identifiability import PARAMETERS
@@ -33,7 +34,8 @@ def identify_figure(findings: Sequence[Finding]) -> Figure:
             panels[i, j].set_title(f"{finding.title}, {finding.duration:g} s", loc="left", fontsize=10)
         if i == len(sources) - 1:
             panels[i, j].set_xlabel("error of n [-]")
-    panels[0, -1].legend(frameon=False, fontsize=8, loc="upper right")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, frameon=False, fontsize=9, loc="outside upper right", ncols=3)
     return figure
 
 
@@ -57,6 +59,7 @@ def _draw(axes: Axes, finding: Finding, colour: str) -> None:
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     axes.tick_params(labelsize=8)
+    axes.xaxis.set_major_locator(MaxNLocator(5))
 
 
 def _ellipse(covariance: np.ndarray) -> np.ndarray:

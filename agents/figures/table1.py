@@ -59,17 +59,20 @@ def estimates_figure(series: Mapping[tuple, Mapping[str, Sequence[float]]]) -> F
         steering = "straight"
         if row.steer_amplitude > 0.0:
             steering = f"{row.steer_amplitude:g} sin {row.steer_frequency:g} t"
-        soil = SOILS.entry(row.soil).title.lower()
-        axes.set_title(f"{row.number}: {soil}, {row.H0:g} m, {steering}", loc="left", fontsize=10)
-        axes.set_ylim((0.3, 1.3) if row.soil == "clay" else (0.9, 1.3))
+        axes.set_title(
+            f"{row.number}: {row.soil.replace('_', ' ')}, {row.H0:g} m, {steering}", loc="left", fontsize=10
+        )
+        axes.set_ylim((0.3, 1.3) if row.soil == "clay" else (0.95, 1.25))
         axes.margins(x=0.0)
         _tidy(axes)
     for axes in panels[-1]:
         axes.set_xlabel("time [s]")
     for axes in panels[:, 0]:
         axes.set_ylabel("sinkage exponent n [-]")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
+    handles = {}
+    for axes in panels.flat:
+        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    figure.legend(handles.values(), handles, loc="outside lower center", ncols=len(handles), frameon=False)
     return figure
 
 

@@ -19,7 +19,8 @@ from estimators.consistency import Band, chi_square_band
 from estimators.joint import JointSettings
 from estimators.paper import ROWS
 from estimators.protocol_runs import REPORT_SEEDS, row_twin
-from estimators.row_filters import FILTERS, SETTLED, row_bound, scored
+from estimators.row_filters import FILTERS, row_bound, scored
+from estimators.scores import SETTLED
 from offroad_env.errors import InvalidParameter
 
 __all__ = ["FilterLine", "FilterTotal", "Filters", "lines_of", "run_unit", "totals_of"]
@@ -246,28 +247,51 @@ def _show(lines: Sequence[FilterLine], totals: Sequence[FilterTotal]) -> None:
     body = [(name, *(_number(by_place[name, row].ratio, 1) for row in rows)) for name in names]
     console().print(table("the same over the Cramer-Rao bound", heading, body))
     heading = (
-        "filter", "runs", "ratio", "worst", "covers", "flag up", "covers then", "NIS", "band", "us/update",
-        "x real time", "to 5 % [s]", "wrong", "repairs", "stopped",
-    )  # fmt: skip
+        "filter",
+        "runs",
+        "ratio",
+        "worst row",
+        "to 5 % [s]",
+        "µs/update",
+        "x real time",
+        "repairs",
+        "lost",
+    )
     body = [
         (
             total.filter,
             str(total.runs),
             _number(total.ratio),
             _number(total.ratio_worst, 1),
+            _number(total.time_to_5pct, 1),
+            f"{total.microseconds:.0f}",
+            f"{total.real_time:.0f}",
+            str(total.repairs),
+            f"{total.lost} ({total.stopped} stopped)" if total.stopped else str(total.lost),
+        )
+        for total in totals
+    ]
+    console().print(table("all rows: error and cost", heading, body))
+    heading = (
+        "filter",
+        "covers",
+        "flag up",
+        "covers then",
+        "NIS",
+        "95 % band of its mean",
+        "wrong with flag",
+    )
+    body = [
+        (
+            total.filter,
             f"{total.coverage:.1%}",
             f"{total.valid:.0%}",
             "-" if math.isnan(total.coverage_valid) else f"{total.coverage_valid:.1%}",
             _number(total.nis, 3),
-            f"{_number(total.nis_band.low)}-{_number(total.nis_band.high)}",
-            f"{total.microseconds:.0f}",
-            f"{total.real_time:.0f}",
-            _number(total.time_to_5pct, 1),
-            str(total.wrong_with_flag),
-            str(total.repairs),
-            str(total.stopped),
+            f"{_number(total.nis_band.low, 3)} - {_number(total.nis_band.high, 3)}",
+            f"{total.wrong_with_flag} of {total.runs}",
         )
         for total in totals
     ]
-    console().print(table("all rows", heading, body))
+    console().print(table("all rows: honesty", heading, body))
     say("ratio: geometric mean over the rows; wrong: runs whose flag is up at the end for another soil")

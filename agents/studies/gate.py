@@ -22,8 +22,8 @@ from estimators.bank import BankSettings, run_bank
 from estimators.bounds import posterior_bound
 from estimators.carried import KINDS
 from estimators.joint import JointSettings, prior, run_joint_filter
-from estimators.paper import CHOICES, ROWS
-from estimators.protocol_runs import REPORT_SEEDS, RowTwin, row_model, row_plant, row_twin
+from estimators.paper import CHOICES, ROWS, row_plant
+from estimators.protocol_runs import REPORT_SEEDS, RowTwin, row_model, row_twin
 from offroad_env.physics import state as at
 from offroad_env.simulator import make_plant, settled_state, simulate
 from offroad_env.soils import make_soil

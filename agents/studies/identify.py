@@ -51,7 +51,7 @@ class Finding:
 
     @property
     def failed(self) -> int:
-        """Estimates that left the range of the model."""
+        """Estimates that did not converge, or left the range of the model."""
         return int(np.isnan(self.errors[:, 0]).sum())
 
     @property

@@ -299,7 +299,8 @@ def _stamp(setting: ParameterSettings | BankSettings) -> str:
     """Changes with the sources of the filter, its setting, and what the rows are."""
     joint = isinstance(setting, BankSettings)
     sources = stamp_of("estimators.bank", "estimators.bounds") if joint else stamp_of("estimators.parameter")
-    digest = hashlib.sha256(repr((setting, CHOICES, ROWS)).encode()).hexdigest()[:10]
+    values = {name: choice.value for name, choice in CHOICES.items()}
+    digest = hashlib.sha256(repr((setting, values, ROWS)).encode()).hexdigest()[:10]
     return f"{sources}-{digest}"
 
 
@@ -308,46 +309,38 @@ def _settings() -> dict[str, Any]:
 
 
 def _show(lines: Sequence[TableLine]) -> None:
-    by_place = {(line.source, line.model, line.row): line for line in lines}
-    rows = sorted({line.row for line in lines})
     cases = [case for case in CASES if any(line[4:6] == case for line in lines)]
-    heading = ("row", "soil", "H0", "steering", "paper half-car", "bicycle")
-    heading += tuple(f"{source} {model}".replace("_", "-") for source, model in cases)
+    rows = sorted({line.row for line in lines})
+    by_place = {(line.source, line.model, line.row): line for line in lines}
+    heading = ("row", "soil", "H0", "steering", "half-car", "bicycle", *map(_case_name, cases), "speed [m/s]")
     body = []
     for row in rows:
         record = ROWS[row - 1]
         own = [by_place[(*case, row)] for case in cases]
-        marks = [" " if line.mse_median <= line.paper_mse else "*" for line in own]
-        cells = [f"{line.mse_median:.1e}{mark}" for line, mark in zip(own, marks, strict=True)]
+        speeds = f"{min(line.v_min for line in own):.1f}-{max(line.v_max for line in own):.1f}"
+        cells = [f"{x.mse_median:.1e}{' ' if x.mse_median <= x.paper_mse else '*'}" for x in own]
         first = (str(row), record.soil, f"{record.H0:g}", _steering(row))
-        body.append((*first, f"{record.paper_half_car:.1e}", f"{record.paper_bicycle:.1e}", *cells))
-    seeds = lines[0].seeds
-    title = f"Mean square error of n over 100 s, median of {seeds} seeds (*: above the paper's value)"
+        body.append((*first, f"{record.paper_half_car:.1e}", f"{record.paper_bicycle:.1e}", *cells, speeds))
+    title = (
+        f"Mean square error of n over 100 s: the paper's half-car and bicycle, then medians of "
+        f"{lines[0].seeds} seeds (*: above the paper)"
+    )
     console().print(table(title, heading, body, texts=4))
-    heading = ("source", "model", "row", "MSE", "95 % of the median", "RMSE > 20 s", "bound", "ratio")
-    heading += ("to 5 % [s]", "covers", "flag up", "covers then", "wrong", "speed [m/s]")
-    body = []
-    for line in sorted(lines, key=lambda line: (CASES.index((line.source, line.model)), line.row)):
-        joint = line.source == "joint"
-        body.append(
-            (
-                line.source,
-                line.model.replace("_", "-"),
-                str(line.row),
-                f"{line.mse_median:.2e}",
-                f"{line.mse_low:.1e} ... {line.mse_high:.1e}",
-                f"{line.rmse_after_20s:.1e}",
-                f"{line.bound_rmse_after_20s:.1e}",
-                f"{line.rmse_after_20s / line.bound_rmse_after_20s:.2f}",
-                f"{line.time_to_5pct:.1f}",
-                f"{line.coverage:.1%}",
-                f"{line.valid:.0%}" if joint else "-",
-                f"{line.coverage_valid:.1%}" if joint else "-",
-                str(line.wrong_with_flag) if joint else "-",
-                f"{line.v_min:.1f} ... {line.v_max:.1f}",
-            )
-        )
-    console().print(table("Every filter on every row", heading, body, texts=2))
+    ordered = sorted(lines, key=lambda line: (CASES.index((line.source, line.model)), line.row))
+    heading = (
+        "filter",
+        "row",
+        "MSE",
+        "95 % of the median",
+        "late RMSE",
+        "bound",
+        "ratio",
+        "to 5 %",
+        "covers",
+    )
+    heading += ("flag up", "then", "wrong")
+    title = "Every filter on every row (late: from 20 s on; wrong: seeds that vouch for another soil)"
+    console().print(table(title, heading, [_cells(line) for line in ordered]))
     for case in cases:
         say(_verdict([by_place[(*case, row)] for row in rows]))
     slow, fast = min(line.v_min for line in lines), max(line.v_max for line in lines)
@@ -355,12 +348,36 @@ def _show(lines: Sequence[TableLine]) -> None:
     say(f"speeds {slow:.2f} ... {fast:.2f} m/s, {inside} {_LOWEST_SPEED:g} ... {_HIGHEST_SPEED:g} m/s")
 
 
+def _case_name(case: tuple[str, str]) -> str:
+    source, model = case
+    return f"{source} {model.replace('_', '-')}"
+
+
+def _cells(line: TableLine) -> tuple[str, ...]:
+    """A line of the second table."""
+    flag = ("-", "-", "-")
+    if line.source == "joint":
+        flag = (f"{line.valid:.0%}", f"{line.coverage_valid:.1%}", str(line.wrong_with_flag))
+    return (
+        _case_name((line.source, line.model)),
+        str(line.row),
+        f"{line.mse_median:.2e}",
+        f"{line.mse_low:.1e}-{line.mse_high:.1e}",
+        f"{line.rmse_after_20s:.1e}",
+        f"{line.bound_rmse_after_20s:.1e}",
+        f"{line.rmse_after_20s / line.bound_rmse_after_20s:.2f}",
+        f"{line.time_to_5pct:.1f}" if math.isfinite(line.time_to_5pct) else "never",
+        f"{line.coverage:.1%}",
+        *flag,
+    )
+
+
 def _verdict(lines: Sequence[TableLine]) -> str:
     """One sentence about a filter over its rows."""
     reached = sum(line.mse_median <= line.paper_mse for line in lines)
     gain = np.exp(np.mean([math.log(line.paper_mse / line.mse_median) for line in lines]))
     covered = np.mean([line.coverage for line in lines])
-    name = f"{lines[0].source} {lines[0].model.replace('_', '-')}"
+    name = _case_name((lines[0].source, lines[0].model))
     return (
         f"{name}: {reached} of {len(lines)} rows at or below the paper's value, {gain:.1f} times below it in "
         f"geometric mean; the 95 % interval covers {covered:.1%}"

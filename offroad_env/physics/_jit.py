@@ -19,7 +19,7 @@ from typing import TypeVar
 import numba
 from numba import njit
 
-__all__ = ["cache_folder", "inline_kernel", "kernel"]
+__all__ = ["cache_folder", "inline_kernel", "kernel", "merged_kernel"]
 
 F = TypeVar("F", bound=Callable)
 
@@ -99,3 +99,13 @@ def kernel(function: F) -> F:
 def inline_kernel(function: F) -> F:
     """A kernel that is always inlined: a loop that calls it can still become vector instructions."""
     return _compile(function, forceinline=True)
+
+
+def merged_kernel(function: F) -> F:
+    """A kernel that becomes part of each kernel that calls it, before anything is compiled.
+
+    For the storeys between the wheel and the vehicle, with one caller or two: a storey of its own
+    would translate everything beneath it once more. Small functions with many callers are better
+    off as `inline_kernel`.
+    """
+    return _compile(function, inline="always")

@@ -9,16 +9,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from offroad_env.physics._jit import inline_kernel, kernel
-from offroad_env.physics.wheel_soil import (
-    SCRATCH,
-    directed_reaction,
-    rigid_forces,
-    rolling_direction,
-    soil_constants,
-)
+from offroad_env.physics.numerics import fast_exp, fast_log
+from offroad_env.physics.wheel_soil import directed_reaction, rigid_forces, soil_constants, wheel_pattern
 
 __all__ = ["AIRBORNE", "CONTACT", "NO_ROOT", "SUNK", "slope_frame", "solve_contact"]
 
@@ -29,6 +22,9 @@ CONTACT, AIRBORNE, SUNK, NO_ROOT = 0.0, 1.0, 2.0, 3.0
 _DEEPEST = 0.95
 #: Relative accuracy of the sinkage. A warm start may not leave a trace in the result.
 _TOLERANCE = 1e-11
+#: First relative correction of the sinkage that is carried out without asking the soil again: what it
+#: gets wrong of the forces is a fraction of it.
+_SAME = 5e-8
 _ITERATIONS = 60
 
 
@@ -55,21 +51,27 @@ def slope_frame(g_l, g_c):
 
 @inline_kernel
 def _predict(h, exponent, force, N_0, k):
-    """Root of force (x/h)^exponent = N_0 - k x: the last solution carried to the new load."""
-    x = h
-    for _ in range(2):
-        model = force * (x / h) ** exponent
-        x += (N_0 - k * x - model) / (exponent * model / x + k)
-        if not 0.2 * h < x < 5.0 * h:
-            return h
-    return x
+    """Root of force (x/h)^exponent = N_0 - k x: the last solution carried to the new load.
+
+    One step of Halley's method in ln x, of order 3: half a percent of change leaves 1e-8.
+    """
+    target = N_0 - k * h
+    z = (target - force) / (target + force)
+    if not abs(z) < 0.1:
+        return h
+    q = z * z
+    relief = k * h / target
+    slope = exponent + relief
+    y = 2.0 * z * (1.0 + q * (1.0 / 3.0 + q * (1.0 / 5.0 + q * (1.0 / 7.0)))) / slope
+    y /= 1.0 + 0.5 * y * relief * (1.0 + relief) / slope
+    return h * (1.0 + y * (1.0 + y * (0.5 + y * (1.0 / 6.0 + y * (1.0 / 24.0)))))
 
 
-@kernel
+@inline_kernel
 def _log_step(h, V, target, exponent, k):
     """Newton step for ln V(h) = ln target(h), whose left side is close to a straight line in ln h."""
-    step = math.log(target / V) / (exponent + k * h / target)
-    return h * math.exp(min(max(step, -3.0), 3.0))
+    step = fast_log(target / V) / (exponent + k * h / target)
+    return h * fast_exp(min(max(step, -3.0), 3.0))
 
 
 @kernel
@@ -93,9 +95,9 @@ def solve_contact(soil, wheel, motion, frame, support, warm, options):
     warm : array (3,), the last solution (sinkage, exponent, vertical force); updated
     options : (v_eps [m/s], resultant 0/1, fine)
 
-    Chord iteration on a remembered exponent: a power law models V(h) so well that two force
+    Chord iteration on a remembered exponent: a power law models V(h) so well that one or two force
     evaluations usually do. The last correction, below the tolerance, is applied to the forces by
-    their secant instead of a third evaluation.
+    their secant, or while there is none by the exponent, instead of another evaluation.
     """
     N_0, k, wheels = support
     v_eps, resultant, fine = options
@@ -108,8 +110,7 @@ def solve_contact(soil, wheel, motion, frame, support, warm, options):
         return CONTACT, F_x, F_y, F_z, T, 0.0
 
     constants = soil_constants(soil, wheel)
-    seam = (rolling_direction(motion, v_eps), v_eps)
-    scratch = np.empty(SCRATCH)
+    pattern = wheel_pattern(soil, motion, v_eps)
     law = (resultant, fine)
     low, high = 0.0, _DEEPEST * wheel.r
     h, exponent = warm[0], warm[1]
@@ -122,7 +123,7 @@ def solve_contact(soil, wheel, motion, frame, support, warm, options):
     G_x = G_y = G_z = G_t = 0.0
     status = NO_ROOT
     for i in range(_ITERATIONS):
-        F_x, F_y, F_z, T = directed_reaction(soil, constants, h, motion, seam, law, scratch)
+        F_x, F_y, F_z, T = directed_reaction(constants, h, pattern, law)
         V = wheels * (F_x * l_z + F_y * c_z + F_z * n_z)
         target = N_0 - k * h
         if target < V:
@@ -134,18 +135,22 @@ def solve_contact(soil, wheel, motion, frame, support, warm, options):
         # A remembered exponent proves nothing about the last step, so that one must itself be small.
         measured = i > 0 and abs(change) > 1e-8 * h and V > 0.0 and V_old > 0.0
         if measured:
-            exponent = min(max(math.log(V / V_old) / math.log(h / h_old), 0.02), 6.0)
+            exponent = min(max(fast_log(V / V_old) / fast_log(h / h_old), 0.02), 6.0)
         step = (target - V) / (exponent * abs(V) / h + k)
-        error = abs(step) * (abs(change) if measured else h)
-        if error <= _TOLERANCE * h * h and abs(step) <= 1e-4 * h:
+        if measured and abs(step) * abs(change) <= _TOLERANCE * h * h and abs(step) <= 1e-4 * h:
             status = CONTACT
-            if measured:
-                share = step / change
-                F_x += share * (F_x - G_x)
-                F_y += share * (F_y - G_y)
-                F_z += share * (F_z - G_z)
-                T += share * (T - G_t)
-                h += step
+            share = step / change
+            F_x += share * (F_x - G_x)
+            F_y += share * (F_y - G_y)
+            F_z += share * (F_z - G_z)
+            T += share * (T - G_t)
+            h += step
+            break
+        if abs(step) <= (_SAME if i == 0 else _TOLERANCE) * h:
+            status = CONTACT
+            growth = 1.0 + exponent * step / h
+            F_x, F_y, F_z, T = growth * F_x, growth * F_y, growth * F_z, growth * T
+            h += step
             break
         if high - low <= 1e-13 * high:
             status = SUNK if h > 0.9 * _DEEPEST * wheel.r else CONTACT

@@ -15,9 +15,9 @@ import math
 import numpy as np
 
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import inline_kernel, kernel
+from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
 from offroad_env.physics.contact import NO_ROOT
-from offroad_env.physics.numerics import AIR_DENSITY
+from offroad_env.physics.numerics import AIR_DENSITY, sin_cos
 from offroad_env.physics.records import Wheel
 from offroad_env.physics.vehicle_model import (
     axle_contact,
@@ -36,27 +36,37 @@ _GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
 #: Error of a rim speed, as a share of v_eps, above which a step is halved; the shortest part of a step.
 _SPIN_ERROR, _SHORTEST = 0.2, 0.1
 #: Rows of the scratch array of `full_step`.
-WORK_ROWS = 6
+WORK_ROWS = 7
+# The row that holds the Jacobian, front and rear: torque and traction over slip speed (`_slip_stiffness`),
+# what brakes and bearings hold (`_held_spin_stiffness`), side force over side speed (`_side_stiffness`).
+_SLIP_TORQUE, _SLIP_FORCE, _HELD, _SIDE = 0, 2, 4, 6
 
 
-@inline_kernel
-def _full_axle(plant, x, wheel, arm, suspension, warm, readings):
-    """(status, F_forward, F_left, F_s, V, arm) of one axle in heading axes, on its slope."""
-    N_static, k, c = suspension
-    steer, omega = wheel
+@merged_kernel
+def _full_axle(plant, x, angles, arm, suspension, warm, readings):
+    """(status, F_forward, F_left, F_s, V, arm) of one axle in heading axes, on its slope.
+
+    ``angles`` = (sin, cos) of yaw, pitch and steering; ``suspension`` = (N_static, k, c, omega).
+    """
+    N_static, k, c, omega = suspension
+    yaw, (sin, cos), (sin_d, cos_d) = angles
     v = plant.vehicle
-    forward, pitch, pitch_rate = x[at.V_X], x[at.PITCH], x[at.PITCH_RATE]
+    forward, pitch_rate = x[at.V_X], x[at.PITCH_RATE]
     reach = arm
     if plant.half_car > 0.5:
-        reach += v.h_cg * math.sin(pitch)
-        forward += v.h_cg * math.cos(pitch) * pitch_rate
+        reach += v.h_cg * sin
+        forward += v.h_cg * cos * pitch_rate
     wx, wy, H, H_dot, H_ddot, u_l, u_c, g_l, g_c = axle_motion(
-        plant.ground, (x[at.X], x[at.Y], x[at.YAW]), (forward, x[at.V_Y], x[at.YAW_RATE]), reach, steer
+        plant.ground,
+        (x[at.X], x[at.Y], yaw),
+        (forward, x[at.V_Y], x[at.YAW_RATE]),
+        reach,
+        (sin_d, cos_d),
     )
     N_0, inertia = N_static, 0.0
     if plant.half_car > 0.5:
-        z = x[at.Z] + arm * math.sin(pitch)
-        z_dot = x[at.V_Z] + arm * math.cos(pitch) * pitch_rate
+        z = x[at.Z] + arm * sin
+        z_dot = x[at.V_Z] + arm * cos * pitch_rate
         N_0, inertia = suspension_load(N_static, k, c, v.m_w, (z, z_dot, H, H_dot, H_ddot))
     else:
         k = 0.0
@@ -66,18 +76,18 @@ def _full_axle(plant, x, wheel, arm, suspension, warm, readings):
     status, F_l, F_c, V, _ = axle_contact(
         plant, (v.r * omega, v_l, v_c), (wx, wy, H, g_l, g_c), (N_0, k), warm, readings
     )
-    cos_d, sin_d = math.cos(steer), math.sin(steer)
     F_s = suspension_force(V, N_static, inertia)
     return status, F_l * cos_d - F_c * sin_d, F_l * sin_d + F_c * cos_d, F_s, V, reach
 
 
 @inline_kernel
-def _spin_acceleration(vehicle, omega, soil_torque, load, drive, brake, v_eps):
-    """Angular acceleration of an axle's wheels [rad/s^2].
+def _spin_acceleration(vehicle, omega, soil_torque, load, torques, v_eps):
+    """Angular acceleration of an axle's wheels [rad/s^2]; ``torques`` = (drive, brake) [N m].
 
     Brakes and rolling resistance oppose the spin; tanh over ``v_eps`` lets a held wheel creep
     instead of chattering around zero.
     """
+    drive, brake = torques
     held = math.tanh(vehicle.r * omega / (0.5 * v_eps))
     resisting = (brake + vehicle.rolling_resistance * load * vehicle.r) * held
     return (drive - resisting - soil_torque) / (vehicle.wheels_per_axle * vehicle.I_w)
@@ -126,28 +136,39 @@ def full_derivative(x, command, plant, warm, d, readings):
     """
     v = plant.vehicle
     N_f, N_r = static_loads(v)
-    front, rear = readings[: at.AXLE], readings[at.AXLE : at.MOTION]
-    status_f, F_xf, F_yf, S_f, V_f, l_f = _full_axle(
-        plant, x, (x[at.STEER], x[at.OMEGA_F]), v.l_f, (N_f, v.k_f, v.c_f), warm[0], front
-    )
-    status_r, F_xr, F_yr, S_r, V_r, l_r = _full_axle(
-        plant, x, (0.0, x[at.OMEGA_R]), -v.l_r, (N_r, v.k_r, v.c_r), warm[1], rear
-    )
+    yaw, pitch, wheel = sin_cos(x[at.YAW]), sin_cos(x[at.PITCH]), sin_cos(x[at.STEER])
+    drive_f, brake_f, drive_r, brake_r = _axle_torques(v, x)
+    torques = drive_f, brake_f
+    worst = traction = side = lift = pitching = yawing = 0.0
+    # A loop and not two calls: each axle would be translated on its own.
+    for axle in range(2):
+        arm, suspension = v.l_f, (N_f, v.k_f, v.c_f, x[at.OMEGA_F])
+        if axle == 1:
+            arm, suspension = -v.l_r, (N_r, v.k_r, v.c_r, x[at.OMEGA_R])
+            wheel, torques = (0.0, 1.0), (drive_r, brake_r)
+        seen = readings[axle * at.AXLE : (axle + 1) * at.AXLE]
+        status, F_x, F_y, F_s, V, reach = _full_axle(
+            plant, x, (yaw, pitch, wheel), arm, suspension, warm[axle], seen
+        )
+        d[at.OMEGA_F + axle] = _spin_acceleration(v, suspension[3], seen[at.TORQUE], V, torques, plant.v_eps)
+        worst = max(worst, status)
+        traction += F_x
+        side += F_y
+        lift += F_s
+        pitching += F_s * arm
+        yawing += F_y * reach
     v_x, v_y, yaw_rate = x[at.V_X], x[at.V_Y], x[at.YAW_RATE]
     speed = math.sqrt(v_x * v_x + v_y * v_y)
     drag = 0.5 * AIR_DENSITY * v.drag_area * speed
-    traction = F_xf + F_xr
-    a_x, a_y = (traction - drag * v_x) / v.m, (F_yf + F_yr - drag * v_y) / v.m
+    a_x, a_y = (traction - drag * v_x) / v.m, (side - drag * v_y) / v.m
     a_z = pitch_acc = 0.0
     if plant.half_car > 0.5:
-        cos = math.cos(x[at.PITCH])
-        a_z = (S_f + S_r) / v.m
-        pitch_acc = ((S_f * v.l_f - S_r * v.l_r) * cos + traction * v.h_cg * cos) / v.I_y
-    yaw_acc = (F_yf * l_f + F_yr * l_r) / v.I_z
+        a_z = lift / v.m
+        pitch_acc = (pitching + traction * v.h_cg) * pitch[1] / v.I_y
+    yaw_acc = yawing / v.I_z
 
-    cos_yaw, sin_yaw = math.cos(x[at.YAW]), math.sin(x[at.YAW])
-    d[at.X] = v_x * cos_yaw - v_y * sin_yaw
-    d[at.Y] = v_x * sin_yaw + v_y * cos_yaw
+    d[at.X] = v_x * yaw[1] - v_y * yaw[0]
+    d[at.Y] = v_x * yaw[0] + v_y * yaw[1]
     d[at.YAW] = yaw_rate
     d[at.Z] = x[at.V_Z]
     d[at.PITCH] = x[at.PITCH_RATE]
@@ -156,20 +177,13 @@ def full_derivative(x, command, plant, warm, d, readings):
     d[at.V_Z] = a_z
     d[at.PITCH_RATE] = pitch_acc
     d[at.YAW_RATE] = yaw_acc
-    drive_f, brake_f, drive_r, brake_r = _axle_torques(v, x)
-    d[at.OMEGA_F] = _spin_acceleration(
-        v, x[at.OMEGA_F], readings[at.TORQUE], V_f, drive_f, brake_f, plant.v_eps
-    )
-    d[at.OMEGA_R] = _spin_acceleration(
-        v, x[at.OMEGA_R], readings[at.AXLE + at.TORQUE], V_r, drive_r, brake_r, plant.v_eps
-    )
     _actuators(v, x, command, d)
     readings[at.A_X], readings[at.A_Y], readings[at.A_Z] = a_x, a_y, a_z
     readings[at.YAW_ACC], readings[at.PITCH_ACC] = yaw_acc, pitch_acc
-    readings[at.STATUS] = max(status_f, status_r)
+    readings[at.STATUS] = worst
 
 
-@kernel
+@merged_kernel
 def _slip_stiffness(plant, omega, readings):
     """(dT/ds [N s], dF_l/ds [N s/m]) of an axle, s = r omega - v_l [m/s], neither negative.
 
@@ -213,8 +227,8 @@ def _held_spin_stiffness(vehicle, omega, load, brake, v_eps):
 
 
 @inline_kernel
-def _implicit_slips(plant, x, stiffness, held, gamma_dt, k):
-    """Solve (1 - gamma dt J) k = right side, in place, J = sum over axles of u w^T, and ``held``.
+def _implicit_slips(plant, x, stiffness, gamma_dt, k):
+    """Solve (1 - gamma dt J) k = right side, in place, J = sum over axles of u w^T, and what holds the spin.
 
     w is the gradient of an axle's slip speed s = r omega - v_l, u what one unit of s does to the
     state through torque and traction: two stiff directions, hence a system of two by two. Without
@@ -222,12 +236,14 @@ def _implicit_slips(plant, x, stiffness, held, gamma_dt, k):
     wrong speed.
     """
     v = plant.vehicle
-    (torque_f, force_f), (torque_r, force_r) = stiffness
-    cos, sin = math.cos(x[at.STEER]), math.sin(x[at.STEER])
-    lever = v.h_cg * math.cos(x[at.PITCH]) if plant.half_car > 0.5 else 0.0
+    torque_f, torque_r = stiffness[_SLIP_TORQUE], stiffness[_SLIP_TORQUE + 1]
+    force_f, force_r = stiffness[_SLIP_FORCE], stiffness[_SLIP_FORCE + 1]
+    sin, cos = sin_cos(x[at.STEER])
+    lever = v.h_cg * sin_cos(x[at.PITCH])[1] if plant.half_car > 0.5 else 0.0
     pitching = lever * lever / v.I_y
     inertia = v.wheels_per_axle * v.I_w
-    free_f, free_r = 1.0 / (1.0 - gamma_dt * held[0]), 1.0 / (1.0 - gamma_dt * held[1])
+    free_f = 1.0 / (1.0 - gamma_dt * stiffness[_HELD])
+    free_r = 1.0 / (1.0 - gamma_dt * stiffness[_HELD + 1])
 
     forward = k[at.V_X] + lever * k[at.PITCH_RATE]
     left = k[at.V_Y] + v.l_f * k[at.YAW_RATE]
@@ -271,9 +287,9 @@ def _implicit_sides(plant, x, stiffness, gamma_dt, k):
     is as stiff as the traction.
     """
     v = plant.vehicle
-    cos, sin = math.cos(x[at.STEER]), math.sin(x[at.STEER])
-    lever = v.h_cg * math.cos(x[at.PITCH]) if plant.half_car > 0.5 else 0.0
-    s_f, s_r = gamma_dt * stiffness[0], gamma_dt * stiffness[1]
+    sin, cos = sin_cos(x[at.STEER])
+    lever = v.h_cg * sin_cos(x[at.PITCH])[1] if plant.half_car > 0.5 else 0.0
+    s_f, s_r = gamma_dt * stiffness[_SIDE], gamma_dt * stiffness[_SIDE + 1]
     m_ff = 1.0 + s_f * (
         sin * sin * (1.0 / v.m + lever * lever / v.I_y) + cos * cos * (1.0 / v.m + v.l_f * v.l_f / v.I_z)
     )
@@ -291,35 +307,31 @@ def _implicit_sides(plant, x, stiffness, gamma_dt, k):
         k[at.PITCH_RATE] -= sin * lever * push_f / v.I_y
 
 
-@kernel
-def _stiffness(plant, x, readings):
-    """What the Jacobian holds: (slip, held, side), each front and rear."""
+@merged_kernel
+def _stiffness(plant, x, readings, stiffness):
+    """What the Jacobian holds, into ``stiffness``: see `_SLIP_TORQUE` and what follows it."""
     v = plant.vehicle
-    front, rear = readings[: at.AXLE], readings[at.AXLE : at.MOTION]
     _, brake_f, _, brake_r = _axle_torques(v, x)
-    omega_f, omega_r = x[at.OMEGA_F], x[at.OMEGA_R]
-    return (
-        (_slip_stiffness(plant, omega_f, front), _slip_stiffness(plant, omega_r, rear)),
-        (
-            _held_spin_stiffness(v, omega_f, front[at.N], brake_f, plant.v_eps),
-            _held_spin_stiffness(v, omega_r, rear[at.N], brake_r, plant.v_eps),
-        ),
-        (_side_stiffness(front), _side_stiffness(rear)),
-    )
+    brake = brake_f
+    for axle in range(2):
+        omega, seen = x[at.OMEGA_F + axle], readings[axle * at.AXLE : (axle + 1) * at.AXLE]
+        stiffness[_SLIP_TORQUE + axle], stiffness[_SLIP_FORCE + axle] = _slip_stiffness(plant, omega, seen)
+        stiffness[_HELD + axle] = _held_spin_stiffness(v, omega, seen[at.N], brake, plant.v_eps)
+        stiffness[_SIDE + axle] = _side_stiffness(seen)
+        brake = brake_r
 
 
 @kernel
 def _solve_stages(plant, x, stiffness, gamma_dt, k):
     """Solve (1 - gamma dt J) k = right side, in place, along and then across the wheels."""
-    slip, held, side = stiffness
-    _implicit_slips(plant, x, slip, held, gamma_dt, k)
-    _implicit_sides(plant, x, side, gamma_dt, k)
+    _implicit_slips(plant, x, stiffness, gamma_dt, k)
+    _implicit_sides(plant, x, stiffness, gamma_dt, k)
 
 
-@kernel
-def _stages(x, warm, command, plant, stiffness, dt, work):
+@merged_kernel
+def _stages(x, warm, command, plant, dt, work):
     """(status, spin error [m/s]) of a step of ``dt`` from the slope work[0]; stages into work[1], work[2]."""
-    slope, k_1, k_2, stage, later = work[0], work[1], work[2], work[3], work[4]
+    slope, k_1, k_2, stage, later, stiffness = work[0], work[1], work[2], work[3], work[4], work[5]
     size = x.shape[0]
     for i in range(size):
         k_1[i] = slope[i]
@@ -343,30 +355,29 @@ def full_step(x, warm, command, plant, dt, work, readings):
     factors, along and across the wheels. The spin rate constant reaches 1e4 1/s at walking pace,
     where an explicit method needs steps of 0.2 ms. Where a wheel grips or locks within a step, the
     two stages disagree, and the step is taken in parts. Returns the worst contact status;
-    ``readings`` belong to the state before the step. ``work`` (6, READINGS_SIZE).
+    ``readings`` belong to the state before the step. ``work`` (WORK_ROWS, READINGS_SIZE).
     """
-    k_1, k_2, again = work[1], work[2], work[5]
-    full_derivative(x, command, plant, warm, work[0], readings)
-    stiffness = _stiffness(plant, x, readings)
-    status = readings[at.STATUS]
-    part, left = dt, dt
+    k_1, k_2, seen = work[1], work[2], readings
+    part, left, worst = dt, dt, 0.0
     while True:
-        later, error = _stages(x, warm, command, plant, stiffness, part, work)
-        if error > _SPIN_ERROR * plant.v_eps and part > _SHORTEST * dt:
+        full_derivative(x, command, plant, warm, work[0], seen)
+        _stiffness(plant, x, seen, work[5])
+        worst = max(worst, seen[at.STATUS])
+        while True:
+            status, error = _stages(x, warm, command, plant, part, work)
+            if not (error > _SPIN_ERROR * plant.v_eps and part > _SHORTEST * dt):
+                break
             part *= 0.5
-            continue
-        status = max(status, later)
+        worst = max(worst, status)
         for i in range(x.shape[0]):
             x[i] += part * (1.5 * k_1[i] + 0.5 * k_2[i])
         left -= part
         if left < 1e-9 * dt:
-            return status
-        full_derivative(x, command, plant, warm, work[0], again)
-        stiffness = _stiffness(plant, x, again)
-        status = max(status, again[at.STATUS])
+            return worst
+        seen = work[6]
 
 
-@kernel
+@merged_kernel
 def full_advance(x, warm, command, plant, dt, steps, readings):
     """``steps`` steps of ``dt`` under a held command, in place; returns the worst contact status.
 

@@ -5,15 +5,38 @@ from __future__ import annotations
 import math
 
 import numba
+import numpy as np
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
 from offroad_env.physics._jit import inline_kernel, kernel
 
-__all__ = ["AIR_DENSITY", "GRAVITY", "fast_exp", "fast_log", "half_angle", "smooth_clamp", "smooth_step"]
+__all__ = [
+    "AIR_DENSITY",
+    "GRAVITY",
+    "LANES",
+    "fast_exp",
+    "fast_log",
+    "half_angle",
+    "lane_rows",
+    "lane_sum",
+    "sin_cos",
+    "smooth_clamp",
+    "smooth_step",
+]
 
 GRAVITY = 9.80665  #: standard gravity [m/s^2]
 AIR_DENSITY = 1.225  #: air density at sea level, 15 degrees Celsius [kg/m^3]
+
+#: Loops over nodes and waves run in blocks of this many: a fixed count becomes vector instructions
+#: without a remainder, on any register width up to 512 bits.
+LANES = 8
+_ROWS = 8
+
+
+#: 1.5 * 2^52: adding it leaves the nearest integer in the low bits; adding and subtracting it rounds.
+_ROUNDER = 6755399441055744.0
 
 
 @kernel
@@ -36,32 +59,33 @@ def smooth_step(x):
     return x * x * x * (10.0 + x * (6.0 * x - 15.0))
 
 
+# The polynomials below interpolate at Chebyshev nodes: a fifth to a half fewer terms than Taylor
+# series of the same accuracy. Each stands behind the terms that make it exact at zero.
+# (sin x - x) / x^3 and (cos x - 1) / x^2 in x^2, for |x| <= 1.3.
+_S1, _S2, _S3, _S4, _S5, _S6 = (
+    -0.16666666666665814, 0.00833333333296952, -0.00019841269590004196,
+    2.755725572926044e-06, -2.504484973493058e-08, 1.5675815852879846e-10,
+)  # fmt: skip
+_C1, _C2, _C3, _C4, _C5, _C6, _C7 = (
+    -0.4999999999999998, 0.0416666666666536, -0.001388888888765145, 2.4801586862006167e-05,
+    -2.7557244832099035e-07, 2.0870289005447105e-09, -1.1191332777315705e-11,
+)  # fmt: skip
+
+
 @inline_kernel
 def half_angle(d):
-    """``(sin d, 1 - cos d)`` for ``|d| <= 2.6`` rad, to 1e-14 relative, without cancellation at small d.
+    """``(sin d, 1 - cos d)`` for ``|d| <= 2.6`` rad, to 2e-14 relative, without cancellation at small d.
 
-    Taylor series of sin(d/2) and cos(d/2): straight-line code that a compiler can vectorise,
+    Polynomials for sin(d/2) and cos(d/2): straight-line code that a compiler can vectorise,
     which a call into the C library is not.
     """
     x = 0.5 * d
     q = x * x
-    s = 1.0 - q * (1.0 / 272.0)
-    s = 1.0 - q * (1.0 / 210.0) * s
-    s = 1.0 - q * (1.0 / 156.0) * s
-    s = 1.0 - q * (1.0 / 110.0) * s
-    s = 1.0 - q * (1.0 / 72.0) * s
-    s = 1.0 - q * (1.0 / 42.0) * s
-    s = 1.0 - q * (1.0 / 20.0) * s
-    s = x * (1.0 - q * (1.0 / 6.0) * s)
-    c = 1.0 - q * (1.0 / 240.0)
-    c = 1.0 - q * (1.0 / 182.0) * c
-    c = 1.0 - q * (1.0 / 132.0) * c
-    c = 1.0 - q * (1.0 / 90.0) * c
-    c = 1.0 - q * (1.0 / 56.0) * c
-    c = 1.0 - q * (1.0 / 30.0) * c
-    c = 1.0 - q * (1.0 / 12.0) * c
-    c = 1.0 - 0.5 * q * c
-    return 2.0 * s * c, 2.0 * s * s
+    s = _S1 + q * (_S2 + q * (_S3 + q * (_S4 + q * (_S5 + q * _S6))))
+    s = x + x * q * s
+    c = _C1 + q * (_C2 + q * (_C3 + q * (_C4 + q * (_C5 + q * (_C6 + q * _C7)))))
+    twice = s + s
+    return twice + twice * q * c, twice * s
 
 
 @intrinsic
@@ -87,21 +111,25 @@ def _float(_context, _i):
 # ln 2 in two parts, the first exact in 33 bits (W. J. Cody & W. Waite, 1980).
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 _LN2, _PER_LN2 = 6.931471805599453094e-01, 1.442695040888963407
-#: 1.5 * 2^52: adding it leaves the nearest integer in the low bits.
-_ROUNDER = 6755399441055744.0
-_E2, _E3, _E4, _E5, _E6, _E7, _E8, _E9, _E10, _E11, _E12, _E13 = (
-    1.0 / math.factorial(i) for i in range(2, 14)
-)
+#: (exp r - 1 - r) / r^2 for |r| <= ln(2)/2.
+_E2, _E3, _E4, _E5, _E6, _E7, _E8, _E9, _E10 = (
+    0.5, 0.1666666666664823, 0.04166666666665131, 0.00833333335377842, 0.0013888888905922382,
+    0.00019841208634639135, 2.480153630713628e-05, 2.7625169883520667e-06, 2.7613852100963253e-07,
+)  # fmt: skip
+#: (artanh z - z) / z^3 in z^2, for |z| <= 0.1716: half the logarithm of (1 + z) / (1 - z).
+_L1, _L2, _L3, _L4, _L5, _L6 = (
+    0.33333333333331033, 0.2000000000561559, 0.14285712065245487,
+    0.11111431566218855, 0.09070078275081414, 0.0831118994278082,
+)  # fmt: skip
 
 
 def _straight_exp(x):
     t = x * _PER_LN2 + _ROUNDER
     k = t - _ROUNDER
     r = (x - k * _LN2_HIGH) - k * _LN2_LOW
-    p = _E11 + r * (_E12 + r * _E13)
-    p = _E7 + r * (_E8 + r * (_E9 + r * (_E10 + r * p)))
-    p = _E3 + r * (_E4 + r * (_E5 + r * (_E6 + r * p)))
-    p = 1.0 + r * (1.0 + r * (_E2 + r * p))
+    p = _E7 + r * (_E8 + r * (_E9 + r * _E10))
+    p = _E2 + r * (_E3 + r * (_E4 + r * (_E5 + r * (_E6 + r * p))))
+    p = 1.0 + (r + r * r * p)
     return p * _float((_bits(t) << 52) + 0x3FF0000000000000)
 
 
@@ -112,10 +140,9 @@ def _straight_log(x):
     m = _float(bits - (exponent << 52))
     z = (m - 1.0) / (m + 1.0)
     q = z * z
-    p = 1.0 / 15.0 + q * (1.0 / 17.0 + q * (1.0 / 19.0 + q * (1.0 / 21.0)))
-    p = 1.0 / 7.0 + q * (1.0 / 9.0 + q * (1.0 / 11.0 + q * (1.0 / 13.0 + q * p)))
-    p = 1.0 + q * (1.0 / 3.0 + q * (1.0 / 5.0 + q * p))
-    return k * _LN2 + 2.0 * z * p
+    p = _L1 + q * (_L2 + q * (_L3 + q * (_L4 + q * (_L5 + q * _L6))))
+    z += z
+    return k * _LN2 + (z + z * q * p)
 
 
 # Straight-line exp for |x| < 700 and log of a positive normal number, to 3e-16 relative: no call
@@ -123,3 +150,73 @@ def _straight_log(x):
 # than calls into the C library). Uncompiled, the bit tricks do not exist and the library serves.
 fast_exp = math.exp if numba.config.DISABLE_JIT else inline_kernel(_straight_exp)
 fast_log = math.log if numba.config.DISABLE_JIT else inline_kernel(_straight_log)
+
+# pi as a sum of three parts, the first two with 33 significant bits, so that k times either of
+# them is exact for |k| < 2^20 (W. J. Cody & W. Waite, Software Manual for the Elementary
+# Functions, 1980).
+_PI_HIGH = 3.1415926534682512
+_PI_MIDDLE = 1.2154201012607932e-10
+_PI_LOW = 4.044532497591901e-21
+_PER_PI = 1.0 / math.pi
+
+#: (sin r - r) / r^3 and (cos r - 1) / r^2 in r^2, for |r| <= pi/2.
+_SINE = (
+    -0.1666666666666665, 0.008333333333325924, -0.00019841269836464245, 2.755731805475644e-06,
+    -2.505197284086259e-08, 1.60509690477946e-10, -7.408007795516067e-13,
+)  # fmt: skip
+_COSINE = (
+    -0.5, 0.04166666666666634, -0.0013888888888860676, 2.4801587292437113e-05,
+    -2.755731776616188e-07, 2.0876630792310255e-09, -1.1464687487845909e-11, 4.627646089543635e-14,
+)  # fmt: skip
+
+
+@inline_kernel
+def sin_cos(x):
+    """``(sin x, cos x)`` for ``|x| <= 1e5`` rad, within 1e-15.
+
+    Straight-line code without a table, a branch or a call, so that a loop over an array becomes
+    vector instructions: five times faster over many waves than calls into the C library.
+    """
+    k = (x * _PER_PI + _ROUNDER) - _ROUNDER
+    r = ((x - k * _PI_HIGH) - k * _PI_MIDDLE) - k * _PI_LOW
+    odd = k - 2.0 * ((0.5 * k + _ROUNDER) - _ROUNDER)
+    sign = 1.0 - 2.0 * odd * odd
+    q = r * r
+    s1, s2, s3, s4, s5, s6, s7 = _SINE
+    s = s1 + q * (s2 + q * (s3 + q * (s4 + q * (s5 + q * (s6 + q * s7)))))
+    c1, c2, c3, c4, c5, c6, c7, c8 = _COSINE
+    c = c1 + q * (c2 + q * (c3 + q * (c4 + q * (c5 + q * (c6 + q * (c7 + q * c8))))))
+    s, c = r + r * q * s, 1.0 + q * c
+    return sign * s, sign * c
+
+
+@intrinsic
+def _on_the_stack(_context):
+    """Pointer to room for `lane_rows` in the caller's own frame."""
+
+    def generate(context, builder, _signature, _arguments):
+        double = context.get_value_type(types.float64)
+        room = cgutils.alloca_once(builder, double, size=LANES * _ROWS)
+        room.align = 64
+        return room
+
+    return types.CPointer(types.float64)(), generate
+
+
+def _stacked_rows():
+    return numba.carray(_on_the_stack(), (_ROWS, LANES))
+
+
+def _plain_rows():
+    return np.empty((_ROWS, LANES))
+
+
+# (8, LANES) of scratch that costs nothing: on the stack, where an array of numpy's is an allocation.
+# It lives as long as the kernel that asks for it.
+lane_rows = _plain_rows if numba.config.DISABLE_JIT else inline_kernel(_stacked_rows)
+
+
+@inline_kernel
+def lane_sum(row):
+    """Sum of LANES numbers, pairwise: a short chain, and the same on every machine."""
+    return ((row[0] + row[4]) + (row[2] + row[6])) + ((row[1] + row[5]) + (row[3] + row[7]))

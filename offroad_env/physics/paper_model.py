@@ -13,8 +13,9 @@ import math
 import numpy as np
 
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import inline_kernel, kernel
+from offroad_env.physics._jit import kernel, merged_kernel
 from offroad_env.physics.contact import NO_ROOT, SUNK
+from offroad_env.physics.numerics import sin_cos
 from offroad_env.physics.vehicle_model import (
     axle_contact,
     axle_motion,
@@ -26,22 +27,25 @@ from offroad_env.physics.vehicle_model import (
 __all__ = ["paper_advance", "paper_derivative", "paper_step", "simulate_paper"]
 
 
-@inline_kernel
-def _paper_axle(plant, x, steer, arm, suspension, warm, readings):
-    """(status, F_x, F_y, F_s) of one axle in body axes; ``suspension`` = (N_static, k, c)."""
+@merged_kernel
+def _paper_axle(plant, x, angles, arm, suspension, warm, readings):
+    """(status, F_x, F_y, F_s) of one axle in body axes.
+
+    ``angles`` = (sin, cos) of yaw, pitch and steering; ``suspension`` = (N_static, k, c).
+    """
     N_static, k, c = suspension
+    yaw, (sin, cos), (sin_d, cos_d) = angles
     motion = axle_motion(
         plant.ground,
-        (x[at.X], x[at.Y], x[at.YAW]),
+        (x[at.X], x[at.Y], yaw),
         (x[at.V_X], x[at.V_Y], x[at.YAW_RATE]),
         arm,
-        steer,
+        (sin_d, cos_d),
     )
     wx, wy, H, H_dot, H_ddot, u_l, u_c, _, _ = motion
     m_w = plant.vehicle.m_w
     N_0, inertia = N_static, 0.0
     if plant.half_car > 0.5:
-        sin, cos = math.sin(x[at.PITCH]), math.cos(x[at.PITCH])
         z, z_dot = x[at.Z] + arm * sin, x[at.V_Z] + arm * cos * x[at.PITCH_RATE]
         N_0, inertia = suspension_load(N_static, k, c, m_w, (z, z_dot, H, H_dot, H_ddot))
     else:
@@ -51,7 +55,6 @@ def _paper_axle(plant, x, steer, arm, suspension, warm, readings):
     status, F_l, F_c, V, _ = axle_contact(
         plant, (rim, u_l, u_c), (wx, wy, H, 0.0, 0.0), (N_0, k), warm, readings
     )
-    cos_d, sin_d = math.cos(steer), math.sin(steer)
     F_s = suspension_force(V, N_static, inertia)
     return status, F_l * cos_d - F_c * sin_d, F_l * sin_d + F_c * cos_d, F_s
 
@@ -66,26 +69,36 @@ def paper_derivative(x, inputs, plant, warm, d, readings):
     steer, F_u, prescribed = inputs
     v = plant.vehicle
     N_f, N_r = static_loads(v)
-    front, rear = readings[: at.AXLE], readings[at.AXLE : at.MOTION]
-    status_f, F_xf, F_yf, S_f = _paper_axle(plant, x, steer, v.l_f, (N_f, v.k_f, v.c_f), warm[0], front)
-    status_r, F_xr, F_yr, S_r = _paper_axle(plant, x, 0.0, -v.l_r, (N_r, v.k_r, v.c_r), warm[1], rear)
-    cos, sin = math.cos(x[at.PITCH]), math.sin(x[at.PITCH])
-    a_x, a_y = (F_xf + F_xr + F_u) / v.m, (F_yf + F_yr) / v.m
+    yaw, pitch, wheel = sin_cos(x[at.YAW]), sin_cos(x[at.PITCH]), sin_cos(steer)
+    worst = force_x = force_y = lift = pitching = yawing = 0.0
+    # A loop and not two calls: each axle would be translated on its own.
+    for axle in range(2):
+        arm, suspension = v.l_f, (N_f, v.k_f, v.c_f)
+        if axle == 1:
+            arm, suspension, wheel = -v.l_r, (N_r, v.k_r, v.c_r), (0.0, 1.0)
+        seen = readings[axle * at.AXLE : (axle + 1) * at.AXLE]
+        status, F_x, F_y, F_s = _paper_axle(plant, x, (yaw, pitch, wheel), arm, suspension, warm[axle], seen)
+        worst = max(worst, status)
+        force_x += F_x
+        force_y += F_y
+        lift += F_s
+        pitching += F_s * arm
+        yawing += F_y * arm
+    a_x, a_y = (force_x + F_u) / v.m, force_y / v.m
     a_z = pitch_acc = 0.0
     if plant.half_car > 0.5:
-        a_z = (S_f + S_r) / v.m
-        pitch_acc = (S_f * v.l_f - S_r * v.l_r) * cos / v.I_y
-    yaw_acc = (F_yf * v.l_f - F_yr * v.l_r) / v.I_z
+        a_z = lift / v.m
+        pitch_acc = pitching * pitch[1] / v.I_y
+    yaw_acc = yawing / v.I_z
 
-    cos_yaw, sin_yaw = math.cos(x[at.YAW]), math.sin(x[at.YAW])
     v_x, v_y, v_z, yaw_rate = x[at.V_X], x[at.V_Y], x[at.V_Z], x[at.YAW_RATE]
-    d[at.X] = v_x * cos_yaw - v_y * sin_yaw
-    d[at.Y] = v_x * sin_yaw + v_y * cos_yaw
+    d[at.X] = v_x * yaw[1] - v_y * yaw[0]
+    d[at.Y] = v_x * yaw[0] + v_y * yaw[1]
     d[at.YAW] = yaw_rate
     d[at.Z] = v_z
     d[at.PITCH] = x[at.PITCH_RATE]
-    d[at.V_X] = a_x + v_y * yaw_rate * cos + v_z * x[at.PITCH_RATE]
-    d[at.V_Y] = a_y + v_z * yaw_rate * sin - v_x * yaw_rate * cos
+    d[at.V_X] = a_x + v_y * yaw_rate * pitch[1] + v_z * x[at.PITCH_RATE]
+    d[at.V_Y] = a_y + v_z * yaw_rate * pitch[0] - v_x * yaw_rate * pitch[1]
     d[at.V_Z] = a_z
     d[at.PITCH_RATE] = pitch_acc
     d[at.YAW_RATE] = yaw_acc
@@ -95,7 +108,7 @@ def paper_derivative(x, inputs, plant, warm, d, readings):
         d[at.V_X] = prescribed
     readings[at.A_X], readings[at.A_Y], readings[at.A_Z] = a_x, a_y, a_z
     readings[at.YAW_ACC], readings[at.PITCH_ACC] = yaw_acc, pitch_acc
-    readings[at.STATUS] = max(status_f, status_r)
+    readings[at.STATUS] = worst
 
 
 @kernel
@@ -134,7 +147,7 @@ def paper_step(x, warm, inputs, plant, dt, work, readings):
     return status
 
 
-@kernel
+@merged_kernel
 def paper_advance(x, warm, held, plant, dt, steps, readings):
     """``steps`` steps of ``dt`` under held inputs, in place; returns the worst contact status.
 

@@ -11,14 +11,15 @@ import math
 import numpy as np
 
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import kernel
+from offroad_env.physics._jit import kernel, merged_kernel
 from offroad_env.physics.contact import CONTACT
+from offroad_env.physics.numerics import sin_cos
 from offroad_env.physics.vehicle_model import axle_contact, axle_motion, static_loads
 
 __all__ = ["settle"]
 
 
-@kernel
+@merged_kernel
 def _rest(plant, motion, rim, N_0, warm, readings):
     """(status, soil torque) of an axle that carries ``N_0`` [N] at rim speed ``rim`` [m/s].
 
@@ -33,7 +34,7 @@ def _rest(plant, motion, rim, N_0, warm, readings):
     return status, torque
 
 
-@kernel
+@merged_kernel
 def _rolling_rim(plant, motion, N_0, warm, readings):
     """Rim speed [m/s] of an axle whose soil torque is zero; 0 at rest.
 
@@ -77,13 +78,13 @@ def settle(plant, pose, v_x, torque_free):
     v = plant.vehicle
     X, Y, yaw = pose
     x[at.X], x[at.Y], x[at.YAW], x[at.V_X] = X, Y, yaw, v_x
-    loads = static_loads(v)
+    loads, direction = static_loads(v), sin_cos(yaw)
     heights, rates = np.zeros(2), np.zeros(2)
     worst = CONTACT
     for i in range(2):
         arm = v.l_f if i == 0 else -v.l_r
         seen = readings[i * at.AXLE : (i + 1) * at.AXLE]
-        motion = axle_motion(plant.ground, pose, (v_x, 0.0, 0.0), arm, 0.0)
+        motion = axle_motion(plant.ground, (X, Y, direction), (v_x, 0.0, 0.0), arm, (0.0, 1.0))
         _, _, H, H_dot, H_ddot, u_l, _, _, _ = motion
         N_0 = loads[i] + v.m_w * H_ddot
         if torque_free:

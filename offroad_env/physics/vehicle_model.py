@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import inline_kernel
+from offroad_env.physics._jit import inline_kernel, merged_kernel
 from offroad_env.physics.contact import slope_frame, solve_contact
 from offroad_env.physics.ground import ground_readings, sinkage_exponent
 from offroad_env.physics.numerics import GRAVITY, smooth_step
@@ -66,15 +65,16 @@ def static_loads(vehicle):
     return total * vehicle.l_r, total * vehicle.l_f
 
 
-@inline_kernel
+@merged_kernel
 def axle_motion(ground, pose, velocity, arm, steer):
     """An axle over the ground.
 
     Parameters
     ----------
-    pose : (X, Y, yaw) of the CG
+    pose : (X, Y, (sin yaw, cos yaw)) of the CG
     velocity : (forward, left, yaw rate) of the CG in heading axes
     arm : distance ahead of the CG [m]
+    steer : (sin, cos) of the steering angle
 
     Returns
     -------
@@ -83,16 +83,15 @@ def axle_motion(ground, pose, velocity, arm, steer):
     neglected, the paper's contact assumption), horizontal velocity along and across the wheel
     [m/s] (BT tan beta), ground slopes along and across the wheel [-].
     """
-    X, Y, yaw = pose
+    X, Y, (sin, cos) = pose
     forward, left, yaw_rate = velocity
-    cos, sin = math.cos(yaw), math.sin(yaw)
     x, y = X + arm * cos, Y + arm * sin
     side = left + arm * yaw_rate
     v_X, v_Y = forward * cos - side * sin, forward * sin + side * cos
     H, H_X, H_Y, H_XX, H_XY, H_YY = ground_readings(ground, x, y)
     H_dot = H_X * v_X + H_Y * v_Y
     H_ddot = H_XX * v_X * v_X + 2.0 * H_XY * v_X * v_Y + H_YY * v_Y * v_Y
-    cos_d, sin_d = math.cos(steer), math.sin(steer)
+    sin_d, cos_d = steer
     g_x, g_y = H_X * cos + H_Y * sin, H_Y * cos - H_X * sin
     return (
         x,
@@ -133,7 +132,7 @@ def suspension_force(N, N_static, inertia):
     return N - N_static - inertia
 
 
-@inline_kernel
+@merged_kernel
 def axle_contact(plant, motion, place, support, warm, readings):
     """Solve one axle's contact and note it in ``readings``, the axle's part of the readings.
 

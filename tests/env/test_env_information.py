@@ -125,7 +125,7 @@ def test_a_state_that_turns_to_garbage_after_sensing_changes_no_estimate_and_no_
     for action in gentle_drive(60):
         # The truth comes back before it moves on; estimate and observation were made from garbage.
         for name, value in saved.items():
-            env._fleet.episodes[name] = value
+            env._memory.episodes[name] = value
         observation, *_, info = env.step(action)
         seen.append((observation, estimate_in(info)))
     assert_same(seen, untouched)

@@ -25,6 +25,10 @@ CASES = [
     {"scenario": "speed", "terrain_info": "truth", "vehicle_model": "bicycle"},
     {"scenario": "speed", "terrain_info": "estimate", "model": "paper"},
     {"scenario": "track", "soil": "clay", "n_range": (0.3, 0.5), "estimator": "parameter"},
+    {"scenario": "climb", "terrain_info": "estimate"},
+    {"scenario": "brake"},
+    {"scenario": "patches", "terrain_info": "truth"},
+    {"scenario": "ride"},
 ]
 
 
@@ -89,6 +93,19 @@ def test_vehicles_that_fail_begin_anew_at_their_own_time():
     times = [np.flatnonzero(column).tolist() for column in ended.T]
     assert sum(map(bool, times)) >= 3
     assert len({tuple(time) for time in times}) > 1
+
+
+def test_the_time_limit_of_a_task_truncates_as_it_does_in_a_single_environment():
+    ours, theirs = native(2, scenario="brake"), one_by_one(2, max_episode_steps=6000, scenario="brake")
+    ours.reset(seed=0), theirs.reset(seed=0)
+    standing = np.tile([0.0, -1.0], (2, 1))
+    truncations = []
+    for _ in range(2003):
+        step, expected = ours.step(standing), theirs.step(standing)
+        assert np.array_equal(step[1], expected[1])
+        assert np.array_equal(step[2:4], expected[2:4])
+        truncations.append(step[3].all())
+    assert np.flatnonzero(truncations).tolist() == [1999]  # 40 s
 
 
 def test_the_number_of_threads_changes_nothing():

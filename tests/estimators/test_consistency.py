@@ -7,7 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from estimators.consistency import chi_square_band, coverage, nees, nees_test, nis_test
+from estimators.consistency import chi_square_band, coverage, nees, nees_test, nis_test, surprise
+from estimators.joint import JointSettings, prior, run_joint_filter
+from estimators.paper import ROWS
+from estimators.protocol_runs import row_model, row_twin
 from offroad_env.errors import InvalidParameter
 
 
@@ -69,3 +72,38 @@ def test_wrong_arguments_are_refused():
         chi_square_band(5, 10, 95)
     with pytest.raises(InvalidParameter, match="covariances"):
         nees(np.zeros((3, 2)), np.zeros((3, 3)))
+
+
+def test_surprise_is_zero_in_the_mean_and_of_unit_spread():
+    rng = np.random.default_rng(6)
+    calm = surprise(rng.chisquare(5, size=200_000), 5, 0.01, 2.0)[2000:]
+    # An exponential mean over 2 s: 2,000 s hold some 500 independent values.
+    assert calm.mean() == pytest.approx(0.0, abs=0.25)
+    assert calm.std() == pytest.approx(1.0, abs=0.15)
+    assert (np.abs(calm) < 6.0).all()
+
+
+def test_surprise_sees_innovations_that_are_too_large_and_keeps_still_without_any():
+    nis = np.full(1000, 5.0)
+    nis[500:] = 8.0
+    excess = surprise(nis, 5, 0.01, 2.0)
+    assert (excess[:500] == 0.0).all()
+    assert excess[-1] > 10.0
+    nis[:] = math.nan
+    assert (surprise(nis, 5, 0.01) == 0.0).all()
+
+
+def test_errors_of_the_joint_filter_over_runs_are_as_large_as_it_says():
+    """NEES of all eleven states after a second, with the truth drawn from the filter's own prior."""
+    settings, row = JointSettings(), ROWS[2]
+    model, errors, covariances = row_model(row, settings), [], []
+    rng = np.random.default_rng(7)
+    for seed in range(101, 125):
+        twin = row_twin(row, seed, settings, duration=1.0)
+        start = prior(model, settings, float(rng.normal(0.5, 0.01)), 0.01, (0.0, 0.0, 0.0), 5.0)
+        run = run_joint_filter(model, start, twin.inputs, twin.readings())
+        errors.append(run.means[-1] - twin.truth[-1])
+        covariances.append(run.covariances[-1])
+    assert nees_test(np.array(errors), np.array(covariances), 0.999).consistent
+    # And the test would notice a filter that is surer than it may be.
+    assert not nees_test(np.array(errors), 0.5 * np.array(covariances), 0.999).consistent

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from offroad_env.physics.records import Ground
     from offroad_env.physics.vehicle_model import Plant
 
-__all__ = ["LAST_ROW", "NOISE_ROWS", "Fleet"]
+__all__ = ["LAST_ROW", "NOISE_ROWS", "Memory"]
 
 #: Samples for which sensor noise is drawn at a time.
 NOISE_ROWS = NOISE_PERIODS * SAMPLES
@@ -23,7 +23,7 @@ NOISE_ROWS = NOISE_PERIODS * SAMPLES
 LAST_ROW = NOISE_ROWS - SAMPLES
 
 
-class Fleet:
+class Memory:
     """Arrays with one row per episode; `period_full` says what they hold.
 
     Parameters
