@@ -32,7 +32,7 @@ class Drive(Results):
     soil to be.
     """
 
-    scenario: str = "track"  #: track or speed
+    scenario: str = "track"  #: track, speed, climb, brake, ride or patches
     agent: str = "pure_pursuit"  #: pure_pursuit, stanley, nominal, conservative, aware or oracle
     policy: Path | None = None  #: drive with the policy that offroad train wrote into this folder instead
     terrain_info: Literal["none", "estimate", "truth"] | None = None  #: default: what the agent needs
