@@ -18,7 +18,6 @@ from estimators.logs import Log, Recorder, StartSpec, TerrainSpec, config_of, tr
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
 from offroad_env.physics.path_kernels import PathTable, path_point
-from offroad_env.soils import make_soil
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -290,7 +289,7 @@ class MeasuredRun:
         base = env.unwrapped
         truth, snapshot = base.plant, base.snapshot()
         x, y, yaw, v_x = (float(snapshot.state[i]) for i in (at.X, at.Y, at.YAW, at.V_X))
-        belief = truth._replace(soil=make_soil(truth.soil, n=base.prior[0]))
+        belief = truth._replace(vehicle=base.briefing.vehicle, soil=base.briefing.soil)
         config = config_of(belief, base.sensors, StartSpec(x=x, y=y, yaw=yaw, v_x=v_x))
         if not known_ground:
             rms = math.sqrt(0.5 * float(np.square(truth.ground.waves[:, 0]).sum()))

@@ -41,6 +41,7 @@ from offroad_env.physics.contact import SUNK
 
 __all__ = [
     "REPORT",
+    "VALID",
     "BankRun",
     "BankSettings",
     "BankState",
@@ -230,8 +231,8 @@ def _absorb(state, i, j):
 
 
 @kernel
-def tidy(state, log_drop, merge):
-    """Drop components without weight, merge those that have become one."""
+def tidy(state, log_drop, merge, kinds):
+    """Drop components without weight, merge those of one kind (K,) that have become one."""
     K = state.log_weights.shape[0]
     for i in range(K):
         if state.log_weights[i] < log_drop:
@@ -241,7 +242,8 @@ def tidy(state, log_drop, merge):
         i = order[a]
         for b in range(a + 1, K):
             j = order[b]
-            if state.log_weights[i] > -math.inf and state.log_weights[j] > -math.inf:
+            both = state.log_weights[i] > -math.inf and state.log_weights[j] > -math.inf
+            if both and kinds[i] == kinds[j]:
                 gap = state.means[i, ETA] - state.means[j, ETA]
                 near = gap * gap < merge * (state.covs[i, ETA, ETA] + state.covs[j, ETA, ETA])
                 if near and _distance(state, i, j) < merge:
@@ -391,6 +393,7 @@ def _run(state, inputs, z, rules, model, report, history):
     """
     logs, etas, variances = history
     repairs = failed = renewed = 0
+    kinds = np.zeros(state.log_weights.shape[0], np.int64)  # all components are of one kind
     report_sum(state, np.full(state.log_weights.shape[0], math.nan), rules, model, report[0])
     for k in range(z.shape[0]):
         if k > 0:
@@ -399,7 +402,7 @@ def _run(state, inputs, z, rules, model, report, history):
             failed += counts[1]
             renewed += counts[2]
             if k % _TIDY == 0:
-                tidy(state, rules.log_drop, rules.merge)
+                tidy(state, rules.log_drop, rules.merge, kinds)
         logs[k] = state.log_weights
         etas[k] = state.means[:, ETA]
         variances[k] = state.covs[:, ETA, ETA]

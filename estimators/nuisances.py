@@ -92,10 +92,9 @@ _ACC = (at.A_X, at.A_Y, at.A_Z, at.PITCH_ACC, at.YAW_ACC)
 class Doubt:
     """Standard deviations of what is uncertain: what a careful engineer would state beforehand."""
 
-    stiffness: float = 0.2  #: log of the factor of the moduli [-]: ±20 % is one of them
+    stiffness: float = 0.15  #: log of the factor of the moduli [-]: ±20 % is 1.3 of them
     mass: float = 0.07  #: log of the mass's factor [-]
     lag: float = 0.05  #: of the steering [s]
-    bump: float = 0.01  #: height that the map lacks [m rms]
     bump_lengths: tuple[float, float] = (20.0, 2.0)  #: longest and shortest waves that the map lacks [m]
     place: float = 0.4  #: of the vehicle on the map, along each axis [m]
     acceleration_bias: float = 0.1  #: [m/s^2]
@@ -105,7 +104,7 @@ class Doubt:
     #: error lasts [s]. A filter that believes in white noise must count it as a variance of
     #: 2 error^2 time/dt per sample. Vertically it is large: how the front's bumps reach the rear, and
     #: what inertia of the wheels they stir, is not in the belief.
-    error: tuple[float, float, float, float, float] = (0.05, 0.03, 0.3, 0.03, 0.002)
+    error: tuple[float, float, float, float, float] = (0.03, 0.03, 0.1, 0.01, 0.002)
     error_time: float = 0.2
     #: Process noise beyond that of `joint.JointSettings`: v_x, v_y, v_z [m/s/sqrt(s)], pitch_rate,
     #: yaw_rate [rad/s/sqrt(s)].
@@ -131,7 +130,6 @@ class DoubtModel(NamedTuple):
     Q: np.ndarray  #: (LENGTH,) variances of the process noise per step, but for the bumps
     R: np.ndarray  #: (CHANNELS,) variances of the sensor noise
     P: np.ndarray  #: (LENGTH,) variances of the start, but for eta and the bumps
-    bump: float  #: size of what the map lacks [m]
     bump_poles: tuple[float, float]  #: wavenumbers between which the bumps' spectrum falls [rad/m]
 
 
@@ -163,7 +161,6 @@ def doubt_model(plant: Plant, dt: float, settings: JointSettings, doubt: Doubt) 
         Q=Q,
         R=R,
         P=P,
-        bump=float(doubt.bump),
         bump_poles=tuple(2.0 * math.pi / float(length) for length in doubt.bump_lengths),
     )
 
@@ -287,11 +284,11 @@ def _reading(point, readings, out):
 
 
 @kernel
-def process_noise(v_x, model, Q):
-    """Variances of the process noise of one step (25,) at speed ``v_x`` [m/s] into ``Q``."""
+def process_noise(v_x, bump, model, Q):
+    """Variances of the process noise of one step (25,) into ``Q``; ``v_x`` [m/s], bumps of ``bump`` [m]."""
     fast, square = _bump_rates(v_x, model)
     Q[:] = model.Q
-    Q[BUMP + 1] = Q[BUMP + 3] = 2.0 * fast * square * model.bump**2 * model.dt
+    Q[BUMP + 1] = Q[BUMP + 3] = 2.0 * fast * square * bump**2 * model.dt
 
 
 @kernel
@@ -376,11 +373,11 @@ def linearise(point, warm, inputs, model, A, H, out):
 
 
 @kernel
-def settled_belief(model, eta, variance, pose, v_x):
+def settled_belief(model, eta, variance, bump, pose, v_x):
     """(status, mean (25,), covariance, warm (2, 3)) of a vehicle settled on the soil of ``eta``.
 
     The settled start is linearised in eta, stiffness, mass and place: heave and pitch follow them
-    and the bumps within the covariance.
+    and the bumps, of size ``bump`` [m], within the covariance.
     """
     mean, slope = np.zeros(LENGTH), np.zeros((LENGTH, LENGTH))
     trial, worst = np.zeros(LENGTH), 0.0
@@ -417,13 +414,17 @@ def settled_belief(model, eta, variance, pose, v_x):
     variances = model.P.copy()
     variances[ETA] = variance
     for i in (BUMP, BUMP + 2):
-        variances[i], variances[i + 1] = model.bump**2, model.bump**2 * _bump_rates(v_x, model)[1]
+        variances[i], variances[i + 1] = bump**2, bump**2 * _bump_rates(v_x, model)[1]
     return max(worst, status), mean, (slope * variances) @ slope.T, warm
 
 
 @kernel
-def _bound(truth, cov, warm, inputs, measured, model, variances):
-    """Fill the bound on the variances of the belief (T, 25); returns the failed step, or T."""
+def _bound(truth, cov, warm, inputs, measured, noise, variances):
+    """Fill the bound on the variances of the belief (T, 25); returns the failed step, or T.
+
+    ``noise`` = (model, size of the bumps [m]).
+    """
+    model, bump = noise
     A, H, out = np.empty((LENGTH, LENGTH)), np.empty((CHANNELS, LENGTH)), np.empty(CHANNELS)
     Q, F, point = np.empty(LENGTH), np.eye(LENGTH), np.zeros(LENGTH)
     variances[0] = np.diag(cov)
@@ -438,7 +439,7 @@ def _bound(truth, cov, warm, inputs, measured, model, variances):
             return k
         if k > 0:
             index = np.flatnonzero(measured[k])
-            process_noise(point[at.V_X], model, Q)
+            process_noise(point[at.V_X], bump, model, Q)
             linear_step(cov, F, H[index].copy(), Q, model.R[index])
             variances[k] = np.diag(cov)
         F = np.eye(LENGTH) + A * model.dt + (A @ A) * (0.5 * model.dt * model.dt)
@@ -446,15 +447,15 @@ def _bound(truth, cov, warm, inputs, measured, model, variances):
 
 
 def bound_with_doubt(
-    model: DoubtModel, sd: float, truth: np.ndarray, inputs: np.ndarray, z: np.ndarray
+    model: DoubtModel, prior: tuple[float, float], truth: np.ndarray, inputs: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """What any filter with these doubts can know along a true trajectory of the nominal vehicle.
 
     Parameters
     ----------
     model : DoubtModel
-    sd : float
-        Standard deviation of the prior of n [-].
+    prior : (float, float)
+        Standard deviation of the prior of n [-], and size of what the map lacks [m].
     truth : array (T, 11)
         True states and eta, on the map as it is.
     inputs, z
@@ -472,10 +473,12 @@ def bound_with_doubt(
     eta = float(truth[0, ETA])
     slope = range_slope(eta, model.low, model.high)
     pose = tuple(float(value) for value in truth[0, :3])
-    status, _, cov, warm = settled_belief(model, eta, (sd / slope) ** 2, pose, float(truth[0, at.V_X]))
+    status, _, cov, warm = settled_belief(
+        model, eta, (prior[0] / slope) ** 2, float(prior[1]), pose, float(truth[0, at.V_X])
+    )
     variances = np.empty((len(truth), LENGTH))
     seen = np.isfinite(z[:, :CHANNELS])
-    done = _bound(np.ascontiguousarray(truth), cov, warm, inputs, seen, model, variances)
+    done = _bound(np.ascontiguousarray(truth), cov, warm, inputs, seen, (model, float(prior[1])), variances)
     if status >= SUNK or done < len(truth):
         raise SolverFailure(f"no contact solution along the truth at t = {done * model.dt:.2f} s")
     return np.sqrt(variances[:, ETA]) * slope, np.sqrt(variances)

@@ -27,6 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators.bank import normalise
 from estimators.bounds import linear_step, motion_slopes, reading_slopes
 from estimators.joint import (
     CHANNELS,
@@ -126,18 +127,8 @@ def _start(
         particles.covs[i, np.arange(ETA), np.arange(ETA)] = np.square(settings.joint.start)
     # Cells of equal width in n: the prior's density is the weight.
     particles.log_weights[:] = -0.5 * ((n - settings.n_prior) / settings.n_prior_sd) ** 2
-    _normalise(particles.log_weights)
+    normalise(particles.log_weights)
     return particles
-
-
-@kernel
-def _normalise(log_weights):
-    """Scale the weights to a sum of 1; false when there is none."""
-    top = log_weights.max()
-    if not top > -math.inf:
-        return False
-    log_weights -= top + math.log(np.exp(log_weights - top).sum())
-    return True
 
 
 @kernel
@@ -242,7 +233,7 @@ def _resample(particles, rules, jitter, noise, offset):
         covs[i], warms[i] = particles.covs[j], particles.warms[j]
         motions[i], readings[i] = particles.motions[j], particles.readings[j]
         log_weights[i] = math.log(max(gains[cell], 1e-300))
-    _normalise(log_weights)
+    normalise(log_weights)
     return means, covs, warms, motions, readings, log_weights
 
 
@@ -290,7 +281,7 @@ def _run(particles, inputs, z, model, rules, draws, report):
                 repairs += repaired
                 failed += 1 if status >= SUNK else 0
                 particles.log_weights[i] += log_likelihood
-        if not _normalise(particles.log_weights):
+        if not normalise(particles.log_weights):
             particles.log_weights[:] = before
             return repairs, failed, resampled, k
         _report(particles, nis, model, report[k])

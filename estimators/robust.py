@@ -6,10 +6,18 @@ evaluations for the slopes and 4 for the mean, a fifth of what the unscented fil
 `estimators.joint` asks for less than half of the belief. What the linearisation cannot hold, the
 several roots of the force, is the bank's to hold (`estimators.bank`, whose bookkeeping it shares).
 
-The moduli and n are confounded: the pressure k h^n at the depth where the wheels run is well known,
-its slope hardly. The belief holds that pressure in place of the moduli (`nuisances.tie`); in k
+*How rough is what the map lacks?* Nobody can say beforehand, and a filter that expects a
+centimetre where there is none throws information away. The fan therefore holds every soil several
+times, with bumps of different size; the likelihood chooses (D. T. Magill, IEEE Trans. Automatic
+Control 10(4), 1965).
+
+*The moduli and n are confounded*: the pressure k h^n at the depth where the wheels run is well known,
+its slope hardly. The belief holds that pressure in place of the moduli (`nuisances.tie`). In k
 itself the two would turn against each other as n moves, and a linearised filter would take each
 turn for information that it does not have.
+
+*When does it vouch?* While straight ahead on a map that is wrong, only the vertical motion tells n,
+and what the map lacks looks like another soil. The flag then stays down.
 """
 
 from __future__ import annotations
@@ -68,11 +76,15 @@ class RobustSettings:
     n_fan: tuple[float, float] = (0.3, 1.3)  #: where the hypotheses stand [-]
     components: int = 20  #: soils in the fan
     overlap: float = 0.6  #: their standard deviation over their distance
+    bumps: tuple[float, ...] = (0.0005, 0.003, 0.012)  #: sizes of what the map lacks: one fan each [m]
     drop: float = 1e-6  #: weight below which a component is dropped
     merge: float = 1.0  #: squared Mahalanobis distance below which two are one
 
     sure: float = 0.99  #: weight that the largest mode must have for a valid estimate
     widest: float = 0.15  #: largest standard deviation of n for a valid estimate, as a share of n
+    trusted: float = 0.002  #: bumps up to which the map counts as right [m]
+    sideways: float = 0.4  #: rms of v yaw_rate above which a bend tells n on any map [m/s^2]
+    bend_time: float = 10.0  #: over this time [s]
     watch_time: float = 2.0  #: time over which innovations are averaged [s]
     surprise: float = 5.0  #: their mean excess in its standard deviations: more is no valid estimate
     renew: float = 10.0  #: and more than this draws a new fan
@@ -81,11 +93,16 @@ class RobustSettings:
         low, high = self.joint.n_range
         if not low < self.n_fan[0] < self.n_fan[1] < high:
             raise InvalidParameter(f"n_fan must lie inside n_range = ({low}, {high}), got {self.n_fan}")
-        if not 1 <= self.components <= 200:
-            raise InvalidParameter(f"components must be in [1, 200], got {self.components}")
+        if not 1 <= self.components * len(self.bumps) <= 200:
+            raise InvalidParameter(
+                f"components x bumps must be in [1, 200], got {self.components} x {len(self.bumps)}"
+            )
+        if not (self.bumps and all(0.0 < bump < 0.5 for bump in self.bumps)):
+            raise InvalidParameter(f"bumps must be sizes in (0, 0.5) m, got {self.bumps} - in mm or cm?")
         if not 0.0 < self.drop < 0.1:
             raise InvalidParameter(f"drop must be in (0, 0.1), got {self.drop}")
-        for name in ("n_prior_sd", "overlap", "merge", "widest", "watch_time", "surprise", "renew"):
+        fields = ("n_prior_sd", "overlap", "merge", "widest", "trusted", "sideways", "bend_time")
+        for name in (*fields, "watch_time", "surprise", "renew"):
             if not getattr(self, name) > 0.0:
                 raise InvalidParameter(f"{name} must be > 0, got {getattr(self, name)}")
 
@@ -97,38 +114,44 @@ class RobustRun:
     bank: BankRun
     means: np.ndarray  #: (T, 25) mean of the sum, layout of `estimators.nuisances`
     sds: np.ndarray  #: (T, 25) its standard deviations
+    bump: np.ndarray  #: (T,) size of the bumps that it believes in, weighted [m]
 
 
-def _rules(model: DoubtModel, settings: RobustSettings) -> Rules:
-    """The settings as the kernels need them."""
+def _rules(model: DoubtModel, settings: RobustSettings) -> tuple[Rules, np.ndarray, np.ndarray]:
+    """The settings as the kernels need them; size of the bumps (K,) and its number (K,) per component."""
     low, high = settings.n_fan
     spacing = (high - low) / settings.components
     n = low + (np.arange(settings.components) + 0.5) * spacing
     etas = np.array([from_range(value, model.low, model.high) for value in n])
     slopes = np.array([range_slope(eta, model.low, model.high) for eta in etas])
-    return Rules(
+    levels = len(settings.bumps)
+    rules = Rules(
         log_drop=math.log(settings.drop),
         merge=float(settings.merge),
         sure=float(settings.sure),
-        widest=math.inf,  # judged relative to n, see below
+        widest=math.inf,  # judged relative to n, see `_vouches`
         watch_time=float(settings.watch_time),
         surprise=float(settings.surprise),
         renew=float(settings.renew),
-        etas=etas,
-        variances=(settings.overlap * spacing / slopes) ** 2,
-        log_prior=-0.5 * ((n - settings.n_prior) / settings.n_prior_sd) ** 2,
+        etas=np.tile(etas, levels),
+        variances=np.tile((settings.overlap * spacing / slopes) ** 2, levels),
+        log_prior=np.tile(-0.5 * ((n - settings.n_prior) / settings.n_prior_sd) ** 2, levels),
         start=np.empty(0),
     )
+    kinds = np.repeat(np.arange(levels), settings.components)
+    return rules, np.array(settings.bumps)[kinds], kinds
 
 
 @kernel
-def _place(state, slopes, rules, model, fan):
+def _place(state, slopes, rules, bumps, model, fan):
     """Every soil of the fan settled on its own; ``fan`` = (pose, speed, steering input); returns failures."""
     pose, v_x, u = fan
     H, out = np.empty((CHANNELS, LENGTH)), np.empty(CHANNELS)
     failed = 0
     for i in range(rules.etas.shape[0]):
-        status, mean, cov, warm = settled_belief(model, rules.etas[i], rules.variances[i], pose, v_x)
+        status, mean, cov, warm = settled_belief(
+            model, rules.etas[i], rules.variances[i], bumps[i], pose, v_x
+        )
         status = max(status, linearise(mean, warm, u, model, slopes[i], H, out))
         state.means[i], state.covs[i], state.warms[i, 0] = mean, cov, warm
         sound = status < SUNK and np.isfinite(cov).all() and np.isfinite(slopes[i]).all()
@@ -140,14 +163,13 @@ def _place(state, slopes, rules, model, fan):
 
 
 @kernel
-def _component_step(belief, slopes, inputs, z, index, model):
+def _component_step(mean, cov, warm, slopes, inputs, z, noise, model):
     """One sample of one component, in place; returns (log likelihood, nis, repairs, status).
 
-    ``belief`` = (mean (25,), covariance, warm start (2, 3)); ``slopes`` (25, 25) of motion at the last
-    sample, renewed; ``index`` of what was measured. With a status of SUNK or worse the belief is as
-    before.
+    ``slopes`` (25, 25) of motion at the last sample, renewed; ``noise`` = (size of the bumps [m],
+    indices of what was measured). With a status of SUNK or worse the belief is as before.
     """
-    mean, cov, warm = belief
+    bump, index = noise
     point, A = mean.copy(), np.empty((LENGTH, LENGTH))
     H, out, Q = np.empty((CHANNELS, LENGTH)), np.empty(CHANNELS), np.empty(LENGTH)
     status = advance(point, warm, inputs, model)
@@ -158,7 +180,7 @@ def _component_step(belief, slopes, inputs, z, index, model):
         warm[:, 0] = 0.0  # a failed solve is no start for the next one
         return -math.inf, math.nan, 0, SUNK
     F = np.eye(LENGTH) + slopes * model.dt + (slopes @ slopes) * (0.5 * model.dt * model.dt)
-    process_noise(point[at.V_X], model, Q)
+    process_noise(point[at.V_X], bump, model, Q)
     gain, S, repairs = linear_step(cov, F, H[index], Q, model.R[index])
     mean[:], slopes[:] = point, A
     if index.shape[0] == 0:
@@ -173,12 +195,12 @@ def _component_step(belief, slopes, inputs, z, index, model):
 
 
 @kernel
-def _renew(state, slopes, rules, model, u):
+def _renew(state, slopes, rules, bumps, model, u):
     """Draw a new fan at the place and speed of the best component, every nuisance at its prior again."""
     best = np.argmax(state.log_weights)
     base, cov = state.means[best].copy(), state.covs[best].copy()
     pose = (base[at.X], base[at.Y], base[at.YAW])
-    _place(state, slopes, rules, model, (pose, max(base[at.V_X], 0.0), u))
+    _place(state, slopes, rules, bumps, model, (pose, max(base[at.V_X], 0.0), u))
     for i in range(rules.etas.shape[0]):
         for p in (at.V_Y, at.YAW_RATE):
             state.means[i, p] = base[p]
@@ -187,8 +209,12 @@ def _renew(state, slopes, rules, model, u):
 
 
 @kernel
-def _step(state, slopes, inputs, z, rules, model, out):
-    """One sample for every component, in place; returns (repairs, failed components, renewed 0 or 1)."""
+def _step(state, slopes, inputs, z, rules, fan, out):
+    """One sample for every component, in place; ``fan`` = (bumps (K,), model).
+
+    Returns (repairs, failed components, renewed 0 or 1).
+    """
+    bumps, model = fan
     K = state.log_weights.shape[0]
     nis, before = np.full(K, math.nan), state.log_weights.copy()
     index = np.flatnonzero(np.isfinite(z))
@@ -196,7 +222,14 @@ def _step(state, slopes, inputs, z, rules, model, out):
     for i in range(K):
         if before[i] > -math.inf:
             log_likelihood, nis[i], repaired, status = _component_step(
-                (state.means[i], state.covs[i], state.warms[i, 0]), slopes[i], inputs, z, index, model
+                state.means[i],
+                state.covs[i],
+                state.warms[i, 0],
+                slopes[i],
+                inputs,
+                z,
+                (bumps[i], index),
+                model,
             )
             repairs += repaired
             failed += 1 if status >= SUNK else 0
@@ -208,44 +241,60 @@ def _step(state, slopes, inputs, z, rules, model, out):
         watch_innovations(state, nis, index.shape[0], rules, model.dt)
         if state.watch[0] > rules.renew and state.watch[1] > rules.watch_time:
             rate = (inputs[2, 0] - inputs[0, 0]) / model.dt
-            _renew(state, slopes, rules, model, (inputs[2, 0], inputs[2, 1], rate))
+            _renew(state, slopes, rules, bumps, model, (inputs[2, 0], inputs[2, 1], rate))
             renewed = 1
     report_sum(state, nis, rules, model, out)
     return repairs, failed, renewed
 
 
 @kernel
-def _sum_up(state, means, sds):
-    """Mean and standard deviation of the sum over the components (25,)."""
+def _sum_up(state, bumps, means, sds):
+    """Mean and standard deviation of the sum over the components (25,); returns the mean size of bumps."""
+    bump = 0.0
     means[:], sds[:] = 0.0, 0.0
-    for i in range(state.log_weights.shape[0]):
+    for i in range(bumps.shape[0]):
         if state.log_weights[i] > -math.inf:
             w = math.exp(state.log_weights[i])
+            bump += w * bumps[i]
             for p in range(LENGTH):
                 means[p] += w * state.means[i, p]
                 sds[p] += w * (state.covs[i, p, p] + state.means[i, p] ** 2)
     for p in range(LENGTH):
         sds[p] = math.sqrt(max(sds[p] - means[p] ** 2, 0.0))
+    return bump
 
 
 @kernel
-def _run(state, slopes, inputs, z, rules, model, result):
+def _run(state, slopes, inputs, z, rules, fan, result):
     """The loop behind `run_robust_bank`; returns (repairs, failed, renewed)."""
-    report, logs, etas, variances, means, sds = result
+    bumps, kinds, model = fan
+    report, logs, etas, variances, means, sds, size = result
     repairs = failed = renewed = 0
     report_sum(state, np.full(state.log_weights.shape[0], math.nan), rules, model, report[0])
     for k in range(z.shape[0]):
         if k > 0:
             step = inputs[2 * k - 2 : 2 * k + 1]
-            counts = _step(state, slopes, step, z[k], rules, model, report[k])
+            counts = _step(state, slopes, step, z[k], rules, (bumps, model), report[k])
             repairs += counts[0]
             failed += counts[1]
             renewed += counts[2]
             if k % _TIDY == 0:
-                tidy(state, rules.log_drop, rules.merge)
+                tidy(state, rules.log_drop, rules.merge, kinds)
         logs[k], etas[k], variances[k] = state.log_weights, state.means[:, ETA], state.covs[:, ETA, ETA]
-        _sum_up(state, means[k], sds[k])
+        size[k] = _sum_up(state, bumps, means[k], sds[k])
     return repairs, failed, renewed
+
+
+def _vouches(
+    bank: BankRun, means: np.ndarray, bump: np.ndarray, settings: RobustSettings, dt: float
+) -> np.ndarray:
+    """Where n is narrow relative to itself, and the map is right or a bend tells n on any map."""
+    square = np.square(means[:, at.V_X] * means[:, at.YAW_RATE])
+    total = np.concatenate([[0.0], np.cumsum(square)])
+    last = np.arange(1, len(total))
+    first = np.maximum(last - max(round(settings.bend_time / dt), 1), 0)
+    bends = (total[last] - total[first]) / (last - first) >= settings.sideways**2
+    return (bank.sd <= settings.widest * bank.n) & (bends | (bump <= settings.trusted))
 
 
 def run_robust_bank(
@@ -271,14 +320,14 @@ def run_robust_bank(
         Speed at the start [m/s].
     """
     inputs, z = check_run(inputs, z)
-    T, K = len(z), settings.components
-    rules = _rules(model, settings)
+    T, K = len(z), settings.components * len(settings.bumps)
+    rules, bumps, kinds = _rules(model, settings)
     covs, warms = np.empty((K, LENGTH, LENGTH)), np.empty((K, 1, 2, 3))
     state = BankState(np.empty((K, LENGTH)), covs, warms, np.empty(K), np.zeros(2))
     slopes = np.empty((K, LENGTH, LENGTH))
     rate = (inputs[2, 0] - inputs[0, 0]) / model.dt
     start = (tuple(float(p) for p in pose), float(v_x), (inputs[0, 0], inputs[0, 1], rate))
-    if _place(state, slopes, rules, model, start) == K:
+    if _place(state, slopes, rules, bumps, model, start) == K:
         raise SolverFailure("no soil of the fan carries the vehicle: move n_fan")
     report, means, sds, size = (
         np.empty((T, REPORT)),
@@ -288,8 +337,8 @@ def run_robust_bank(
     )
     history = (np.empty((T, K)), np.empty((T, K)), np.empty((T, K)))
     seen = np.ascontiguousarray(z[:, :CHANNELS])
-    counts = _run(state, slopes, inputs, seen, rules, model, (report, *history, means, sds))
+    fan = (bumps, kinds, model)
+    counts = _run(state, slopes, inputs, seen, rules, fan, (report, *history, means, sds, size))
     bank = bank_run(model, report, history, tuple(int(count) for count in counts))
-    # A flag for n as small as 0.5 and as large as 1.1: the width is judged relative to n.
-    narrow = bank.sd <= settings.widest * bank.n
-    return RobustRun(bank=replace(bank, valid=bank.valid & narrow), means=means, sds=sds)
+    valid = bank.valid & _vouches(bank, means, size, settings, model.dt)
+    return RobustRun(bank=replace(bank, valid=valid), means=means, sds=sds, bump=size)

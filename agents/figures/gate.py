@@ -71,4 +71,6 @@ def _draw(axes: Axes, units: Sequence[Mapping], phases: Sequence[tuple[str, floa
     axes.grid(alpha=0.25, which="both")
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    axes.legend(frameon=False, fontsize=8, loc="upper right")
+    axes.legend(
+        frameon=False, fontsize=8, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.13), columnspacing=1.0
+    )

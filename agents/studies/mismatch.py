@@ -51,9 +51,7 @@ class BoundLine(NamedTuple):
 def _bounds(row: int, seed: int, duration: float) -> dict:
     """Bounds on sd(n)/n at the end, along the truth without mismatch."""
     settings = RobustSettings()
-    sure = dict.fromkeys(
-        ("mass", "lag", "place", "bump", "acceleration_bias", "rate_bias", "misalignment"), 1e-06
-    )
+    sure = dict.fromkeys(("mass", "lag", "place", "acceleration_bias", "rate_bias", "misalignment"), 1e-06)
     none = {"process": (1e-9,) * 5, "error": (1e-9,) * 5}
     doubts = {
         "doubting": settings.doubt,
@@ -65,7 +63,8 @@ def _bounds(row: int, seed: int, duration: float) -> dict:
     result = {}
     for name, doubt in doubts.items():
         model = doubt_model(row_plant(twin.row), twin.dt, settings.joint, doubt)
-        bound, _ = bound_with_doubt(model, settings.n_prior_sd, twin.truth, twin.inputs, seen)
+        prior = (settings.n_prior_sd, min(settings.bumps))
+        bound, _ = bound_with_doubt(model, prior, twin.truth, twin.inputs, seen)
         result[name] = float(bound[-1] / twin.n[-1])
     return result
 

@@ -1,0 +1,147 @@
+"""A belief about everything that nobody knows exactly: slopes, the start, and what can be known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.joint import ETA, JointSettings, advance_point, joint_model
+from estimators.mismatch import mismatched_twin
+from estimators.nuisances import (
+    BIAS,
+    BUMP,
+    CHANNELS,
+    LAG,
+    LENGTH,
+    MASS,
+    STIFFNESS,
+    Doubt,
+    advance,
+    bound_with_doubt,
+    doubt_model,
+    linearise,
+    settled_belief,
+    tie,
+)
+from estimators.paper import ROWS
+from estimators.protocol_runs import row_plant
+from estimators.transforms import from_range
+from offroad_env.errors import InvalidParameter
+
+SETTINGS, DOUBT = JointSettings(), Doubt()
+ROW, DT = ROWS[2], 0.01
+MODEL = doubt_model(row_plant(ROW), DT, SETTINGS, DOUBT)
+ETA_CLAY = from_range(0.5, MODEL.low, MODEL.high)
+
+
+@pytest.fixture(scope="module")
+def twin():
+    return mismatched_twin(ROW, "none", 101, duration=3.0)
+
+
+@pytest.fixture(scope="module")
+def moving(twin):
+    """A point in a bend, doubts and bumps included, with its warm start."""
+    _, mean, _, warm = settled_belief(MODEL, ETA_CLAY, 0.01, 0.01, (0.0, 0.0, 0.0), 5.0)
+    point = mean.copy()
+    point[: ETA + 1] = twin.truth[-1]
+    point[STIFFNESS] = tie(0.5) + 0.05
+    point[[MASS, LAG]] = 0.02, 0.03
+    point[BUMP : BUMP + 4] = 0.004, 0.02, -0.003, 0.01
+    point[BIAS:] = np.linspace(-0.02, 0.03, LENGTH - BIAS)
+    return point, warm
+
+
+def _reading(point, warm, inputs):
+    H, out = np.empty((CHANNELS, LENGTH)), np.empty(CHANNELS)
+    linearise(point, warm.copy(), inputs, MODEL, np.empty((LENGTH, LENGTH)), H, out)
+    return out
+
+
+def test_without_doubts_a_point_moves_like_the_joint_filters(twin):
+    point, warm = np.zeros(LENGTH), np.zeros((2, 3))
+    point[: ETA + 1] = twin.truth[0]
+    point[STIFFNESS] = tie(0.5)
+    plain, other = twin.truth[0].copy(), warm.copy()
+    joint = joint_model(row_plant(ROW), DT, SETTINGS)
+    work, scratch = np.empty((3, ETA)), np.empty(64)
+    for k in range(50):
+        step = twin.inputs[2 * k : 2 * k + 3]
+        advance(point, warm, step, MODEL)
+        advance_point(plain, other, step, joint, work, scratch)
+    np.testing.assert_allclose(point[: ETA + 1], plain, atol=1e-9)
+
+
+def test_slopes_of_motion_are_those_of_a_step(twin, moving):
+    point, warm = moving
+    steady = np.tile(twin.inputs[-1], (3, 1))
+    A, H, out = np.empty((LENGTH, LENGTH)), np.empty((CHANNELS, LENGTH)), np.empty(CHANNELS)
+    # Steering at rest: its rate, which the lag multiplies, is 0 in all of the step.
+    linearise(point, warm.copy(), (steady[0, 0], steady[0, 1], 0.0), MODEL, A, H, out)
+    F = np.eye(LENGTH) + A * DT + A @ A * (0.5 * DT * DT)
+    for j in range(LENGTH):
+        ends = []
+        for sign in (-1.0, 1.0):
+            side = point.copy()
+            side[j] += sign * 1e-4
+            advance(side, warm.copy(), steady, MODEL)
+            ends.append(side)
+        slope = (ends[1] - ends[0]) / 2e-4
+        # Terms of the third order in dt, and of the second in the one-sided step.
+        scale = np.abs(slope).max()
+        np.testing.assert_allclose(F[:, j], slope, atol=0.02 * scale * DT**0.5, err_msg=f"column {j}")
+
+
+def test_slopes_of_the_reading_hold_for_bumps_lag_and_the_inertial_unit(twin, moving):
+    point, warm = moving
+    inputs = (0.1, float(twin.inputs[-1, 1]), 0.3)
+    H, out = np.empty((CHANNELS, LENGTH)), np.empty(CHANNELS)
+    linearise(point, warm.copy(), inputs, MODEL, np.empty((LENGTH, LENGTH)), H, out)
+    for j in range(LENGTH):
+        step = 1e-5
+        ahead, behind = point.copy(), point.copy()
+        ahead[j] += step
+        behind[j] -= step
+        slope = (_reading(ahead, warm, inputs) - _reading(behind, warm, inputs)) / (2.0 * step)
+        np.testing.assert_allclose(H[:, j], slope, rtol=2e-3, atol=2e-3 * np.abs(H[:, j]).max() + 1e-6)
+
+
+def test_settled_start_follows_what_is_uncertain():
+    _, mean, cov, _ = settled_belief(MODEL, ETA_CLAY, 0.04, 0.01, (0.0, 0.0, 0.0), 5.0)
+    sd = np.sqrt(np.diag(cov))
+    np.testing.assert_allclose(cov, cov.T, atol=1e-15)
+    assert mean[STIFFNESS] == pytest.approx(tie(0.5))
+    # Stiffer moduli and a lighter vehicle: a shallower rut.
+    heave = 3
+    hypothesis, _, given, _ = settled_belief(
+        MODEL, from_range(0.45, MODEL.low, MODEL.high), 0.04, 0.01, (0.0,) * 3, 5.0
+    )
+    assert hypothesis == 0.0
+    assert given[heave] > mean[heave], "a smaller exponent carries the vehicle higher"
+    assert cov[heave, MASS] < 0.0
+    # The pressure at 4 cm holds the moduli: it is as uncertain as they are, and as n makes it.
+    assert sd[STIFFNESS] > DOUBT.stiffness
+    assert sd[BUMP] == pytest.approx(0.01)
+
+
+def test_doubt_costs_information_and_moduli_cost_most(twin):
+    seen, sure = twin.readings("imu"), 1e-6
+
+    def bound(doubt):
+        model = doubt_model(row_plant(ROW), DT, SETTINGS, doubt)
+        return bound_with_doubt(model, (0.3, 0.0005), twin.truth, twin.inputs, seen)[0][-1]
+
+    whole = bound(DOUBT)
+    less = {name: bound(replace(DOUBT, **{name: sure})) for name in ("stiffness", "mass", "lag", "place")}
+    assert all(value <= whole * (1.0 + 1e-9) for value in less.values())
+    assert min(less, key=less.get) == "stiffness"
+    assert less["stiffness"] < 0.5 * whole
+
+
+def test_wrong_doubts_are_refused():
+    with pytest.raises(InvalidParameter, match="mass"):
+        Doubt(mass=0.0)
+    with pytest.raises(InvalidParameter, match="process must have 5"):
+        Doubt(process=(0.1, 0.1))
