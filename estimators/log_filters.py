@@ -34,6 +34,7 @@ from estimators.transforms import belief_of
 from offroad_env.errors import DataError, InvalidParameter, SolverFailure
 from offroad_env.sensors import GnssConfig, ImuConfig
 from offroad_env.simulator import Plant, settled_state
+from offroad_env.terrain import flat
 
 __all__ = [
     "CARRIED_FILTERS",
@@ -308,7 +309,10 @@ def _run_carried(
     plant, n_range, n_prior, sd = belief
     rate = 1.0 / samples.dt
     imu, gnss = _sensors(log, rate)
-    estimator = make_estimator(OnBoard(kind=name, rate=rate), plant, n_range, imu, gnss)
+    # Without fixes the place is soon lost, and a map that is read elsewhere is worse than none.
+    ground = flat() if np.isnan(samples.gnss[:, 0]).all() else plant.ground
+    choice = OnBoard(kind=name, rate=rate, ground=ground)
+    estimator = make_estimator(choice, plant, n_range, imu, gnss)
     T = len(samples.t)
     rows = np.empty((T, 4))
     first = estimator.reset(n_prior, sd, _pose(log))

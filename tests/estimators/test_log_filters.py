@@ -154,6 +154,15 @@ def test_body_speeds_serve_where_there_is_no_course(full):
     assert abs(estimate_log(body, "joint").n[-1] - TRUE_N) < 0.05
 
 
+def test_without_satellite_fixes_no_map_is_believed(full):
+    """The place is lost within seconds; slopes read at the wrong place would be taken for soil."""
+    lost = changed(full, drop=("x", "y", "speed", "course"))
+    hills = replace(lost, config=replace(lost.config, terrain=TerrainSpec(kind="paper", H_0=0.3)))
+    assert np.array_equal(estimate_log(hills, "joint").n, estimate_log(lost, "joint").n)
+    mapped = replace(full, config=replace(full.config, terrain=TerrainSpec(kind="paper", H_0=0.3)))
+    assert not np.array_equal(estimate_log(mapped, "joint").n, estimate_log(full, "joint").n)
+
+
 # ---------------------------------------------------------------------- refusals
 
 

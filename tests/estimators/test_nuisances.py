@@ -115,10 +115,10 @@ def test_settled_start_follows_what_is_uncertain():
     assert mean[STIFFNESS] == pytest.approx(tie(0.5))
     # Stiffer moduli and a lighter vehicle: a shallower rut.
     heave = 3
-    hypothesis, _, given, _ = settled_belief(
+    status, given, _, _ = settled_belief(
         MODEL, from_range(0.45, MODEL.low, MODEL.high), 0.04, 0.01, (0.0,) * 3, 5.0
     )
-    assert hypothesis == 0.0
+    assert status == 0.0
     assert given[heave] > mean[heave], "a smaller exponent carries the vehicle higher"
     assert cov[heave, MASS] < 0.0
     # The pressure at 4 cm holds the moduli: it is as uncertain as they are, and as n makes it.
