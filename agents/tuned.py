@@ -10,7 +10,7 @@ RUNS: dict[str, str] = {
     "climb": "seed 0, 136 episodes an arm: nominal 74.42, conservative 72.65, aware 70.82, oracle 70.79",
     "patches": "seed 0, 136 episodes an arm: nominal 49.13, conservative 52.63, aware 58.14, oracle 43.92",
     "ride": "seed 0, 136 episodes an arm: nominal 46.92, conservative 48.46, aware 48.61, oracle 48.69",
-    "speed": "seed 0, 432 episodes an arm, own finals: nominal 48.6, conservative 45.4, aware 42.4, oracle 42.8",
+    "speed": "seed 0, 432 episodes an arm: nominal 48.6, conservative 45.4, aware 42.4, oracle 42.8",
     "track": "not searched yet: the middle of the box for every arm",
 }
 
