@@ -26,7 +26,6 @@ from agents.ride_controller import RideController
 from agents.slip_controller import SlipController
 from agents.speed_planner import Belief, BeliefSource, PlannerGains, SoilTracker
 from agents.stop_controller import StopController
-from agents.tuned import SETTINGS
 from offroad_env.errors import InvalidParameter
 
 __all__ = [
@@ -37,6 +36,7 @@ __all__ = [
     "ArmSettings",
     "believe_estimate",
     "believe_fixed",
+    "believe_prior",
     "believe_truth",
     "believe_worst",
     "make_arm",
@@ -124,6 +124,12 @@ def believe_estimate(z: float) -> BeliefSource:
     return believe
 
 
+def believe_prior(briefing: Any, table: Capability, observation: Observation) -> Belief:
+    """The whole prior: its middle, insured from end to end."""
+    low, high = briefing.n_range
+    return Belief(low, 0.5 * (low + high), high)
+
+
 def believe_truth(briefing: Any, table: Capability, observation: Observation) -> Belief:
     """The true n, as ``terrain_info="truth"`` tells it."""
     n = float(np.clip(observation["terrain"][0], *briefing.n_range))
@@ -171,6 +177,9 @@ def make_arm(name: str, *, scenario: str = "speed", settings: ArmSettings | None
     if name not in ARMS:
         raise InvalidParameter(f"arm must be one of {', '.join(ARMS)}, got {name!r}")
     if settings is None:
+        # Here and not above: who asks what sources stand behind a result adds the settings of its arm.
+        from agents.tuned import SETTINGS
+
         if (scenario, name) not in SETTINGS:
             tuned = ", ".join(sorted({key[0] for key in SETTINGS}))
             raise InvalidParameter(

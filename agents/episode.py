@@ -13,10 +13,12 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.arms import ARMS, make_arm
+from agents.arms import ARMS, believe_estimate, believe_prior, believe_truth, make_arm
+from agents.mppi import MppiAgent
 from agents.protocol import Agent
 from agents.pure_pursuit import PurePursuitAgent
 from agents.recording import EpisodeLog
+from agents.speed_planner import BeliefSource
 from agents.stanley import StanleyAgent
 from offroad_env.errors import InvalidParameter
 
@@ -25,8 +27,15 @@ __all__ = ["AGENTS", "Drive", "HalfWayPicture", "agent_file", "find_agent"]
 #: Agents that know nothing of the soil and drive every scenario.
 _TRACKERS: dict[str, Callable[[], Agent]] = {"pure_pursuit": PurePursuitAgent, "stanley": StanleyAgent}
 
+#: Sampling control with three sources of belief: name -> (terrain_info, belief).
+_SAMPLERS: dict[str, tuple[str, BeliefSource]] = {
+    "mppi_prior": ("none", believe_prior),
+    "mppi_estimate": ("estimate", believe_estimate(1.0)),
+    "mppi_truth": ("truth", believe_truth),
+}
+
 #: Names that `find_agent` knows.
-AGENTS = (*_TRACKERS, *ARMS)
+AGENTS = (*_TRACKERS, *ARMS, *_SAMPLERS)
 
 
 def find_agent(name: str, scenario: str, terrain_info: str | None) -> tuple[Agent, str]:
@@ -51,15 +60,22 @@ def find_agent(name: str, scenario: str, terrain_info: str | None) -> tuple[Agen
         return _own_agent(name), terrain_info or "none"
     if name in _TRACKERS:
         return _TRACKERS[name](), terrain_info or "none"
+    if name in _SAMPLERS:
+        needs, believe = _SAMPLERS[name]
+        return MppiAgent(believe), _checked_info(name, needs, terrain_info)
     if name not in ARMS:
         raise InvalidParameter(f"agent must be one of {', '.join(AGENTS)}, got {name!r}")
     arm = make_arm(name, scenario=scenario)
-    if terrain_info not in (None, arm.terrain_info) and arm.terrain_info != "none":
+    return arm.agent, _checked_info(name, arm.terrain_info, terrain_info)
+
+
+def _checked_info(name: str, needs: str, terrain_info: str | None) -> str:
+    """The ``terrain_info`` to drive with: another one would starve an agent that looks at it."""
+    if terrain_info not in (None, needs) and needs != "none":
         raise InvalidParameter(
-            f'terrain_info must be "{arm.terrain_info}" for the agent {name!r}, got {terrain_info!r} '
-            "- leave it out?"
+            f'terrain_info must be "{needs}" for the agent {name!r}, got {terrain_info!r} - leave it out?'
         )
-    return arm.agent, terrain_info or arm.terrain_info
+    return terrain_info or needs
 
 
 def _importable(name: str) -> str:

@@ -201,14 +201,15 @@ def write_settings(path: Path, args: TuneArgs, tuned: dict[str, Tuned]) -> None:
         "",
         "#: (scenario, arm) -> fields of `agents.arms.ArmSettings`.",
         "SETTINGS: dict[tuple[str, str], dict[str, float]] = {",
-        *(f'    ("{key[0]}", "{key[1]}"): {_literal(value)},' for key, value in sorted(table.items())),
+        *(line for key, value in sorted(table.items()) for line in _literal(key, value)),
         "}",
     ]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _literal(values: dict[str, float]) -> str:
-    return "{" + ", ".join(f'"{key}": {value:g}' for key, value in values.items()) + "}"
+def _literal(key: tuple[str, str], values: dict[str, float]) -> list[str]:
+    rows = [f'        "{name}": {value:g},' for name, value in values.items()]
+    return [f'    ("{key[0]}", "{key[1]}"): {{', *rows, "    },"]
 
 
 def main() -> None:

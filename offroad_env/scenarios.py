@@ -170,9 +170,10 @@ SCENARIOS: dict[str, Scenario] = {
     "brake": Scenario(
         name="brake",
         reason=(
-            "The vehicle comes at 10 m/s and must stand before a line, soon. What the soil gives a braked "
-            "wheel grows from 0.66 to 1.04 of the load from n = 0.3 to n = 1.1, so the stopping distance "
-            "shrinks by a third: who believes too much crosses the line, who believes too little crawls."
+            "The vehicle comes at up to 10 m/s and must stand before a line, soon. What the soil gives a "
+            "braked wheel grows from 0.66 to 1.04 of the load from n = 0.3 to n = 1.1, so the stopping "
+            "distance shrinks by a third: who believes too much crosses the line, who believes too little "
+            "crawls."
         ),
         draw=_draw_brake,
         corridor=2.0,

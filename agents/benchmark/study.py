@@ -20,6 +20,7 @@ from agents.benchmark.summary import Benchmark, summarise
 from agents.episode import AGENTS, agent_file, find_agent
 from agents.protocol import ArmResult, EpisodeResult
 from agents.studies.units import Key, run_units, stamp_of
+from agents.tuned import SETTINGS
 from offroad_env.errors import InvalidParameter
 from offroad_env.scenarios import SCENARIOS, find_scenario
 
@@ -75,12 +76,10 @@ def drive_unit(
         env.close()
 
 
-def _stamp(agent: str) -> str:
-    """Stamp of the sources behind an agent's episodes, its own file included where it is a user's."""
-    stamp = stamp_of(*_SOURCES)
-    if ":" not in agent:
-        return stamp
-    return f"{stamp}-{hashlib.sha256(agent_file(agent).read_bytes()).hexdigest()[:10]}"
+def _stamp(task: str, agent: str) -> str:
+    """Stamp of what stands behind an agent's episodes: sources, its tuned settings or a user's own file."""
+    own = agent_file(agent).read_bytes() if ":" in agent else repr(SETTINGS.get((task, agent))).encode()
+    return f"{stamp_of(*_SOURCES)}-{hashlib.sha256(own).hexdigest()[:10]}"
 
 
 def run_study(
@@ -109,7 +108,7 @@ def run_study(
         for agent in args.agents
         for episode in range(args.episodes)
     ]
-    stamps = {key: _stamp(key[2]) for key in keys}
+    stamps = {key: _stamp(key[0], key[2]) for key in keys}
     done = run_units(out / EPISODES, drive_unit, stamps, label="episodes", n_jobs=args.n_jobs)
     results = {}
     for task in args.tasks:

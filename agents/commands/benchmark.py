@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 __all__ = ["BenchmarkRun"]
 
+Form = Literal["twin", "mismatch"]
+
 #: Episodes of the quick form: one in each twentieth of the prior.
 _QUICK_EPISODES = 20
 
@@ -33,10 +35,7 @@ class BenchmarkRun:
     quick: bool = False  #: 20 episodes each instead of 100, twin form only
     tasks: tuple[str, ...] = ("track", "speed", "climb", "brake", "ride", "patches")  #: what is driven
     agents: tuple[str, ...] = ("pure_pursuit", "nominal", "conservative", "aware", "oracle")  #: who drives
-    forms: tuple[Literal["twin", "mismatch"], ...] = (
-        "twin",
-        "mismatch",
-    )  #: vehicle as modelled; mass, k_phi, lag unlike it
+    forms: tuple[Form, ...] = ("twin", "mismatch")  #: vehicle as modelled; mass, k_phi and lag unlike it
     episodes: int = 100  #: paired episodes of each agent
     seed: int = 0  #: of the episodes
     n_jobs: int = 2  #: local processes; the results do not depend on it

@@ -9,7 +9,7 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-from agents.commands.benchmark import write_results
+from agents.commands.benchmark import Form, write_results
 
 __all__ = ["Compare"]
 
@@ -26,7 +26,7 @@ class Compare:
     terrain_info: Literal["none", "estimate", "truth"] = "none"  #: what it is told of the soil
     tasks: tuple[str, ...] = ("speed",)  #: what is driven
     against: tuple[str, ...] = ("nominal", "conservative", "aware", "oracle")  #: whom it is compared with
-    forms: tuple[Literal["twin", "mismatch"], ...] = ("twin",)  #: vehicle as modelled, or unlike it
+    forms: tuple[Form, ...] = ("twin",)  #: vehicle as modelled, or unlike it
     episodes: int = 20  #: paired episodes of each agent
     seed: int = 0  #: of the episodes
     n_jobs: int = 2  #: local processes; the results do not depend on it

@@ -32,8 +32,8 @@ class Drive(Results):
     soil to be.
     """
 
-    scenario: str = "track"  #: track or speed
-    agent: str = "pure_pursuit"  #: pure_pursuit, stanley, nominal, conservative, aware or oracle
+    scenario: str = "track"  #: track, speed, climb, brake, ride or patches
+    agent: str = "pure_pursuit"  #: pure_pursuit, stanley, an arm (nominal, ..., oracle) or mppi_truth ...
     policy: Path | None = None  #: drive with the policy that offroad train wrote into this folder instead
     terrain_info: Literal["none", "estimate", "truth"] | None = None  #: default: what the agent needs
     n: float | None = None  #: true sinkage exponent; default: drawn from the scenario's range [-]

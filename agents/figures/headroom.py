@@ -9,8 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agents.benchmark.summary import Benchmark
+from agents.studies.headroom import Cell
 
-__all__ = ["headroom_figure"]
+__all__ = ["headroom_figure", "value_figure"]
 
 _PAYS, _NIL, _AWARE = "#009E73", "0.55", "#0072B2"
 
@@ -72,3 +73,51 @@ def _draw_room(axes: Axes, row: int, result: Benchmark) -> None:
         color="0.3",
     )
     axes.margins(x=0.3)
+
+
+def value_figure(cells: Sequence[Cell]) -> Figure:
+    """Headroom of each task over the width of the prior, one line a soil.
+
+    Parameters
+    ----------
+    cells
+        From `agents.studies.headroom`.
+
+    Returns
+    -------
+    Figure
+        One panel a task; in per cent of the better uninformed arm's mean score, with 95 % intervals.
+        Hollow markers: the interval holds zero, the episodes do not show that knowing n pays.
+    """
+    tasks = list(dict.fromkeys(cell.task for cell in cells))
+    rows = max((len(tasks) + 2) // 3, 1)
+    figure = Figure(figsize=(12.0, 3.3 * rows + 0.4), layout="constrained")
+    panels = figure.subplots(rows, min(len(tasks), 3) or 1, squeeze=False).ravel()
+    for axes, task in zip(panels, tasks, strict=False):
+        _draw_task(axes, [cell for cell in cells if cell.task == task])
+        axes.set_title(task, loc="left", fontsize=10.5)
+    for axes in panels[len(tasks) :]:
+        axes.set_axis_off()
+    figure.suptitle(
+        "What knowing n is worth [% of the score], over the width of the prior", x=0.01, ha="left"
+    )
+    return figure
+
+
+def _draw_task(axes: Axes, cells: Sequence[Cell]) -> None:
+    for i, soil in enumerate(dict.fromkeys(cell.soil for cell in cells)):
+        own = [cell for cell in cells if cell.soil == soil]
+        width = np.array([cell.width for cell in own]) * (1.0 + 0.03 * (i - 1))
+        colour = (_PAYS, _AWARE, "#D55E00", "#CC79A7", "0.3")[i % 5]
+        values = 100.0 * np.array([[c.room.low, c.room.value, c.room.high] for c in own]).T
+        values /= np.array([cell.base for cell in own])
+        axes.plot(width, values[1], color=colour, lw=1.2, label=soil)
+        axes.vlines(width, values[0], values[2], color=colour, lw=1.8)
+        for x, low, value in zip(width, values[0], values[1], strict=True):
+            axes.plot(x, value, "o", color=colour, mfc=colour if low > 0.0 else "white", ms=7)
+    axes.axhline(0.0, color="0.4", lw=0.8)
+    axes.set_xlabel("width of the prior of n [-]")
+    axes.grid(alpha=0.25)
+    axes.legend(frameon=False, fontsize=8)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
