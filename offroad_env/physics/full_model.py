@@ -17,6 +17,7 @@ import numpy as np
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.contact import NO_ROOT
+from offroad_env.physics.hooks import change_body_forces, change_load
 from offroad_env.physics.numerics import AIR_DENSITY
 from offroad_env.physics.records import Wheel
 from offroad_env.physics.vehicle_model import (
@@ -58,13 +59,14 @@ def _full_axle(plant, x, wheel, arm, suspension, warm, readings):
         z = x[at.Z] + arm * math.sin(pitch)
         z_dot = x[at.V_Z] + arm * math.cos(pitch) * pitch_rate
         N_0, inertia = suspension_load(N_static, k, c, v.m_w, (z, z_dot, H, H_dot, H_ddot))
+        N_0 = change_load(plant.effects, N_0, (z - H, z_dot - H_dot), (N_static, k, c))
     else:
         k = 0.0
     q_l = math.sqrt(1.0 + g_l * g_l)
     v_l = u_l * q_l + g_l * g_c * u_c / q_l
     v_c = u_c * math.sqrt(q_l * q_l + g_c * g_c) / q_l
     status, F_l, F_c, V, _ = axle_contact(
-        plant, (v.r * omega, v_l, v_c), (wx, wy, H, g_l, g_c), (N_0, k), warm, readings
+        plant, (v.r * omega, v_l, v_c), (wx, wy, H, g_l, g_c, arm), (N_0, k), warm, readings
     )
     cos_d, sin_d = math.cos(steer), math.sin(steer)
     F_s = suspension_force(V, N_static, inertia)
@@ -137,13 +139,16 @@ def full_derivative(x, command, plant, warm, d, readings):
     speed = math.sqrt(v_x * v_x + v_y * v_y)
     drag = 0.5 * AIR_DENSITY * v.drag_area * speed
     traction = F_xf + F_xr
-    a_x, a_y = (traction - drag * v_x) / v.m, (F_yf + F_yr - drag * v_y) / v.m
+    F_x, F_y, M_z = change_body_forces(
+        plant.effects, (traction - drag * v_x, F_yf + F_yr - drag * v_y, F_yf * l_f + F_yr * l_r), x, v
+    )
+    a_x, a_y = F_x / v.m, F_y / v.m
     a_z = pitch_acc = 0.0
     if plant.half_car > 0.5:
         cos = math.cos(x[at.PITCH])
         a_z = (S_f + S_r) / v.m
         pitch_acc = ((S_f * v.l_f - S_r * v.l_r) * cos + traction * v.h_cg * cos) / v.I_y
-    yaw_acc = (F_yf * l_f + F_yr * l_r) / v.I_z
+    yaw_acc = M_z / v.I_z
 
     cos_yaw, sin_yaw = math.cos(x[at.YAW]), math.sin(x[at.YAW])
     d[at.X] = v_x * cos_yaw - v_y * sin_yaw

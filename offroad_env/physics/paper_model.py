@@ -15,6 +15,7 @@ import numpy as np
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.contact import NO_ROOT, SUNK
+from offroad_env.physics.hooks import change_body_forces, change_load
 from offroad_env.physics.vehicle_model import (
     axle_contact,
     axle_motion,
@@ -44,12 +45,13 @@ def _paper_axle(plant, x, steer, arm, suspension, warm, readings):
         sin, cos = math.sin(x[at.PITCH]), math.cos(x[at.PITCH])
         z, z_dot = x[at.Z] + arm * sin, x[at.V_Z] + arm * cos * x[at.PITCH_RATE]
         N_0, inertia = suspension_load(N_static, k, c, m_w, (z, z_dot, H, H_dot, H_ddot))
+        N_0 = change_load(plant.effects, N_0, (z - H, z_dot - H_dot), (N_static, k, c))
     else:
         k = 0.0
     # r omega from the constant slip: the paper's s when driving, referred to v when braking.
     rim = u_l / (1.0 - plant.slip) if plant.slip >= 0.0 else u_l * (1.0 + plant.slip)
     status, F_l, F_c, V, _ = axle_contact(
-        plant, (rim, u_l, u_c), (wx, wy, H, 0.0, 0.0), (N_0, k), warm, readings
+        plant, (rim, u_l, u_c), (wx, wy, H, 0.0, 0.0, arm), (N_0, k), warm, readings
     )
     cos_d, sin_d = math.cos(steer), math.sin(steer)
     F_s = suspension_force(V, N_static, inertia)
@@ -70,12 +72,15 @@ def paper_derivative(x, inputs, plant, warm, d, readings):
     status_f, F_xf, F_yf, S_f = _paper_axle(plant, x, steer, v.l_f, (N_f, v.k_f, v.c_f), warm[0], front)
     status_r, F_xr, F_yr, S_r = _paper_axle(plant, x, 0.0, -v.l_r, (N_r, v.k_r, v.c_r), warm[1], rear)
     cos, sin = math.cos(x[at.PITCH]), math.sin(x[at.PITCH])
-    a_x, a_y = (F_xf + F_xr + F_u) / v.m, (F_yf + F_yr) / v.m
+    F_x, F_y, M_z = change_body_forces(
+        plant.effects, (F_xf + F_xr + F_u, F_yf + F_yr, F_yf * v.l_f - F_yr * v.l_r), x, v
+    )
+    a_x, a_y = F_x / v.m, F_y / v.m
     a_z = pitch_acc = 0.0
     if plant.half_car > 0.5:
         a_z = (S_f + S_r) / v.m
         pitch_acc = (S_f * v.l_f - S_r * v.l_r) * cos / v.I_y
-    yaw_acc = (F_yf * v.l_f - F_yr * v.l_r) / v.I_z
+    yaw_acc = M_z / v.I_z
 
     cos_yaw, sin_yaw = math.cos(x[at.YAW]), math.sin(x[at.YAW])
     v_x, v_y, v_z, yaw_rate = x[at.V_X], x[at.V_Y], x[at.V_Z], x[at.YAW_RATE]
