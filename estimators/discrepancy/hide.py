@@ -35,7 +35,7 @@ __all__ = ["HIDERS", "Case", "Hidden", "draw_case", "hidden_log"]
 _TICK, _STEPS = 0.005, 2
 #: Ticks of a sensor sample, and of a command.
 _SAMPLE, _COMMAND = 2, 4
-_SOILS = ("dry_sand", "sandy_loam", "lete_sand", "clay", "upland_sandy_loam")
+_SOILS = ("dry_sand", "sandy_loam", "lete_sand", "rubicon_sandy_loam", "upland_sandy_loam")
 #: What a healthy IMU and healthy wheel speeds may be off by [m/s^2, rad/s, -].
 HEALTHY_ACCELERATION, HEALTHY_RATE, HEALTHY_WHEEL = 0.02, 5e-4, 0.002
 

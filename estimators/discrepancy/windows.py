@@ -16,6 +16,8 @@ _SHARES = (0.6, 0.2, 0.2)
 _APART = 5.0
 #: Length that windows aim at [s]: long enough for a wrong force to show in the speed.
 _LENGTH = 4.0
+#: What the actuators did before the first row is not known: so long it can matter [s].
+_LEAD_IN = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,13 +58,14 @@ def cut(steps: int, step: float, whole: int | None = None) -> Windows:
         What the whole run is for, where several runs share the work; else it is divided by time:
         the search gets the first part, then the gate, then the report, with 5 s left out between.
     """
+    lead = round(_LEAD_IN / step)
     if whole is not None:
-        blocks = [(0, steps, whole)]
+        blocks = [(lead, steps, whole)]
     else:
         gap = round(_APART / step)
-        usable = max(steps - 2 * gap, 0)
+        usable = max(steps - lead - 2 * gap, 0)
         ends = np.round(usable * np.cumsum(_SHARES)).astype(int)
-        starts = np.array([0, ends[0] + gap, ends[1] + 2 * gap])
+        starts = lead + np.array([0, ends[0] + gap, ends[1] + 2 * gap])
         lengths = np.diff(np.concatenate([[0], ends]))
         blocks = [(int(a), int(a + n), use) for use, (a, n) in enumerate(zip(starts, lengths, strict=True))]
     rows = [(a, b - a, use) for start, stop, use in blocks for a, b in _pieces(start, stop, step) if b > a]
