@@ -7,6 +7,7 @@ result is a small normal matrix with a score: all that screening and search need
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -88,6 +89,22 @@ class Fit:
         self.starts: list[np.ndarray] = []
         self.warm: list[np.ndarray] = []
         self._states: np.ndarray | None = None
+
+    def branch(self) -> Fit:
+        """A copy that may go elsewhere."""
+        other = copy.copy(self)
+        other.nuisances, other.sizes = self.nuisances.copy(), self.sizes.copy()
+        other.starts = [start.copy() for start in self.starts]
+        other.whitener = copy.copy(self.whitener)
+        other.whitener.noise = dict(self.whitener.noise)
+        return other
+
+    def with_effects(self, candidates: Sequence[Candidate], sizes: Sequence[float]) -> Fit:
+        """A copy with these effects, and no others, in the model."""
+        other = self.branch()
+        other.candidates = tuple(candidates)
+        other.sizes = other._bounded(np.array(sizes, dtype=np.float64))
+        return other
 
     def _window_of_rows(self) -> np.ndarray:
         """Number of the window of every row of data, over all runs."""
@@ -236,12 +253,13 @@ class Fit:
         shared parameters: (offset (S,), slope (S, g)).
         """
         g = shared.shape[1]
-        prior = np.zeros(g)
-        prior[: len(NUISANCES)] = [1.0 / nuisance.spread**2 for nuisance in NUISANCES]
-        value = np.zeros(g)
-        value[: len(NUISANCES)] = self.nuisances
+        prior, value = np.zeros(g), np.zeros(g)
+        if g:
+            prior[: len(NUISANCES)] = [1.0 / nuisance.spread**2 for nuisance in NUISANCES]
+            value[: len(NUISANCES)] = self.nuisances
         normal, score = np.diag(prior), -prior * value
-        cost = 0.5 * float(value @ (prior * value))
+        spread = np.array([nuisance.spread for nuisance in NUISANCES])
+        cost = 0.5 * float(np.sum((self.nuisances / spread) ** 2))
         back = []
         order = np.argsort(self.window, kind="stable")
         edges = np.searchsorted(self.window[order], np.arange(self.window[order][-1] + 2))
@@ -271,6 +289,8 @@ class Fit:
                 moved[i, list(run.free)] += share * (offset - slope @ change)
                 w += 1
             starts.append(moved)
+        if not len(change):
+            return self.nuisances, self.sizes, starts
         nuisances = self.nuisances + share * change[:count]
         return nuisances, self._bounded(self.sizes + share * change[count:]), starts
 
@@ -289,16 +309,17 @@ class Fit:
         spread = np.array([nuisance.spread for nuisance in NUISANCES])
         return 0.5 * (float(white @ white) + away + float(np.sum((self.nuisances / spread) ** 2)))
 
-    def descend(self, rounds: int = _ROUNDS, *, fresh: bool = True) -> float:
+    def descend(self, rounds: int = _ROUNDS, *, fresh: bool = True, held: bool = False) -> float:
         """Gauss-Newton with derivatives taken once; returns the cost. Noise must be known.
 
-        ``fresh`` takes the derivatives by the states anew.
+        ``fresh`` takes the derivatives by the states anew; ``held`` moves the starts of the windows alone.
         """
         residual = self.residual()
         cost = self.cost_of(residual)
         if fresh or self._states is None:
             self._states = self.state_columns()
-        white_states, white_shared = self.whitener(self._states), self.whitener(self.columns())
+        shared = np.empty((len(residual), 0)) if held else self.columns()
+        white_states, white_shared = self.whitener(self._states), self.whitener(shared)
         for _ in range(rounds):
             shares, back = self.reduce(self.whitener(residual), white_states, white_shared)
             change = np.linalg.solve(shares.normal, shares.score)
@@ -345,6 +366,10 @@ class Fit:
             name: float(sum(leverage[piece].sum() for piece in pieces))
             for name, pieces in self.whitener.pieces.items()
         }
+
+    def deviations(self) -> np.ndarray:
+        """Standard deviations of nuisances and sizes, of the last `descend`."""
+        return np.sqrt(np.diag(np.linalg.inv(self.shares.normal)))
 
     def learn_noise(self, *, white: bool = False) -> None:
         """Set the whitening from the residuals at the present point."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.signal import lfilter
@@ -30,7 +31,7 @@ def stretches(channel: Channel, offset: int = 0) -> list[slice]:
     breaks = (np.diff(channel.t) > _GAP * step) | (np.diff(channel.window) != 0)
     edges = [0, *(np.flatnonzero(breaks) + 1), len(channel.t)]
     start = channel.rows.start + offset
-    return [slice(start + a, start + b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [slice(start + a, start + b) for a, b in pairwise(edges)]
 
 
 @dataclass(frozen=True, kw_only=True)

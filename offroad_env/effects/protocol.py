@@ -113,6 +113,7 @@ class Effect:
     models: tuple[str, ...] = ("full", "paper")
     soil_only: bool = False  #: means nothing on hard ground
     sensors_only: bool = False  #: changes sensors alone: the vehicle's motion stays
+    searched: bool = True  #: a cause that a finder may name; else only a probe
     change: Callable[[Setup, Values], Setup] | None = None
     law: Callable[..., Any] | None = None
     places: Callable[[np.ndarray], list[dict[str, float]]] | None = None  #: values of ``others`` for a route
