@@ -18,7 +18,7 @@ from estimators.discrepancy.run_model import RunModel
 from offroad_env.effects import EFFECTS, Setup, apply
 from offroad_env.errors import OffroadError, SolverFailure
 
-__all__ = ["NUISANCES", "Candidate", "Fit", "Nuisance", "Shares", "fit_runs"]
+__all__ = ["NUISANCES", "Candidate", "Fit", "Nuisance", "Shares", "fit_runs", "settle"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +43,8 @@ NUISANCES = (
 #: Finite differences: share of a state's spread, and of an effect's plausible size.
 _STATE_STEP, _SIZE_STEP = 0.02, 0.02
 _ROUNDS = 8
+#: Passes of descending and learning the noise; the gain of a pass that ends them, in the log-likelihood.
+_PASSES, _SETTLED = 6, 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -315,7 +317,7 @@ class Fit:
         ``fresh`` takes the derivatives by the states anew; ``held`` moves the starts of the windows alone.
         """
         residual = self.residual()
-        cost = self.cost_of(residual)
+        cost = self.first_cost = self.cost_of(residual)
         if fresh or self._states is None:
             self._states = self.state_columns()
         shared = np.empty((len(residual), 0)) if held else self.columns()
@@ -383,12 +385,21 @@ def fit_runs(runs: Sequence[RunModel], *, white: bool = False) -> Fit:
     fit = Fit(runs)
     fit.begin()
     first_noise(fit)
-    for _ in range(2):
-        fit.descend()
-        fit.learn_noise(white=white)
-    fit.descend(fresh=False)
-    fit.learn_noise(white=white)
+    settle(fit, white=white)
     return fit
+
+
+def settle(fit: Fit, *, white: bool = False) -> None:
+    """Descend and learn the noise in turn, until neither changes much."""
+    fit.converged = False
+    for i in range(_PASSES):
+        reached = fit.descend()
+        if i > 0 and fit.first_cost - reached < _SETTLED:
+            fit.converged = True
+            break
+        fit.learn_noise(white=white)
+    fit.learn_noise(white=white)
+    fit.descend(fresh=False)
 
 
 def first_noise(fit: Fit) -> None:

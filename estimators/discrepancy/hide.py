@@ -82,7 +82,10 @@ def draw_case(seed: int, **fixed) -> Case:
         "accel_noise": float(rng.choice([0.05, 0.1, 0.2])),
         "gyro_noise": float(rng.choice([0.003, 0.01, 0.0175])),
     }
-    return Case(seed=seed, **(values | fixed))
+    values |= fixed
+    # A map of the bumps is worth nothing to a vehicle that does not know where it is.
+    values["gnss"] = bool(values["gnss"] or values["road"] == "known")
+    return Case(seed=seed, **values)
 
 
 class _Driver:

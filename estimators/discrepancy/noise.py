@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.signal import lfilter
 
 from estimators.discrepancy.run_model import Channel
 
@@ -81,8 +80,10 @@ class ChannelNoise:
     def whiten(self, piece: np.ndarray) -> np.ndarray:
         """Innovations of a stretch (m,) or of the columns of (m, k), with deviation 1."""
         p = min(self.order, len(piece) - 1)
-        kernel = np.concatenate([[1.0], -self.predictors[p]])
-        out = lfilter(kernel, [1.0], piece, axis=0) / self.deviation[p]
+        out = piece.copy()
+        for lag in range(1, p + 1):
+            out[lag:] -= self.predictors[p][lag - 1] * piece[:-lag]
+        out /= self.deviation[p]
         for i in range(p):
             out[i] = (piece[i] - self.predictors[i] @ piece[:i][::-1]) / self.deviation[i]
         return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 
@@ -73,8 +74,6 @@ class RunModel:
         The run.
     use
         FIT, SELECT or REPORT: only those windows; None takes all.
-    refine
-        Divides the model's step: 2 checks the solver.
     whole
         See `cut`.
 
@@ -84,9 +83,7 @@ class RunModel:
         If the log is too short, or says nothing of the drive.
     """
 
-    def __init__(
-        self, log: Log, *, use: int | None = None, refine: int = 1, whole: int | None = None
-    ) -> None:
+    def __init__(self, log: Log, *, use: int | None = None, whole: int | None = None) -> None:
         self.log = log
         plant = plant_of(log)
         full = log.config.model == "full"
@@ -98,7 +95,7 @@ class RunModel:
         times = log.samples("a_x")[0]
         self.t_0 = float(times[0])
         self.step = round(float(np.clip(np.median(np.diff(times)), _FINEST, _COARSEST)), 6)
-        self.steps = max(math.ceil(self.step / (FULL_STEP if full else PAPER_STEP) - 1e-6), 1) * refine
+        self.steps = max(math.ceil(self.step / (FULL_STEP if full else PAPER_STEP) - 1e-6), 1)
         self.dt = self.step / self.steps
         count = math.floor((times[-1] - self.t_0) / self.step + 1e-6)
         if count * self.step < 3.0:
@@ -119,6 +116,12 @@ class RunModel:
         self.free = tuple(_FREE) if full and self.driven else tuple(i for i in _FREE if i < at.OMEGA_F)
         r = plant.vehicle.r
         self.spread = np.array([_FREE[i] / (r if i >= at.OMEGA_F else 1.0) for i in self.free])
+
+    def refined(self) -> RunModel:
+        """The same with half the step of the solver."""
+        other = copy.copy(self)
+        other.steps, other.dt = 2 * self.steps, 0.5 * self.dt
+        return other
 
     def _has_torque(self) -> bool:
         return any(name in self.log.channels for name in ("torque_f", "torque_r"))

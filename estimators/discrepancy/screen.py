@@ -30,6 +30,7 @@ class Screen:
     information: np.ndarray  #: (C, C) Fisher information of the sizes, nuisances projected out
     size: np.ndarray  #: (C,) size that one step of the fit would give
     joint: np.ndarray  #: (E + C, E + C) the same with the E effects in the model, before the candidates
+    white: np.ndarray  #: (M, g + C) whitened derivatives by what is in the model and by the candidates
 
     @property
     def deviation(self) -> np.ndarray:
@@ -37,6 +38,14 @@ class Screen:
         own = np.diag(self.information)
         with np.errstate(divide="ignore"):
             return np.where(own > 0.0, 1.0 / np.sqrt(np.maximum(own, 1e-300)), np.inf)
+
+    def scores(self, fit: Fit, residual: np.ndarray) -> np.ndarray:
+        """Scores (C,) that residuals (M,) would have at this point of the fit."""
+        shares, _ = fit.reduce(fit.whitener(residual), fit.whitener(fit._states), self.white)
+        prior = _prior_score(fit, self.white.shape[1])
+        inside = len(shares.score) - len(self.candidates)
+        _, score = projected(shares.normal, shares.score - prior, inside)
+        return np.where(np.diag(self.information) > 0.0, score * np.minimum(self.deviation, 1e300), 0.0)
 
     def limits(self) -> dict[str, float]:
         """Smallest size of every effect that would have been seen, in the size's unit."""
@@ -106,7 +115,16 @@ def screen(fit: Fit, candidates: Sequence[Candidate]) -> Screen:
         information=information,
         size=np.where(seen, score * deviation**2, 0.0),
         joint=joint,
+        white=white,
     )
+
+
+def _prior_score(fit: Fit, size: int) -> np.ndarray:
+    """What the beliefs add to a score: not part of an answer to residuals alone."""
+    prior = np.zeros(size)
+    spread = np.array([nuisance.spread for nuisance in NUISANCES])
+    prior[: len(spread)] = -fit.nuisances / spread**2
+    return prior
 
 
 def projected(normal: np.ndarray, score: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

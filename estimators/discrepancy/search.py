@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimators.discrepancy.fit import Candidate, Fit
+from estimators.discrepancy.fit import Candidate, Fit, settle
 from estimators.discrepancy.screen import Screen, candidates_for, chance_threshold, projected, screen
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
@@ -61,6 +61,10 @@ class Search:
     threshold: float  #: of the first screen
     causes: tuple[Cause, ...] = field(default=())
 
+    def score_of(self, change: np.ndarray) -> np.ndarray:
+        """By how many standard deviations a change of the residuals (M,) moves the last scores."""
+        return self.last.scores(self.extended, change)
+
 
 def _starts(fit: Fit, candidate: Candidate, size: float) -> list[float]:
     """Sizes to descend from: timing has several valleys."""
@@ -73,7 +77,7 @@ def _starts(fit: Fit, candidate: Candidate, size: float) -> list[float]:
 
 
 def refit(fit: Fit, candidates: Sequence[Candidate], sizes: Sequence[float]) -> tuple[Fit, float] | None:
-    """The model with these effects, fitted from these sizes with the noise as it is; None if it breaks down."""
+    """The model with these effects fitted, the noise as it is; None if it breaks down."""
     best: tuple[float, Fit] | None = None
     for size in _starts(fit, candidates[-1], sizes[-1]):
         trial = fit.with_effects(candidates, [*sizes[:-1], size])
@@ -125,15 +129,7 @@ def _forward(fit: Fit, result: Screen, threshold: float) -> Fit | None:
     return min(trials)[2]
 
 
-def _settle(fit: Fit) -> None:
-    """Noise and parameters of a model that is to stay."""
-    fit.learn_noise()
-    fit.descend()
-    fit.learn_noise()
-    fit.descend(fresh=False)
-
-
-def _pruned(fit: Fit, threshold: float) -> Fit:
+def _pruned(fit: Fit, threshold: float, *, white: bool) -> Fit:
     """Without the effects that no longer stand out."""
     while len(fit.candidates) > 1:
         strength = np.abs(fit.sizes) / fit.deviations()[-len(fit.sizes) :]
@@ -142,11 +138,11 @@ def _pruned(fit: Fit, threshold: float) -> Fit:
             break
         keep = [i for i in range(len(fit.candidates)) if i != weakest]
         fit = fit.with_effects([fit.candidates[i] for i in keep], fit.sizes[keep])
-        _settle(fit)
+        settle(fit, white=white)
     return fit
 
 
-def search(nominal: Fit, library: Sequence[str], rate: float) -> Search:
+def search(nominal: Fit, library: Sequence[str], rate: float, *, white: bool = False) -> Search:
     """Find what is wrong.
 
     Parameters
@@ -157,6 +153,8 @@ def search(nominal: Fit, library: Sequence[str], rate: float) -> Search:
         Effects that may be named.
     rate
         Share of logs with nothing wrong in which the first screen may find something.
+    white
+        Take all noise for white.
     """
     candidates = candidates_for(nominal, library)
     first = last = screen(nominal, candidates)
@@ -166,9 +164,9 @@ def search(nominal: Fit, library: Sequence[str], rate: float) -> Search:
         larger = _forward(fit, last, bar)
         if larger is None:
             break
-        _settle(larger)
+        settle(larger, white=white)
         names = {candidate.effect for candidate in fit.candidates}
-        larger = _pruned(larger, bar)
+        larger = _pruned(larger, bar, white=white)
         if {candidate.effect for candidate in larger.candidates} == names:
             break
         fit = larger
