@@ -22,6 +22,7 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "drive": ("drive", "Drive", "drive one episode: plot, video or window"),
     "soil": ("soil", "SoilPlot", "force and sinkage curves of a soil; --list shows the catalogue"),
     "wheel-data": ("wheel_data", "WheelData", "measured against predicted forces of one wheel"),
+    "diagnose": ("diagnose", "Diagnose", "what the simulation gets wrong in measured runs, and why"),
     "data": ("data", "Data", "list measured data sets, or get one from its publisher"),
     "train": ("train", "Train", "train a policy by PPO (needs the extra rl)"),
 }

@@ -29,6 +29,7 @@ class Screen:
     z: np.ndarray  #: (C,) score over its standard deviation; 0 where the log says nothing
     information: np.ndarray  #: (C, C) Fisher information of the sizes, nuisances projected out
     size: np.ndarray  #: (C,) size that one step of the fit would give
+    columns: np.ndarray  #: (M, C) derivatives of the data by the sizes, not whitened
     joint: np.ndarray  #: (E + C, E + C) the same with the E effects in the model, before the candidates
     white: np.ndarray  #: (M, g + C) whitened derivatives by what is in the model and by the candidates
 
@@ -88,15 +89,26 @@ def candidates_for(fit: Fit, library: Sequence[str]) -> list[Candidate]:
     return found
 
 
-def screen(fit: Fit, candidates: Sequence[Candidate]) -> Screen:
-    """Scores of ``candidates``, none of which is in the model, at the present point of ``fit``."""
+def screen(fit: Fit, candidates: Sequence[Candidate], known: Screen | None = None) -> Screen:
+    """Scores of ``candidates``, none of which is in the model, at the present point of ``fit``.
+
+    ``known`` lends its derivatives: they change little from one model to the next, and what stands out
+    is refitted anyway.
+    """
     residual = fit.residual()
-    vehicle = fit.runs[0].setup.plant.vehicle
     columns = np.zeros((len(residual), len(candidates)))
     for i, candidate in enumerate(candidates):
+        if known is not None and candidate in known.candidates:
+            columns[:, i] = known.columns[:, known.candidates.index(candidate)]
+            continue
         column = fit.effect_column(candidate)
         if column is not None and np.isfinite(column).all():
             columns[:, i] = column
+    return screened(fit, candidates, residual, columns)
+
+
+def screened(fit: Fit, candidates: Sequence[Candidate], residual: np.ndarray, columns: np.ndarray) -> Screen:
+    """Scores from residuals (M,) and derivatives (M, C)."""
     held = fit.columns()
     if fit._states is None:
         fit._states = fit.state_columns()
@@ -105,6 +117,7 @@ def screen(fit: Fit, candidates: Sequence[Candidate]) -> Screen:
     own = held.shape[1]
     joint, joint_score = projected(shares.normal, shares.score, len(NUISANCES))
     information, score = projected(joint, joint_score, own - len(NUISANCES))
+    vehicle = fit.runs[0].setup.plant.vehicle
     plausible = np.array([EFFECTS[c.effect].plausible(vehicle) for c in candidates])
     seen = np.diag(information) * plausible**2 > _NOTHING
     information = np.where(np.outer(seen, seen), 0.5 * (information + information.T), 0.0)
@@ -114,6 +127,7 @@ def screen(fit: Fit, candidates: Sequence[Candidate]) -> Screen:
         z=np.where(seen, score * deviation, 0.0),
         information=information,
         size=np.where(seen, score * deviation**2, 0.0),
+        columns=columns,
         joint=joint,
         white=white,
     )

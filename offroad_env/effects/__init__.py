@@ -6,7 +6,19 @@ that carries them from a diagnosis to the environment.
 
 from __future__ import annotations
 
+from offroad_env.effects.extension import Extension, read_extension
 from offroad_env.effects.library import EFFECTS, apply, find_effect
 from offroad_env.effects.protocol import Effect, Inputs, Parameter, SensorErrors, Setup
 
-__all__ = ["EFFECTS", "Effect", "Inputs", "Parameter", "SensorErrors", "Setup", "apply", "find_effect"]
+__all__ = [
+    "EFFECTS",
+    "Effect",
+    "Extension",
+    "Inputs",
+    "Parameter",
+    "SensorErrors",
+    "Setup",
+    "apply",
+    "find_effect",
+    "read_extension",
+]
