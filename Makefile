@@ -44,7 +44,7 @@ study-soak: $(VENV)/.installed-test  ## long: a million random steps
 	$(BIN)/python -m pytest -m study -k soak $(PYTEST_ARGS)
 
 speed: $(VENV)/.installed-test  ## speed, as ratios to other environments in the same run
-	$(BIN)/python benchmarks/speed.py
+	$(BIN)/offroad speed
 
 clean:  ## delete caches and what the commands wrote (for a fresh set-up, delete .venv as well)
 	rm -rf demo out build dist .hypothesis .import_linter_cache .pytest_cache .ruff_cache *.egg-info

@@ -1,11 +1,12 @@
 """The arms of the benchmark: one controller, four sources of knowledge about the soil.
 
-All arms are the same `SoilTracker`; they differ only in where the believed n comes from:
+All arms of a task are the same controller (`CONTROLLERS`); they differ only in where the believed n
+comes from:
 
 oracle        the true n (``terrain_info="truth"``)
 aware         mean and standard deviation of the embedded filter (``terrain_info="estimate"``)
 nominal       one fixed n, the one that scores best over the prior on training seeds
-conservative  the n of the prior that is worst for the task
+conservative  the n of the prior that is worst for the task (`WORST`)
 
 Each arm's knobs are tuned with the same budget (`agents.tune`); the outcome is `agents.tuned`.
 """
@@ -21,12 +22,17 @@ import numpy as np
 
 from agents.capability import Capability
 from agents.protocol import Agent, Observation
-from agents.speed_planner import Belief, PlannerGains, SoilTracker
+from agents.ride_controller import RideController
+from agents.slip_controller import SlipController
+from agents.speed_planner import Belief, BeliefSource, PlannerGains, SoilTracker
+from agents.stop_controller import StopController
 from agents.tuned import SETTINGS
 from offroad_env.errors import InvalidParameter
 
 __all__ = [
     "ARMS",
+    "CONTROLLERS",
+    "WORST",
     "Arm",
     "ArmSettings",
     "believe_estimate",
@@ -41,9 +47,15 @@ __all__ = [
 class ArmSettings:
     """The tuned knobs. An arm ignores those that do not concern it."""
 
-    margin: float  #: share of the believed lateral limit that is used [-]
-    slip_angle: float  #: largest slip angle that the plan allows [rad]
-    feed_forward: float  #: share of the believed slip angles that the steering anticipates [-]
+    margin: float = 0.8  #: share of the believed lateral limit that is used [-]
+    slip_angle: float = 0.3  #: largest slip angle that the plan allows [rad]
+    feed_forward: float = 0.8  #: share of the believed slip angles that the steering anticipates [-]
+    brake_share: float = 0.5  #: share of the believed braking that is used [-]
+    slip_share: float = 1.0  #: climb: share of the believed best slip that is used [-]
+    ride_speed: float = 6.0  #: ride: scheduled speed in the middle of the prior [m/s]
+    ride_change: float = 0.0  #: ride: change of it from the lowest to the highest n [m/s]
+    ride_feel: float = 0.5  #: ride: weight of what is felt against what is scheduled [-]
+    ride_share: float = 0.85  #: ride: share of the limit that feedback aims at [-]
     n: float = 0.5  #: nominal: believed place in the prior, 0 = lowest n, 1 = highest [-]
     z: float = 1.0  #: aware: how many standard deviations the insured interval reaches [-]
 
@@ -58,7 +70,7 @@ class Arm:
     agent: Agent
 
 
-def believe_fixed(place: float) -> Callable[[Any, Capability, Observation], Belief]:
+def believe_fixed(place: float) -> BeliefSource:
     """Always the n at ``place`` in the prior (0 = lowest, 1 = highest)."""
 
     def believe(briefing: Any, table: Capability, observation: Observation) -> Belief:
@@ -69,17 +81,32 @@ def believe_fixed(place: float) -> Callable[[Any, Capability, Observation], Beli
     return believe
 
 
-def believe_worst(slip_angle: float) -> Callable[[Any, Capability, Observation], Belief]:
-    """The n of the prior with the smallest lateral limit at that slip angle [rad]."""
+def believe_worst(worst: Callable[[Capability], float]) -> BeliefSource:
+    """The n of the prior that is worst by ``worst``, a function of the table."""
 
     def believe(briefing: Any, table: Capability, observation: Observation) -> Belief:
-        n = table.worst_lateral(slip_angle)
+        n = worst(table)
         return Belief(n, n, n)
 
     return believe
 
 
-def believe_estimate(z: float) -> Callable[[Any, Capability, Observation], Belief]:
+#: Task -> which n of the prior is worst for it, given the settings.
+WORST: dict[str, Callable[[ArmSettings], Callable[[Capability], float]]] = {
+    "climb": lambda settings: lambda table: table.worst_pull(),
+    "brake": lambda settings: lambda table: table.worst_braking(),
+    "ride": lambda settings: lambda table: float(table.grid[0]),
+}
+
+
+def _worst(scenario: str, settings: ArmSettings) -> Callable[[Capability], float]:
+    """Where nothing else is said, the n with the least side grip is the worst."""
+    if scenario in WORST:
+        return WORST[scenario](settings)
+    return lambda table: table.worst_lateral(settings.slip_angle)
+
+
+def believe_estimate(z: float) -> BeliefSource:
     """Mean of the estimate, insured over mean -+ z standard deviations inside the prior.
 
     The larger the filter's own doubt, the slower the vehicle. Before the filter has an estimate
@@ -103,12 +130,25 @@ def believe_truth(briefing: Any, table: Capability, observation: Observation) ->
     return Belief(n, n, n)
 
 
-#: Name -> (terrain_info, informed, how the settings become a belief).
-ARMS: dict[str, tuple[str, bool, Callable[[ArmSettings], Callable[..., Belief]]]] = {
-    "nominal": ("none", False, lambda settings: believe_fixed(settings.n)),
-    "conservative": ("none", False, lambda settings: believe_worst(settings.slip_angle)),
-    "aware": ("estimate", True, lambda settings: believe_estimate(settings.z)),
-    "oracle": ("truth", True, lambda settings: believe_truth),
+#: Name -> (terrain_info, informed, how task and settings become a belief).
+ARMS: dict[str, tuple[str, bool, Callable[[str, ArmSettings], BeliefSource]]] = {
+    "nominal": ("none", False, lambda scenario, settings: believe_fixed(settings.n)),
+    "conservative": ("none", False, lambda scenario, settings: believe_worst(_worst(scenario, settings))),
+    "aware": ("estimate", True, lambda scenario, settings: believe_estimate(settings.z)),
+    "oracle": ("truth", True, lambda scenario, settings: believe_truth),
+}
+
+
+def _ride(believe: BeliefSource, gains: PlannerGains, settings: ArmSettings) -> Agent:
+    ride = (settings.ride_speed, settings.ride_change, settings.ride_feel, settings.ride_share)
+    return RideController(believe, gains, ride=ride)
+
+
+#: Task -> its controller; the others are driven by `SoilTracker`.
+CONTROLLERS: dict[str, Callable[[BeliefSource, PlannerGains, ArmSettings], Agent]] = {
+    "climb": lambda believe, gains, settings: SlipController(believe, gains, slip_share=settings.slip_share),
+    "brake": lambda believe, gains, settings: StopController(believe, gains),
+    "ride": _ride,
 }
 
 
@@ -139,8 +179,14 @@ def make_arm(name: str, *, scenario: str = "speed", settings: ArmSettings | None
         settings = ArmSettings(**SETTINGS[scenario, name])
     terrain_info, informed, belief = ARMS[name]
     gains = PlannerGains(
-        margin=settings.margin, slip_angle=settings.slip_angle, feed_forward=settings.feed_forward
+        margin=settings.margin,
+        slip_angle=settings.slip_angle,
+        feed_forward=settings.feed_forward,
+        brake_share=settings.brake_share,
     )
-    return Arm(
-        name=name, terrain_info=terrain_info, informed=informed, agent=SoilTracker(belief(settings), gains)
-    )
+    believe = belief(scenario, settings)
+    if scenario in CONTROLLERS:
+        agent = CONTROLLERS[scenario](believe, gains, settings)
+    else:
+        agent = SoilTracker(believe, gains)
+    return Arm(name=name, terrain_info=terrain_info, informed=informed, agent=agent)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from offroad_env.errors import SolverFailure
+from offroad_env.physics._jit import kernel
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.records import Soil, Vehicle, Wheel
 from offroad_env.soils import make_soil
@@ -26,6 +27,8 @@ _N_NODES = 15
 _DENSE = 161
 #: Drive slips: dense where the force rises steeply.
 _SLIPS = np.concatenate((np.linspace(0.0, 0.3, 13), np.linspace(0.35, 0.95, 13)))
+#: Drive slips among which the best is sought.
+_FINE_SLIPS = np.linspace(0.0, 0.9, 46)
 #: Brake slips: beyond -0.4 the wheels hardly steer any more.
 _BRAKE_SLIPS = np.linspace(-0.4, 0.0, 9)
 _ANGLES = np.radians(np.linspace(0.0, 30.0, 21))
@@ -46,6 +49,8 @@ class Capability:
     drive_slip: np.ndarray  #: (D,) slip that gives 95 % of it [-]
     resistance: np.ndarray  #: (D,) motion resistance of the soil [N]
     angles: np.ndarray  #: (B,) slip angles [rad], ascending from 0
+    slips: np.ndarray  #: (S,) drive slips [-], ascending from 0
+    pull: np.ndarray  #: (D, S) acceleration at a drive slip; -g where the wheel digs itself in [m/s^2]
     side: np.ndarray  #: (2, D, B) front and rear: lateral acceleration held at a slip angle [m/s^2]
 
     def lateral_limit(self, n_low: float, n_high: float, slip_angle: float) -> float:
@@ -71,6 +76,25 @@ class Capability:
         """Largest deceleration [m/s^2] that both ends of the interval hold."""
         return min(self.at("braking", n_low), self.at("braking", n_high))
 
+    def best_slip(self, n_low: float, n_high: float) -> float:
+        """Drive slip with the least regret [-]: the pull that is lost at the worst n of the interval.
+
+        For a single n it is the slip of the largest pull.
+        """
+        inside = (self.grid >= n_low - 1e-9) & (self.grid <= n_high + 1e-9)
+        inside[int(np.argmin(np.abs(self.grid - 0.5 * (n_low + n_high))))] = True
+        pull = self.pull[inside]
+        regret = (pull.max(axis=1, keepdims=True) - pull).max(axis=0)
+        return float(self.slips[int(np.argmin(regret))])
+
+    def worst_pull(self) -> float:
+        """The n of the grid with the smallest drawbar pull."""
+        return float(self.grid[int(np.argmin(self.driving))])
+
+    def worst_braking(self) -> float:
+        """The n of the grid with the least braking."""
+        return float(self.grid[int(np.argmin(self.braking))])
+
     def at(self, name: str, n: float) -> float:
         """Entry ``name`` ("braking", "driving", "drive_slip" or "resistance") at n."""
         return float(np.interp(n, self.grid, getattr(self, name)))
@@ -80,12 +104,7 @@ class Capability:
 
         The sign is that of ``lateral``; beyond what the soil holds the largest tabled angle.
         """
-        place = float(np.interp(n, self.grid, np.arange(self.grid.size, dtype=np.float64)))
-        low = min(int(place), self.grid.size - 2)
-        rows = self.side[:, low] + (place - low) * (self.side[:, low + 1] - self.side[:, low])
-        size = abs(lateral)
-        front = float(np.interp(size, rows[0], self.angles))
-        rear = float(np.interp(size, rows[1], self.angles))
+        front, rear = _slip_angles(self.grid, self.angles, self.side, n, abs(lateral))
         return (front, rear) if lateral >= 0.0 else (-front, -rear)
 
     def _limits(self, slip_angle: float) -> np.ndarray:
@@ -94,6 +113,25 @@ class Capability:
         low = min(int(column), self.angles.size - 2)
         held = self.side[..., low] + (column - low) * (self.side[..., low + 1] - self.side[..., low])
         return held.min(axis=0)
+
+
+@kernel
+def _slip_angles(grid, angles, side, n, size):
+    """(front, rear) slip angle [rad] that holds the lateral acceleration ``size`` [m/s^2] on soil n."""
+    # The grid is even.
+    place = (min(max(n, grid[0]), grid[-1]) - grid[0]) / (grid[1] - grid[0])
+    low = min(int(place), grid.shape[0] - 2)
+    found = np.empty(2)
+    for axle in range(2):
+        before, found[axle] = 0.0, angles[-1]
+        for i in range(angles.shape[0]):
+            held = side[axle, low, i] + (place - low) * (side[axle, low + 1, i] - side[axle, low, i])
+            if held >= size:
+                share = (size - before) / (held - before) if held > before else 0.0
+                found[axle] = angles[i] if i == 0 else angles[i - 1] + share * (angles[i] - angles[i - 1])
+                break
+            before = held
+    return found[0], found[1]
 
 
 @lru_cache(maxsize=16)
@@ -135,12 +173,14 @@ def soil_capability(
         drive_slip=scalars[:, 2],
         resistance=scalars[:, 3],
         angles=_ANGLES,
+        slips=_FINE_SLIPS,
+        pull=PchipInterpolator(nodes, np.array([row[2] for row in rows]))(dense),
         side=np.ascontiguousarray(side.transpose(1, 0, 2)),
     )
 
 
-def _one_exponent(vehicle: Vehicle, soil: Soil, shear: str) -> tuple[np.ndarray, np.ndarray]:
-    """((4,) braking, driving, drive slip, resistance; (2, B) lateral accelerations) on one soil."""
+def _one_exponent(vehicle: Vehicle, soil: Soil, shear: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """On one soil: (4,) braking, driving, drive slip, resistance; (2, B) lateral accelerations; (S,) pull."""
     wheel = make_wheel(r=vehicle.r, b=vehicle.b)
     axles = static_loads(vehicle)
     wheels = vehicle.wheels_per_axle
@@ -161,7 +201,8 @@ def _one_exponent(vehicle: Vehicle, soil: Soil, shear: str) -> tuple[np.ndarray,
         resistance += wheels * float(_at_balance(straight, torque[:, :1] / vehicle.r - straight)[0])
     best = float(drive.max())
     enough = slips[int(np.argmax(drive >= best - (1.0 - _NEAR_BEST) * abs(best)))]
-    return np.array([brake / vehicle.m, best / vehicle.m, enough, resistance]), side
+    pull = np.interp(_FINE_SLIPS, slips, drive / vehicle.m, right=-GRAVITY)
+    return np.array([brake / vehicle.m, best / vehicle.m, enough, resistance]), side, pull
 
 
 def _rolling_wheel(soil: Soil, wheel: Wheel, load: float, shear: str) -> tuple[np.ndarray, ...]:

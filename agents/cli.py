@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
 from offroad_env.errors import InvalidParameter, OffroadError
@@ -17,11 +17,22 @@ from offroad_env.errors import InvalidParameter, OffroadError
 __all__ = ["COMMANDS", "main"]
 
 #: Subcommand -> (module of agents.commands with its argument class, name of that class, what it does).
+#: In place of a class there may be a table of studies, one of which the next word names.
 COMMANDS: dict[str, tuple[str, str, str]] = {
     "demo": ("demo", "Demo", "run everything once, write one HTML page"),
-    "drive": ("drive", "Drive", "drive one episode: plot, video or window"),
+    "drive": ("drive", "Drive", "drive one episode: plot, video, window or log"),
+    "estimate": ("estimate", "Estimate", "estimate the soil from logs of drives"),
+    "identify": ("identify", "Identify", "which soil parameters a drive can tell apart"),
     "soil": ("soil", "SoilPlot", "force and sinkage curves of a soil; --list shows the catalogue"),
     "wheel-data": ("wheel_data", "WheelData", "measured against predicted forces of one wheel"),
+    "reproduce": ("reproduce", "STUDIES", "repeat a study: the paper's table, ..."),
+    "speed": ("speed", "SpeedCommand", "speed and memory, as ratios to other environments"),
+    "benchmark": (
+        "benchmark",
+        "BenchmarkRun",
+        "does knowing the soil pay? arms on the same episodes",
+    ),
+    "compare": ("compare", "Compare", "an agent of your own against the arms, on the same episodes"),
     "diagnose": ("diagnose", "Diagnose", "what the simulation gets wrong in measured runs, and why"),
     "data": ("data", "Data", "list measured data sets, or get one from its publisher"),
     "train": ("train", "Train", "train a policy by PPO (needs the extra rl)"),
@@ -39,6 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _run(arguments: list[str]) -> int:
+    arguments, engine = _take_engine(arguments)
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(_overview())
         return 0 if arguments else _USAGE
@@ -49,14 +61,18 @@ def _run(arguments: list[str]) -> int:
         print(f"offroad {__version__}")
         return 0
     if name not in COMMANDS:
-        near = get_close_matches(name, COMMANDS, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(COMMANDS)}"
-        return _complain(f"no command {name!r} - {hint}", _USAGE)
+        return _complain(f"no command {name!r} - {_hint(name, COMMANDS)}", _USAGE)
     try:
         command = _parse(name, rest)
         if getattr(command, "seed", 0) < 0:
             raise InvalidParameter(f"seed must be >= 0, got {command.seed}")
-        command.run()
+        if engine == "local":
+            command.run()
+        else:
+            from agents.engine import using_engine
+
+            with using_engine(engine):
+                command.run()
     except OffroadError as error:
         return _complain(str(error), 1)
     except KeyboardInterrupt:
@@ -66,17 +82,62 @@ def _run(arguments: list[str]) -> int:
     return 0
 
 
+def _take_engine(arguments: list[str]) -> tuple[list[str], str]:
+    """The arguments without ``--engine NAME``, which belongs to no command, and NAME."""
+    rest, engine = [], "local"
+    words = iter(arguments)
+    for word in words:
+        if word == "--engine":
+            engine = next(words, None)
+            if engine is None:
+                sys.exit(_complain("--engine needs a name: local, dask or ray", _USAGE))
+        elif word.startswith("--engine="):
+            engine = word.removeprefix("--engine=")
+        else:
+            rest.append(word)
+    return rest, engine
+
+
 def _parse(name: str, arguments: list[str]):
     """The arguments of a subcommand; leaves by `SystemExit` where they are wrong."""
     import tyro
 
     module, kind, _ = COMMANDS[name]
+    target = getattr(importlib.import_module(f"agents.commands.{module}"), kind)
+    if isinstance(target, dict):
+        study, arguments = _choose_study(name, target, arguments)
+        module, kind, _ = target[study]
+        target = getattr(importlib.import_module(f"agents.studies.{module}"), kind)
+        name = f"{name} {study}"
     return tyro.cli(
-        getattr(importlib.import_module(f"agents.commands.{module}"), kind),
+        target,
         prog=f"offroad {name}",
         args=arguments,
         config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),
     )
+
+
+def _choose_study(
+    name: str, studies: dict[str, tuple[str, str, str]], arguments: list[str]
+) -> tuple[str, list[str]]:
+    """(study, its arguments); leaves by `SystemExit` after the help, or where no study is named."""
+    if not arguments or arguments[0] in ("-h", "--help"):
+        print("\n".join([f"usage: offroad {name} STUDY [ARGUMENTS]", "", *_listing(studies)]))
+        sys.exit(0 if arguments else _USAGE)
+    study, rest = arguments[0], arguments[1:]
+    if study not in studies:
+        sys.exit(_complain(f"no study {study!r} - {_hint(study, studies)}", _USAGE))
+    return study, rest
+
+
+def _hint(word: str, known: Iterable[str]) -> str:
+    near = get_close_matches(word, known, n=1)
+    return f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
+
+
+def _listing(entries: dict[str, tuple[str, str, str]]) -> list[str]:
+    width = max(map(len, entries))
+    return [f"  {name:<{width}}  {summary}" for name, (_, _, summary) in entries.items()]
 
 
 def _complain(sentence: str, status: int) -> int:
@@ -85,17 +146,16 @@ def _complain(sentence: str, status: int) -> int:
 
 
 def _overview() -> str:
-    width = max(map(len, COMMANDS))
-    lines = [f"  {name:<{width}}  {summary}" for name, (_, _, summary) in COMMANDS.items()]
     return "\n".join(
         [
             "usage: offroad COMMAND [ARGUMENTS]",
             "",
             "Drive a vehicle on deformable soil, estimate the soil, compare controllers.",
             "",
-            *lines,
+            *_listing(COMMANDS),
             "",
             "offroad COMMAND --help explains a command; offroad --version names the version.",
+            "--engine local|dask|ray, with any command: where the runs of a study are computed.",
         ]
     )
 

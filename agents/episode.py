@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
+import os
+import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -15,7 +20,7 @@ from agents.recording import EpisodeLog
 from agents.stanley import StanleyAgent
 from offroad_env.errors import InvalidParameter
 
-__all__ = ["AGENTS", "Drive", "HalfWayPicture", "find_agent"]
+__all__ = ["AGENTS", "Drive", "HalfWayPicture", "agent_file", "find_agent"]
 
 #: Agents that know nothing of the soil and drive every scenario.
 _TRACKERS: dict[str, Callable[[], Agent]] = {"pure_pursuit": PurePursuitAgent, "stanley": StanleyAgent}
@@ -30,7 +35,8 @@ def find_agent(name: str, scenario: str, terrain_info: str | None) -> tuple[Agen
     Parameters
     ----------
     name
-        In `AGENTS`.
+        In `AGENTS`, or ``module:Class`` of an agent of your own: a class that is called without
+        arguments, from the working directory or an installed package.
     scenario
         Whose tuned settings an arm takes.
     terrain_info
@@ -41,6 +47,8 @@ def find_agent(name: str, scenario: str, terrain_info: str | None) -> tuple[Agen
     InvalidParameter
         For an unknown name, or a ``terrain_info`` that starves the agent.
     """
+    if ":" in name:
+        return _own_agent(name), terrain_info or "none"
     if name in _TRACKERS:
         return _TRACKERS[name](), terrain_info or "none"
     if name not in ARMS:
@@ -52,6 +60,44 @@ def find_agent(name: str, scenario: str, terrain_info: str | None) -> tuple[Agen
             "- leave it out?"
         )
     return arm.agent, terrain_info or arm.terrain_info
+
+
+def _importable(name: str) -> str:
+    """The module of ``module:Class``, which may lie in the working directory."""
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    return name.partition(":")[0]
+
+
+def agent_file(name: str) -> Path:
+    """The file that holds an agent of your own, ``module:Class``.
+
+    Raises
+    ------
+    InvalidParameter
+        If there is no such module.
+    """
+    module = _importable(name)
+    try:
+        found = importlib.util.find_spec(module)
+    except (ImportError, ValueError):
+        found = None
+    if found is None or found.origin is None:
+        raise InvalidParameter(f"agent must be one of {', '.join(AGENTS)} or module:Class, got {name!r}")
+    return Path(found.origin)
+
+
+def _own_agent(name: str) -> Agent:
+    agent_file(name)
+    module = importlib.import_module(_importable(name))
+    kind = getattr(module, name.partition(":")[2], None)
+    if kind is None:
+        raise InvalidParameter(f"no {name.partition(':')[2]!r} in {module.__name__} - module:Class?")
+    agent = kind()
+    missing = [method for method in ("reset", "act") if not callable(getattr(agent, method, None))]
+    if missing:
+        raise InvalidParameter(f"{name} has no method {' and no '.join(missing)} (`agents.protocol.Agent`)")
+    return agent
 
 
 class Drive:

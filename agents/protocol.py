@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
@@ -32,6 +33,7 @@ class Senses(NamedTuple):
     curvature: np.ndarray  #: curvature at the preview distances of the briefing, left positive [1/m]
     speed: float  #: estimated speed [m/s]
     rim_speed: tuple[float, float]  #: rim speed r omega of front and rear wheels [m/s]
+    distance: float = math.inf  #: way to the end of the path [m]
 
 
 def read_senses(observation: Observation) -> Senses:
@@ -41,7 +43,8 @@ def read_senses(observation: Observation) -> Senses:
         cross_track=float(path[0]),
         heading_error=float(path[1]),
         target_speed=float(path[2]),
-        curvature=np.asarray(path[3:], dtype=np.float64),
+        curvature=np.asarray(path[3:-1], dtype=np.float64),
+        distance=float(path[-1]),
         speed=float(motion[0]),
         rim_speed=(float(motion[1]), float(motion[2])),
     )
@@ -63,9 +66,11 @@ class EpisodeResult:
     failure: str  #: why the episode failed: "", a failure of the environment, or "time_limit"
     time: float  #: simulated duration, to the goal or to the end [s]
     progress: float  #: distance covered along the path [m]
+    score: float  #: what the task measures, less is better (`offroad_env.scenarios.MEASURES`)
     reward: float  #: sum of rewards [-]
     cross_track_rms: float  #: root mean square of the true cross-track error [m]
     step_time: float  #: wall time of the agent per control step [s]; not repeatable
+    env_time: float  #: the same of the environment and what runs on board [s]; not repeatable
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -88,12 +93,8 @@ class ArmResult:
 
     @property
     def scores(self) -> np.ndarray:
-        """(E,) time to the goal, where a failed episode costs the whole time limit [s].
-
-        The mean of this is the mean crossing time restricted to the time limit: a vehicle that
-        leaves the corridor, rolls over or is stuck has not arrived when the time is over.
-        """
-        return np.where(self.success, self.time, self.time_limit)
+        """(E,) what the task measures, less is better; `agents.benchmark.runner` says what that is."""
+        return np.array([episode.score for episode in self.episodes])
 
     @property
     def failures(self) -> dict[str, int]:

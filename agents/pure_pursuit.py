@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from agents.protocol import Observation, read_senses, to_action
-from agents.speed_control import SpeedController
+from agents.speed_control import SpeedController, gentle_target
+from offroad_env.physics._jit import kernel
 
 __all__ = ["PurePursuitAgent", "PursuitGains", "goal_point", "pursuit_curvature"]
 
@@ -35,7 +36,8 @@ class PursuitGains:
         return min(max(self.time * speed, self.shortest), self.longest)
 
 
-def goal_point(curvature: np.ndarray, preview: np.ndarray, distance: float) -> tuple[float, float, float]:
+@kernel
+def goal_point(curvature, preview, distance):
     """(x, y, yaw) of the path at an arc length ahead, in axes along the path at its nearest point.
 
     Yaw is the integral of the curvature, linear between the preview points; position is the
@@ -49,15 +51,27 @@ def goal_point(curvature: np.ndarray, preview: np.ndarray, distance: float) -> t
         Arc lengths of the curvature values [m], ascending from 0.
     distance : float
         Arc length ahead [m].
+
+    Returns
+    -------
+    (x, y, yaw) [m, m, rad]
     """
     cells = max(math.ceil(distance / _STEP), 1)
     ds = distance / cells
-    kappa = np.interp(ds * np.arange(cells + 1), preview, curvature)
-    yaw = np.concatenate(([0.0], np.cumsum(0.5 * ds * (kappa[1:] + kappa[:-1]))))
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    x = ds * (cos.sum() - 0.5 * (cos[0] + cos[-1]))
-    y = ds * (sin.sum() - 0.5 * (sin[0] + sin[-1]))
-    return float(x), float(y), float(yaw[-1])
+    x = y = yaw = 0.0
+    kappa, last = curvature[0], 0
+    for i in range(1, cells + 1):
+        s = i * ds
+        while last < preview.shape[0] - 2 and preview[last + 1] < s:
+            last += 1
+        share = min((s - preview[last]) / (preview[last + 1] - preview[last]), 1.0)
+        ahead = curvature[last] + share * (curvature[last + 1] - curvature[last])
+        before = yaw
+        yaw += 0.5 * ds * (kappa + ahead)
+        x += 0.5 * ds * (math.cos(before) + math.cos(yaw))
+        y += 0.5 * ds * (math.sin(before) + math.sin(yaw))
+        kappa = ahead
+    return x, y, yaw
 
 
 def pursuit_curvature(cross_track: float, course_error: float, goal: tuple[float, float, float]) -> float:
@@ -100,13 +114,13 @@ class PurePursuitAgent:
         self._steer_range = briefing.vehicle.steer_max
         self._preview = np.asarray(briefing.preview, dtype=np.float64)
         self._speed_control = SpeedController(briefing.vehicle, briefing.dt)
+        self._stop_zone = briefing.stop_zone
 
     def act(self, observation: Observation) -> np.ndarray:
         """Action (2,)."""
         senses = read_senses(observation)
         goal = goal_point(senses.curvature, self._preview, self.gains.distance(senses.speed))
         kappa = pursuit_curvature(senses.cross_track, senses.heading_error, goal)
-        drive = self._speed_control.command(
-            senses.target_speed or self.speed, senses.speed, rim_speed=max(senses.rim_speed)
-        )
+        target = gentle_target(senses.target_speed or self.speed, senses.distance, self._stop_zone)
+        drive = self._speed_control.command(target, senses.speed, rim_speed=max(senses.rim_speed))
         return to_action(math.atan(self._wheelbase * kappa), drive, self._steer_range)

@@ -1,4 +1,4 @@
-"""Recording an episode: pictures to a video file, readings to columns for figures and reports."""
+"""Recording an episode: pictures to a video file, readings to columns, measurements to a log."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 import os
 import secrets
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,13 +14,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
+from estimators.logs import Log, Recorder, StartSpec, TerrainSpec, config_of, truth_of
 from offroad_env.errors import InvalidParameter
+from offroad_env.physics import state as at
 from offroad_env.physics.path_kernels import PathTable, path_point
+from offroad_env.soils import make_soil
 
 if TYPE_CHECKING:
     from PIL import Image
 
-__all__ = ["VIDEO_FORMATS", "EpisodeLog", "record_video"]
+__all__ = ["VIDEO_FORMATS", "EpisodeLog", "MeasuredRun", "record_video"]
 
 VIDEO_FORMATS = (".gif", ".mp4")
 
@@ -267,6 +270,52 @@ class EpisodeLog:
             ]
         ).reshape(-1, 2)
         return columns | {"X": places[:, 0], "Y": places[:, 1]}
+
+
+class MeasuredRun:
+    """What the sensors of one episode said, as a log (`estimators.logs`).
+
+    The description holds the believed soil, never the true one, and the settled start. Truth is in the
+    ``ref_*`` columns, for looking.
+
+    Parameters
+    ----------
+    env
+        From ``gym.make``, just reset.
+    known_ground
+        Whether the description holds the ground, as from a map, or only how rough it is.
+    """
+
+    def __init__(self, env: Any, *, known_ground: bool = True) -> None:
+        base = env.unwrapped
+        truth, snapshot = base.plant, base.snapshot()
+        x, y, yaw, v_x = (float(snapshot.state[i]) for i in (at.X, at.Y, at.YAW, at.V_X))
+        belief = truth._replace(soil=make_soil(truth.soil, n=base.prior[0]))
+        config = config_of(belief, base.sensors, StartSpec(x=x, y=y, yaw=yaw, v_x=v_x))
+        if not known_ground:
+            rms = math.sqrt(0.5 * float(np.square(truth.ground.waves[:, 0]).sum()))
+            config = replace(config, terrain=TerrainSpec(kind="unknown", rms=max(rms, 1e-3)))
+        measured = base.measurements()
+        self._recorder = Recorder(config, period=measured.period)
+        self._recorder.start(measured.samples[0], truth_of(snapshot.state, snapshot.readings))
+
+    def add(self, env: Any) -> None:
+        """Append the control period that ``env.step()`` has just driven; one that broke off has none."""
+        base = env.unwrapped
+        measured, snapshot = base.measurements(), base.snapshot()
+        if len(measured.samples):
+            truth = truth_of(snapshot.state, snapshot.readings)
+            self._recorder.hold(measured.command, measured.samples, truth)
+
+    def log(self, name: str) -> Log:
+        """The log so far.
+
+        Raises
+        ------
+        InvalidParameter
+            Before the first step.
+        """
+        return self._recorder.log(name)
 
 
 def _beside(path: PathTable, s: float, left: float) -> tuple[float, float]:

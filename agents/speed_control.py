@@ -8,7 +8,27 @@ from dataclasses import dataclass
 from offroad_env.physics.numerics import AIR_DENSITY, GRAVITY
 from offroad_env.physics.records import Vehicle
 
-__all__ = ["SpeedController", "SpeedGains"]
+__all__ = ["SpeedController", "SpeedGains", "gentle_target"]
+
+#: Deceleration that every soil of the project's tasks gives, and nobody minds [m/s^2].
+_GENTLE = 1.5
+
+
+def gentle_target(wanted: float, distance: float, stop_zone: float) -> float:
+    """Speed [m/s] of a driver who knows nothing of the soil: ``wanted``, or less before a line.
+
+    Parameters
+    ----------
+    wanted
+        Speed without a line [m/s].
+    distance
+        Way to the end of the path [m].
+    stop_zone
+        > 0: stand within this distance before the end [m]; the driver aims at the middle of it.
+    """
+    if stop_zone <= 0.0:
+        return wanted
+    return min(wanted, math.sqrt(2.0 * _GENTLE * max(distance - 0.5 * stop_zone, 0.0)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +82,7 @@ class SpeedController:
         acceleration: float = 0.0,
         resistance: float = 0.0,
         rim_speed: float | None = None,
+        slip_limit: float | None = None,
     ) -> float:
         """Drive command in [-1, 1], negative brakes.
 
@@ -75,6 +96,8 @@ class SpeedController:
             Believed motion resistance [N].
         rim_speed
             Fastest rim speed r omega [m/s]; without it slip is not limited.
+        slip_limit
+            Another drive slip than that of the gains at which the torque begins to be cut [-].
         """
         v, gains = self.vehicle, self.gains
         error = target - speed
@@ -88,12 +111,14 @@ class SpeedController:
             step = gains.k_i * error * self.dt
             self._integral = min(max(self._integral + step, -gains.integral_max), gains.integral_max)
         if command > 0.0 and rim_speed is not None:
-            command *= self._slip_share(speed, rim_speed)
+            command *= self._slip_share(
+                speed, rim_speed, self.gains.slip_limit if slip_limit is None else slip_limit
+            )
         return command
 
-    def _slip_share(self, speed: float, rim_speed: float) -> float:
+    def _slip_share(self, speed: float, rim_speed: float, limit: float) -> float:
         """1 below the slip limit, falling smoothly to 0 across the band."""
         gains = self.gains
         slip = (rim_speed - speed) / max(abs(rim_speed), gains.low_speed)
-        over = min(max((slip - gains.slip_limit) / gains.slip_band, 0.0), 1.0)
+        over = min(max((slip - limit) / gains.slip_band, 0.0), 1.0)
         return 0.5 * (1.0 + math.cos(math.pi * over))

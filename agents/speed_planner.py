@@ -20,8 +20,9 @@ from agents.capability import Capability, soil_capability
 from agents.protocol import Observation, Senses, read_senses, to_action
 from agents.pure_pursuit import PursuitGains, goal_point, pursuit_curvature
 from agents.speed_control import SpeedController, SpeedGains
+from offroad_env.physics._jit import kernel
 
-__all__ = ["Belief", "PlannerGains", "SoilTracker", "planned_speed", "speed_limit"]
+__all__ = ["Belief", "BeliefSource", "PlannerGains", "SoilTracker", "planned_speed", "speed_limit"]
 
 #: Spacing of the points of the plan [m].
 _STEP = 1.0
@@ -35,6 +36,10 @@ class Belief(NamedTuple):
     low: float
     mean: float
     high: float
+
+
+#: ``believe(briefing, capability, observation)`` -> `Belief`.
+BeliefSource = Callable[[Any, Capability, Observation], Belief]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +64,8 @@ def speed_limit(curvature: np.ndarray, lateral: float, speed_max: float) -> np.n
     return np.minimum(np.sqrt(lateral / np.maximum(np.abs(curvature), _STRAIGHT)), speed_max)
 
 
-def planned_speed(limits: np.ndarray, stations: np.ndarray, braking: float, at: float) -> float:
+@kernel
+def planned_speed(limits, stations, braking, at):
     """Highest speed [m/s] at station ``at`` from which every later limit can be met.
 
     Backward pass with constant deceleration in closed form: v^2 = min over the stations s_i ahead
@@ -77,10 +83,12 @@ def planned_speed(limits: np.ndarray, stations: np.ndarray, braking: float, at: 
     at : float
         Station of the wanted speed [m].
     """
-    squares = limits * limits
-    squares[-1] = 0.0
-    allowed = squares + 2.0 * braking * np.maximum(stations - at, 0.0)
-    return math.sqrt(float(np.min(allowed[stations >= at - _STEP])))
+    last = stations.shape[0] - 1
+    least = 2.0 * braking * max(stations[last] - at, 0.0)
+    for i in range(last):
+        if stations[i] >= at - _STEP:
+            least = min(least, limits[i] * limits[i] + 2.0 * braking * max(stations[i] - at, 0.0))
+    return math.sqrt(least)
 
 
 class SoilTracker:
@@ -101,7 +109,7 @@ class SoilTracker:
 
     def __init__(
         self,
-        believe: Callable[[Any, Capability, Observation], Belief],
+        believe: BeliefSource,
         gains: PlannerGains | None = None,
     ) -> None:
         self.believe = believe
@@ -138,6 +146,19 @@ class SoilTracker:
         return math.atan((vehicle.l_f + vehicle.l_r) * wanted) + front - rear
 
     def _drive(self, senses: Senses, belief: Belief, lateral: float) -> float:
+        table = self._capability
+        target, acceleration, slip_limit = self._wanted(senses, belief, lateral)
+        return self._speed_control.command(
+            target,
+            senses.speed,
+            acceleration=min(acceleration, table.at("driving", belief.mean)),
+            resistance=table.at("resistance", belief.mean),
+            rim_speed=max(senses.rim_speed),
+            slip_limit=slip_limit,
+        )
+
+    def _wanted(self, senses: Senses, belief: Belief, lateral: float) -> tuple[float, float, float | None]:
+        """(speed [m/s], acceleration [m/s^2], limit of the drive slip or None): what a task changes."""
         gains, table = self.gains, self._capability
         kappa = np.interp(self._stations, self._preview, senses.curvature)
         limits = speed_limit(kappa, gains.margin * lateral, gains.speed_max)
@@ -149,10 +170,4 @@ class SoilTracker:
         asked = senses.target_speed
         if 0.0 < asked < target:
             target, acceleration = asked, 0.0
-        return self._speed_control.command(
-            target,
-            senses.speed,
-            acceleration=min(max(acceleration, -braking), table.at("driving", belief.mean)),
-            resistance=table.at("resistance", belief.mean),
-            rim_speed=max(senses.rim_speed),
-        )
+        return target, max(acceleration, -braking), None

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from agents.protocol import Observation, Senses, read_senses, to_action
-from agents.speed_control import SpeedController
+from agents.speed_control import SpeedController, gentle_target
 
 __all__ = ["StanleyAgent", "StanleyGains", "stanley_steer"]
 
@@ -70,12 +70,12 @@ class StanleyAgent:
         self._l_f = briefing.vehicle.l_f
         self._steer_range = briefing.vehicle.steer_max
         self._speed_control = SpeedController(briefing.vehicle, briefing.dt)
+        self._stop_zone = briefing.stop_zone
 
     def act(self, observation: Observation) -> np.ndarray:
         """Action (2,)."""
         senses = read_senses(observation)
         steer = stanley_steer(senses, float(observation["imu"][4]), self._l_f, self.gains)
-        drive = self._speed_control.command(
-            senses.target_speed or self.speed, senses.speed, rim_speed=max(senses.rim_speed)
-        )
+        target = gentle_target(senses.target_speed or self.speed, senses.distance, self._stop_zone)
+        drive = self._speed_control.command(target, senses.speed, rim_speed=max(senses.rim_speed))
         return to_action(steer, drive, self._steer_range)

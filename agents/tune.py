@@ -9,6 +9,7 @@ lowest mean score wins (`agents.benchmark.runner`). The result is the module `ag
 
 from __future__ import annotations
 
+import runpy
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -20,20 +21,40 @@ from scipy.stats import qmc
 from agents.arms import ARMS, ArmSettings, make_arm
 from agents.benchmark.runner import draw_episodes, run_jobs
 
-__all__ = ["KNOBS", "Round", "TuneArgs", "Tuned", "search_arm", "tune_scenario", "write_settings"]
+__all__ = [
+    "COMMON",
+    "OWN",
+    "Round",
+    "TuneArgs",
+    "Tuned",
+    "knobs",
+    "search_arm",
+    "tune_scenario",
+    "write_settings",
+]
 
-_COMMON = {"margin": (0.5, 1.1), "slip_angle": (0.15, 0.52), "feed_forward": (0.3, 1.0)}
+_CORNERS = {"margin": (0.5, 1.1), "slip_angle": (0.15, 0.52), "feed_forward": (0.3, 1.0)}
 
-#: Knobs of each arm with the ranges that are searched, the same for all arms. ``slip_angle`` ends
-#: where the table of `agents.capability` does; ``n`` is a place in the prior: whoever believes more
-#: than its middle leaves the corridor on the softer half. ``z`` starts above 0: an arm that heeds no
-#: doubt is not the aware arm.
-KNOBS: dict[str, dict[str, tuple[float, float]]] = {
-    "nominal": {**_COMMON, "n": (0.0, 0.5)},
-    "conservative": _COMMON,
-    "aware": {**_COMMON, "z": (0.5, 2.0)},
-    "oracle": _COMMON,
+#: Knobs of a task's controller with the ranges that are searched, the same for all arms.
+#: ``slip_angle`` ends where the table of `agents.capability` does.
+COMMON: dict[str, dict[str, tuple[float, float]]] = {
+    "track": {"margin": (0.7, 1.3), "feed_forward": (0.0, 1.3)},
+    "speed": _CORNERS,
+    "climb": {"slip_share": (0.5, 4.0)},
+    "brake": {"brake_share": (0.4, 2.0)},
+    "ride": {"ride_speed": (4.0, 8.0), "ride_change": (0.0, 3.0), "ride_feel": (0.0, 1.0)}
+    | {"ride_share": (0.45, 0.9)},
+    "patches": _CORNERS,
 }
+
+#: Knobs that only one arm has. ``n`` is a place in the prior. ``z`` starts above 0: an arm that heeds no
+#: doubt is not the aware arm.
+OWN: dict[str, dict[str, tuple[float, float]]] = {"nominal": {"n": (0.0, 1.0)}, "aware": {"z": (0.25, 2.0)}}
+
+
+def knobs(scenario: str, name: str) -> dict[str, tuple[float, float]]:
+    """Knobs of an arm in a task: name -> (lowest, highest) value of the search."""
+    return COMMON[scenario] | OWN.get(name, {})
 
 
 @dataclass(frozen=True)
@@ -52,9 +73,9 @@ class TuneArgs:
     scenario: str = "speed"  #: scenario to tune for
     seed: int = 0  #: of the candidates and the training episodes
     n_jobs: int = 2  #: local processes
-    rounds: tuple[Round, ...] = (Round(0, 16, 6), Round(3, 2, 16))  #: the search of each arm
-    finalists: int = 2  #: candidates that each arm sends to the final
-    final_episodes: int = 48  #: training episodes of each candidate in the final
+    rounds: tuple[Round, ...] = (Round(0, 8, 5), Round(2, 2, 8))  #: the search of each arm
+    finalists: int = 1  #: candidates that each arm sends to the final
+    final_episodes: int = 12  #: training episodes of each candidate in the final
     spread: float = 0.1  #: standard deviation of a change, as a share of the knob's range [-]
 
 
@@ -63,7 +84,7 @@ class Tuned:
     """The winner of a search."""
 
     settings: ArmSettings
-    score: float  #: mean score on the training episodes of the final [s]
+    score: float  #: mean score on the training episodes of the final
     episodes: int  #: episodes driven for this arm
 
 
@@ -84,7 +105,7 @@ def search_arm(
     -------
     (finalists, episodes): the best candidates, best first, and the number of episodes driven.
     """
-    box = KNOBS[name]
+    box = knobs(args.scenario, name)
     low, high = (np.array([limits[i] for limits in box.values()]) for i in (0, 1))
     rng = np.random.default_rng(args.seed)
     population = qmc.Halton(len(box), rng=rng).random(args.rounds[0].children)
@@ -141,7 +162,7 @@ def tune_scenario(
     pool = [settings for finalists, _ in found.values() for settings in finalists]
     tuned = {}
     for name, (finalists, driven) in found.items():
-        own = {knob: getattr(finalists[0], knob) for knob in KNOBS[name] if knob not in _COMMON}
+        own = {knob: getattr(finalists[0], knob) for knob in OWN.get(name, {})}
         candidates = [s if s in finalists else replace(s, **own) for s in pool]
         scores = _scores(name, candidates, args, args.final_episodes, progress)
         best = int(np.argmin(scores))
@@ -152,25 +173,31 @@ def tune_scenario(
 
 def write_settings(path: Path, args: TuneArgs, tuned: dict[str, Tuned]) -> None:
     """Write the module of tuned settings; other scenarios in it are kept."""
-    from agents.tuned import SETTINGS
+    from agents import tuned as shipped
 
-    table = {key: dict(value) for key, value in SETTINGS.items() if key[0] != args.scenario}
+    # Read anew: another search may have written since this one began.
+    held = runpy.run_path(str(path)) if path.exists() else vars(shipped)
+    runs = dict(held["RUNS"])
+    table = {key: dict(value) for key, value in held["SETTINGS"].items() if key[0] != args.scenario}
     for name, result in tuned.items():
-        own = set(KNOBS[name])
+        own = set(knobs(args.scenario, name))
         table[args.scenario, name] = {
             key: value for key, value in asdict(result.settings).items() if key in own
         }
     budget = next(iter(tuned.values())).episodes
+    scores = ", ".join(f"{name} {result.score:.4g}" for name, result in tuned.items())
+    runs[args.scenario] = f"seed {args.seed}, {budget} episodes an arm: {scores}"
     lines = [
-        '"""Tuned knobs of the arms. Written by ``python -m agents.tune``; do not edit by hand.',
-        "",
-        f"Last run: scenario {args.scenario}, seed {args.seed}, {budget} training episodes for each arm;",
-        f"mean scores in training: {', '.join(f'{k} {v.score:.1f} s' for k, v in tuned.items())}.",
-        '"""',
+        '"""Tuned knobs of the arms. Written by ``python -m agents.tune``; do not edit by hand."""',
         "",
         "from __future__ import annotations",
         "",
-        '__all__ = ["SETTINGS"]',
+        '__all__ = ["RUNS", "SETTINGS"]',
+        "",
+        "#: Scenario -> the search that its settings come from, with the mean scores in training.",
+        "RUNS: dict[str, str] = {",
+        *(f'    "{key}": "{value}",' for key, value in sorted(runs.items())),
+        "}",
         "",
         "#: (scenario, arm) -> fields of `agents.arms.ArmSettings`.",
         "SETTINGS: dict[tuple[str, str], dict[str, float]] = {",

@@ -40,22 +40,29 @@ from offroad_env.physics._jit import kernel
 from offroad_env.physics.contact import SUNK
 
 __all__ = [
+    "REPORT",
+    "VALID",
     "BankRun",
     "BankSettings",
     "BankState",
     "Mode",
     "Rules",
     "bank_rules",
+    "bank_run",
     "bank_step",
+    "normalise",
+    "report_sum",
     "run_bank",
     "start_bank",
+    "tidy",
+    "watch_innovations",
 ]
 
 #: Samples between two looks at which components to drop and to merge.
 _TIDY = 10
 #: Columns of what a bank reports per sample.
 (MEAN, SD, LOW, HIGH, NIS, MODE, SURPRISE, VALID) = range(8)
-_REPORT = 8
+REPORT = 8
 #: Components further apart than this many of their standard deviations belong to two modes.
 _APART = 3.0
 #: What the state of the best component is trusted less when a new fan is drawn from it.
@@ -105,9 +112,9 @@ class Mode(NamedTuple):
 class BankState(NamedTuple):
     """The components; a weight of 0 (log weight -inf) marks a free place."""
 
-    means: np.ndarray  #: (K, 11)
-    covs: np.ndarray  #: (K, 11, 11)
-    warms: np.ndarray  #: (K, 23, 2, 3)
+    means: np.ndarray  #: (K, L), eta in column `joint.ETA`; L = 11 here
+    covs: np.ndarray  #: (K, L, L)
+    warms: np.ndarray  #: (K, points, 2, 3)
     log_weights: np.ndarray  #: (K,)
     watch: np.ndarray  #: (2,) mean excess of the innovations in standard deviations; time since a fan [s]
 
@@ -178,12 +185,12 @@ def start_bank(
             )
         covs[i, np.arange(ETA), np.arange(ETA)] += rules.start
         warms[i] = warm
-    _normalise(state.log_weights)
+    normalise(state.log_weights)
     return state
 
 
 @kernel
-def _normalise(log_weights):
+def normalise(log_weights):
     """Scale the weights to a sum of 1; false when there is none."""
     top = log_weights.max()
     if not top > -math.inf:
@@ -195,11 +202,12 @@ def _normalise(log_weights):
 @kernel
 def _distance(state, i, j):
     """Squared Mahalanobis distance of two components under the sum of their covariances."""
-    factor = np.empty((SIZE, SIZE))
+    size = state.means.shape[1]
+    factor = np.empty((size, size))
     guarded_cholesky(state.covs[i] + state.covs[j], factor)
     apart = state.means[i] - state.means[j]
     total = 0.0
-    for p in range(SIZE):
+    for p in range(size):
         for q in range(p):
             apart[p] -= factor[p, q] * apart[q]
         apart[p] /= factor[p, p]
@@ -214,8 +222,8 @@ def _absorb(state, i, j):
     share = b / (a + b)
     apart = state.means[j] - state.means[i]
     state.means[i] += share * apart
-    for p in range(SIZE):
-        for q in range(SIZE):
+    for p in range(apart.shape[0]):
+        for q in range(apart.shape[0]):
             mixed = (1.0 - share) * state.covs[i, p, q] + share * state.covs[j, p, q]
             state.covs[i, p, q] = mixed + share * (1.0 - share) * apart[p] * apart[q]
     state.log_weights[i] = math.log(a + b)
@@ -223,8 +231,8 @@ def _absorb(state, i, j):
 
 
 @kernel
-def _tidy(state, log_drop, merge):
-    """Drop components without weight, merge those that have become one."""
+def tidy(state, log_drop, merge, kinds):
+    """Drop components without weight, merge those of one kind (K,) that have become one."""
     K = state.log_weights.shape[0]
     for i in range(K):
         if state.log_weights[i] < log_drop:
@@ -234,12 +242,13 @@ def _tidy(state, log_drop, merge):
         i = order[a]
         for b in range(a + 1, K):
             j = order[b]
-            if state.log_weights[i] > -math.inf and state.log_weights[j] > -math.inf:
+            both = state.log_weights[i] > -math.inf and state.log_weights[j] > -math.inf
+            if both and kinds[i] == kinds[j]:
                 gap = state.means[i, ETA] - state.means[j, ETA]
                 near = gap * gap < merge * (state.covs[i, ETA, ETA] + state.covs[j, ETA, ETA])
                 if near and _distance(state, i, j) < merge:
                     _absorb(state, i, j)
-    _normalise(state.log_weights)
+    normalise(state.log_weights)
 
 
 @kernel
@@ -289,7 +298,7 @@ def _mode_weights(state, modes):
 
 
 @kernel
-def _report(state, nis, rules, model, out):
+def report_sum(state, nis, rules, model, out):
     """Mean, sd, 95 % interval, NIS, weight of the largest mode and validity of the sum into ``out``."""
     mean = square = mean_nis = 0.0
     K = state.log_weights.shape[0]
@@ -310,7 +319,7 @@ def _report(state, nis, rules, model, out):
 
 
 @kernel
-def _watch(state, nis, channels, rules, dt):
+def watch_innovations(state, nis, channels, rules, dt):
     """Follow the mean excess of the innovations, in standard deviations of that mean.
 
     A NIS of m channels has mean m and variance 2 m; a mean over the time T that forgets
@@ -343,7 +352,7 @@ def _renew(state, rules, model):
                 spread[p, q] += _DISTRUST * cov[p, q]
         state.covs[i], state.warms[i] = spread, warm
     state.watch[:] = 0.0
-    _normalise(state.log_weights)
+    normalise(state.log_weights)
 
 
 @kernel
@@ -363,16 +372,16 @@ def bank_step(state, inputs, z, rules, model, out):
             repairs += repaired
             failed += 1 if status >= SUNK else 0
             state.log_weights[i] += log_likelihood
-    if not _normalise(state.log_weights):
+    if not normalise(state.log_weights):
         # No soil of the bank explains the sample at all: that is no evidence between them.
         state.log_weights[:] = before
     channels = np.isfinite(z).sum()
     if channels > 0:
-        _watch(state, nis, channels, rules, model.dt)
+        watch_innovations(state, nis, channels, rules, model.dt)
         if state.watch[0] > rules.renew and state.watch[1] > rules.watch_time:
             _renew(state, rules, model)
             renewed = 1
-    _report(state, nis, rules, model, out)
+    report_sum(state, nis, rules, model, out)
     return repairs, failed, renewed
 
 
@@ -384,7 +393,8 @@ def _run(state, inputs, z, rules, model, report, history):
     """
     logs, etas, variances = history
     repairs = failed = renewed = 0
-    _report(state, np.full(state.log_weights.shape[0], math.nan), rules, model, report[0])
+    kinds = np.zeros(state.log_weights.shape[0], np.int64)  # all components are of one kind
+    report_sum(state, np.full(state.log_weights.shape[0], math.nan), rules, model, report[0])
     for k in range(z.shape[0]):
         if k > 0:
             counts = bank_step(state, inputs[2 * k - 2 : 2 * k + 1], z[k], rules, model, report[k])
@@ -392,7 +402,7 @@ def _run(state, inputs, z, rules, model, report, history):
             failed += counts[1]
             renewed += counts[2]
             if k % _TIDY == 0:
-                _tidy(state, rules.log_drop, rules.merge)
+                tidy(state, rules.log_drop, rules.merge, kinds)
         logs[k] = state.log_weights
         etas[k] = state.means[:, ETA]
         variances[k] = state.covs[:, ETA, ETA]
@@ -441,6 +451,34 @@ class BankRun:
         )
 
 
+def bank_run(
+    model: JointModel,
+    report: np.ndarray,
+    history: tuple[np.ndarray, np.ndarray, np.ndarray],
+    counts: tuple[int, int, int],
+) -> BankRun:
+    """A run from its reports (T, REPORT), its log weights, eta and variances (T, K) each, and its counts."""
+    logs, etas, variances = history
+    share = 1.0 / (1.0 + np.exp(-etas))
+    span = model.high - model.low
+    return BankRun(
+        n=report[:, MEAN],
+        sd=report[:, SD],
+        low=report[:, LOW],
+        high=report[:, HIGH],
+        nis=report[:, NIS],
+        mode_weight=report[:, MODE],
+        surprise=report[:, SURPRISE],
+        valid=report[:, VALID] > 0.5,
+        weights=np.exp(logs),
+        exponents=model.low + span * share,
+        spreads=span * share * (1.0 - share) * np.sqrt(variances),
+        repairs=counts[0],
+        failed=counts[1],
+        renewed=counts[2],
+    )
+
+
 def run_bank(
     model: JointModel,
     settings: BankSettings,
@@ -466,25 +504,7 @@ def run_bank(
     inputs, z = check_run(inputs, z)
     T, K = len(z), settings.components
     state, rules = start_bank(model, settings, pose, v_x), bank_rules(model, settings)
-    report = np.empty((T, _REPORT))
+    report = np.empty((T, REPORT))
     history = (np.empty((T, K)), np.empty((T, K)), np.empty((T, K)))
     repairs, failed, renewed = _run(state, inputs, z, rules, model, report, history)
-    logs, etas, variances = history
-    share = 1.0 / (1.0 + np.exp(-etas))
-    span = model.high - model.low
-    return BankRun(
-        n=report[:, MEAN],
-        sd=report[:, SD],
-        low=report[:, LOW],
-        high=report[:, HIGH],
-        nis=report[:, NIS],
-        mode_weight=report[:, MODE],
-        surprise=report[:, SURPRISE],
-        valid=report[:, VALID] > 0.5,
-        weights=np.exp(logs),
-        exponents=model.low + span * share,
-        spreads=span * share * (1.0 - share) * np.sqrt(variances),
-        repairs=int(repairs),
-        failed=int(failed),
-        renewed=int(renewed),
-    )
+    return bank_run(model, report, history, (int(repairs), int(failed), int(renewed)))

@@ -16,7 +16,16 @@ from scipy.stats import chi2
 
 from offroad_env.errors import InvalidParameter
 
-__all__ = ["Band", "Consistency", "chi_square_band", "coverage", "nees", "nees_test", "nis_test"]
+__all__ = [
+    "Band",
+    "Consistency",
+    "chi_square_band",
+    "coverage",
+    "nees",
+    "nees_test",
+    "nis_test",
+    "surprise",
+]
 
 
 class Band(NamedTuple):
@@ -145,3 +154,33 @@ def coverage(
     if valid is not None:
         inside = inside[np.broadcast_to(valid, inside.shape)]
     return float(inside.mean()) if inside.size else float("nan")
+
+
+def surprise(nis: np.ndarray, channels: int, dt: float, watch_time: float = 2.0) -> np.ndarray:
+    """Mean excess of the innovations over the last seconds, in its own standard deviations.
+
+    A NIS of m channels has mean m and variance 2 m; a mean that forgets exponentially over the time
+    T has dt / (2 T) of the variance of a sample. What the bank watches on board
+    (`estimators.bank.watch_innovations`), for filters that do not watch themselves.
+
+    Parameters
+    ----------
+    nis : array (T,)
+        NaN where nothing was measured: the mean stays.
+    channels : int
+        Measured at each update.
+    dt, watch_time : float
+        Between samples, and of the mean [s].
+
+    Returns
+    -------
+    array (T,)
+    """
+    share = min(dt / watch_time, 1.0)
+    excess = (np.asarray(nis, dtype=np.float64) - channels) / np.sqrt(2.0 * channels)
+    result, mean = np.zeros(excess.shape), 0.0
+    for k, value in enumerate(excess):
+        if np.isfinite(value):
+            mean += share * (value * np.sqrt(2.0 * watch_time / dt) - mean)
+        result[k] = mean
+    return result

@@ -34,24 +34,79 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.models import plant_with_exponent, step_full_copies, step_paper_copies
-from estimators.navigation import GYRO_BIAS, V_SIDE, YAW, NavigationFilter, V, X, Y, navigate
+from estimators.navigation import GYRO_BIAS, V_SIDE, YAW, NavigationFilter, V, X, Y
 from estimators.protocol import Estimate, Pose
 from estimators.transforms import belief_of, moments, to_range
 from estimators.ukf_compiled import check_alpha, merwe_weights, sigma_points, unscented_update
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import kernel
+from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.contact import SUNK
-from offroad_env.physics.packing import pack
+from offroad_env.physics.packing import PackedPlant, pack, unpack
+from offroad_env.physics.records import Ground, Soil, SoilMap, Vehicle
+from offroad_env.physics.sensor_kernels import ImuMount
 from offroad_env.physics.settle import settle
 from offroad_env.sensors import ImuConfig
 from offroad_env.simulator import Plant, plant_model
 
-__all__ = ["EmbeddedParameterUKF", "EmbeddedSettings"]
+__all__ = [
+    "ASSUMPTIONS",
+    "MEMORY",
+    "EmbeddedParameterUKF",
+    "EmbeddedSettings",
+    "learn_full",
+    "learn_paper",
+    "summary",
+]
 
-# Scalars in the filter's memory.
-(NIS, REPAIRS, HELD, AWAKE, SURPRISE) = range(5)
-_MEMORY = 5
+
+def _plant_numbers() -> int:
+    """Length of a packed plant, whatever is in it."""
+    nothing = np.empty((0, 4))
+    parts = (record(*(0.0,) * len(record._fields)) for record in (Vehicle, Soil))
+    plant = Plant(*parts, Ground(0.0, 0.0, 0.0, nothing), SoilMap(0.0, nothing), 0.0, 0.0, 0.0, 0.0, False)
+    return len(pack(plant).numbers)
+
+
+#: All that the filter remembers from sample to sample: one record, wherever it lies.
+MEMORY = np.dtype(
+    [
+        ("belief", "f8", 2),  # mean and variance of eta
+        ("copies", "f8", (3, at.STATE_SIZE)),
+        ("warms", "f8", (3, 2, at.CONTACT_SIZE)),
+        ("last", "f8", 3),  # last sample of a_x, a_y, yaw_rate
+        ("mean_innovation", "f8", 3),
+        ("nis", "f8"),
+        ("surprise", "f8"),
+        ("repairs", "f8"),
+        ("held", "f8"),
+        ("awake", "f8"),
+    ]
+)
+
+#: What it takes for given, from `EmbeddedSettings`, the plant and the sensors.
+ASSUMPTIONS = np.dtype(
+    [
+        ("plant", "f8", _plant_numbers()),
+        ("lags", "f8", 2),  # steering, torque [s]
+        ("lever", "f8", 3),  # of the `ImuMount`
+        ("rotation", "f8", (3, 3)),
+        ("mount", "f8", 2),
+        ("low", "f8"),  # range of n that is reported
+        ("high", "f8"),
+        ("bounds", "f8", 2),  # range of the filter
+        ("weights", "f8", 4),
+        ("R", "f8", (3, 3)),
+        ("gains", "f8", 5),
+        ("hold_speed", "f8"),
+        ("least_information", "f8"),
+        ("settle_time", "f8"),
+        ("drift", "f8"),
+        ("surprise", "f8"),
+        ("dt", "f8"),
+    ]
+)
+
 #: Time over which innovations are averaged for the validity flag [s].
 _MEAN_TIME = 2.0
 #: The filter's range is wider than the user's by this share on both sides: a bound is endlessly far
@@ -86,14 +141,11 @@ class EmbeddedSettings:
 
 
 @kernel
-def _rest(state, lags, command, dt):
-    """Hold, and let the actuators of the sleeping copies follow the command.
-
-    ``lags`` = (steer, torque) [s].
-    """
-    _, copies, _, _, memory, _ = state
-    memory[AWAKE], memory[HELD] = 0.0, 1.0
-    turn, share = dt / max(lags[0], dt), dt / max(lags[1], dt)
+def _rest(memory, assumed, command):
+    """Hold, and let the actuators of the sleeping copies follow the command."""
+    dt, copies = assumed.dt, memory.copies[:]
+    memory.awake, memory.held = 0.0, 1.0
+    turn, share = dt / max(assumed.lags[0], dt), dt / max(assumed.lags[1], dt)
     for i in range(3):
         copies[i, at.STEER] += turn * (command[0] - copies[i, at.STEER])
         copies[i, at.DRIVE] += share * (command[1] - copies[i, at.DRIVE])
@@ -101,9 +153,40 @@ def _rest(state, lags, command, dt):
 
 
 @kernel
+def _wake(memory, assumed, nav, plant, torque_free):
+    """Settle every copy on its own soil, rolling at the navigation filter's speed."""
+    belief, copies, warms = memory.belief[:], memory.copies[:], memory.warms[:]
+    scale = math.sqrt(assumed.weights[3] * belief[1])
+    for i in range(3):
+        eta = belief[0] + scale * (0.0 if i == 0 else 3.0 - 2.0 * i)
+        own = plant_with_exponent(plant, to_range(eta, assumed.bounds[0], assumed.bounds[1]))
+        status, x, warm = settle(own, (nav[X], nav[Y], nav[YAW]), nav[V], torque_free)
+        warms[i] = warm
+        if status >= SUNK or not np.isfinite(x).all():
+            memory.surprise = math.inf
+            return
+        x[at.V_Y], x[at.STEER :] = nav[V_SIDE], copies[i, at.STEER :]
+        copies[i] = x
+    memory.last[:] = math.nan
+    memory.awake = 1.0
+
+
+@kernel
+def _sleep(memory):
+    """Some copy found no contact: hold, not valid, and start all of them again at the next sample."""
+    copies = memory.copies[:]
+    copies[:, : at.STEER] = 0.0
+    for i in range(3):
+        for j in range(at.STEER, at.STATE_SIZE):
+            if not math.isfinite(copies[i, j]):
+                copies[i, j] = 0.0
+    memory.awake, memory.held, memory.surprise = 0.0, 1.0, math.inf
+
+
+@kernel
 def _pull(x, nav, imu, gains, dt):
     """Draw a copy towards what is measured: constant gains, wheels and heave left free."""
-    position, speed, side, yaw_rate, pitch_rate = gains
+    position, speed, side, yaw_rate, pitch_rate = gains[0], gains[1], gains[2], gains[3], gains[4]
     x[at.X] += position * dt * (nav[X] - x[at.X])
     x[at.Y] += position * dt * (nav[Y] - x[at.Y])
     x[at.YAW] += position * dt * (nav[YAW] - x[at.YAW])
@@ -128,66 +211,139 @@ def _watch(predicted, z, R, weights, mean_innovation, dt):
 
 
 @kernel
-def _learn(belief, memory, points, predicted, z, R, weights, shares):
+def _learn(memory, points, predicted, z, R, weights, shares):
     """Unscented update that removes a share of the variance between ``shares``, or none."""
     least, most = shares
+    belief = memory.belief[:]
     mean, cov = belief[:1].copy(), belief[1:].copy().reshape(1, 1)
     nis, repairs = unscented_update(mean, cov, points, predicted, z, R, weights)
-    memory[REPAIRS] += repairs
+    memory.repairs += repairs
     removed = 1.0 - cov[0, 0] / belief[1]
     if removed > most:
         # With R times this factor the share removed is close to `most`.
         softer = R * (removed / (1.0 - removed) * (1.0 - most) / most)
         mean[0], cov[0, 0] = belief[0], belief[1]
         _, repairs = unscented_update(mean, cov, points, predicted, z, softer, weights)
-        memory[REPAIRS] += repairs
+        memory.repairs += repairs
     if removed > least and math.isfinite(mean[0]) and cov[0, 0] > 0.0:
         belief[0], belief[1] = mean[0], cov[0, 0]
-        memory[NIS], memory[HELD] = nis, 0.0
+        memory.nis, memory.held = nis, 0.0
     else:
-        memory[HELD] = 1.0
+        memory.held = 1.0
 
 
 @kernel
-def _before(state, navigation, sensors, command, vehicle, setting, points):
-    """Navigate, let the belief drift and place the sigma points; false while the copies rest.
+def _place(memory, assumed, nav, imu, command, points):
+    """Let the belief drift and place the sigma points; false while the copies rest.
 
-    ``vehicle`` = (l_f, l_r, steer_lag, torque_lag); ``points`` = (eta (3, 1), n (3,)), filled.
+    ``points`` = (eta (3, 1), n (3,)), filled.
     """
-    belief, _, _, _, memory, _ = state
-    nav, P, noise = navigation
-    bounds, weights, _, _, gates, dt = setting
-    navigate((nav, P), sensors, command[0], (vehicle[0], vehicle[1]), noise, dt)
-    belief[1] += gates[3] * gates[3] * dt
-    slow = not (nav[V] > gates[0] and np.isfinite(sensors[0]).all())
-    if slow or memory[AWAKE] < 0.5:
-        _rest(state, vehicle[2:], command, dt)
+    belief = memory.belief[:]
+    belief[1] += assumed.drift * assumed.drift * assumed.dt
+    if not (nav[V] > assumed.hold_speed and np.isfinite(imu).all()) or memory.awake < 0.5:
+        _rest(memory, assumed, command)
         return False
     factor = np.empty((1, 1))
-    memory[REPAIRS] += sigma_points(belief[:1], belief[1:].reshape(1, 1), weights[3], factor, points[0])
+    memory.repairs += sigma_points(
+        belief[:1], belief[1:].reshape(1, 1), assumed.weights[3], factor, points[0]
+    )
     for i in range(3):
-        points[1][i] = to_range(points[0][i, 0], bounds[0], bounds[1])
+        points[1][i] = to_range(points[0][i, 0], assumed.bounds[0], assumed.bounds[1])
     return True
 
 
 @kernel
-def _after(state, nav, imu, points, predicted, setting):
+def _compare(memory, assumed, nav, imu, points, predicted):
     """Compare what the copies (3, 5) predicted with the sample that belongs to it, learn, pull.
 
     That sample is the previous one, taken at the state before the step: so a step yields its
     prediction without another force evaluation, and every sample is used one period late.
     """
-    belief, copies, _, last, memory, mean_innovation = state
-    _, weights, R, gains, gates, dt = setting
+    copies, last, dt, w = memory.copies[:], memory.last[:], assumed.dt, assumed.weights
+    weights, R = (w[0], w[1], w[2], w[3]), assumed.R[:]
     channels = np.empty((3, 3))
     channels[:, 0], channels[:, 1], channels[:, 2] = predicted[:, 0], predicted[:, 1], predicted[:, 4]
     for i in range(3):
-        _pull(copies[i], nav, imu, gains, dt)
+        _pull(copies[i], nav, imu, assumed.gains[:], dt)
     if math.isfinite(last[0]):
-        shares = (gates[1] * dt, dt / gates[2])
-        memory[SURPRISE] = _watch(channels, last, R, weights, mean_innovation, dt)
-        _learn(belief, memory, points, channels, last, R, weights, shares)
+        shares = (assumed.least_information * dt, dt / assumed.settle_time)
+        memory.surprise = _watch(channels, last, R, weights, memory.mean_innovation[:], dt)
+        _learn(memory, points, channels, last, R, weights, shares)
     last[0], last[1], last[2] = imu[0], imu[1], imu[4]
+
+
+@inline_kernel
+def _conclude(memory, assumed, nav, imu, points, predicted, status):
+    """After the copies' step: compare and learn, or put copies without contact to sleep."""
+    if status < SUNK and np.isfinite(predicted).all() and np.isfinite(memory.copies[:]).all():
+        _compare(memory, assumed, nav, imu, points, predicted)
+    else:
+        _sleep(memory)
+
+
+@inline_kernel
+def _believed(assumed, map_):
+    """(packed plant, mount of the inertial unit), ``map_`` = (waves, patches)."""
+    mount = ImuMount(assumed.lever[:], assumed.rotation[:], assumed.mount[0], assumed.mount[1])
+    return PackedPlant(assumed.plant[:], map_[0], map_[1]), mount
+
+
+@kernel
+def learn_full(memory, assumed, map_, nav, imu, command):
+    """Take in one sample of the inertial unit, full model; the navigation filter has taken it in already.
+
+    Parameters
+    ----------
+    memory, assumed : records of the types `MEMORY` and `ASSUMPTIONS`; the memory is updated in place
+    map_ : (waves, patches) of the ground and soil that the filter believes in
+    nav : state (8,) of the navigation filter
+    imu : (5,)
+    command : (steering [rad], drive and brake torque [N m])
+    """
+    packed, mount = _believed(assumed, map_)
+    if memory.awake < 0.5 and nav[V] > assumed.hold_speed:
+        _wake(memory, assumed, nav, unpack(packed), True)
+    eta, n, predicted = np.empty((3, 1)), np.empty(3), np.empty((3, 5))
+    if _place(memory, assumed, nav, imu, command, (eta, n)):
+        copies, warms = memory.copies[:], memory.warms[:]
+        status = step_full_copies(copies, warms, packed, n, command, assumed.dt, mount, predicted)
+        _conclude(memory, assumed, nav, imu, eta, predicted, status)
+
+
+@kernel
+def learn_paper(memory, assumed, map_, nav, imu, command):
+    """`learn_full` for the paper's model, where ``command`` is (steering [rad], F_u [N], NaN)."""
+    packed, mount = _believed(assumed, map_)
+    if memory.awake < 0.5 and nav[V] > assumed.hold_speed:
+        _wake(memory, assumed, nav, unpack(packed), False)
+    eta, n, predicted = np.empty((3, 1)), np.empty(3), np.empty((3, 5))
+    if _place(memory, assumed, nav, imu, command, (eta, n)):
+        copies, warms = memory.copies[:], memory.warms[:]
+        status = step_paper_copies(copies, warms, packed, n, command, assumed.dt, mount, predicted)
+        _conclude(memory, assumed, nav, imu, eta, predicted, status)
+
+
+@kernel
+def summary(memory, assumed):
+    """(mean, sd, nis, valid 0/1, repairs): the `Estimate` as numbers."""
+    mean, sd = moments(memory.belief[0], memory.belief[1], assumed.bounds[0], assumed.bounds[1])
+    valid = 1.0 if math.isfinite(sd) and memory.surprise < assumed.surprise else 0.0
+    return min(max(mean, assumed.low), assumed.high), sd, memory.nis, valid, memory.repairs
+
+
+@kernel
+def _summary(memories, assumptions):
+    return summary(memories[0], assumptions[0])
+
+
+@kernel
+def _learn_full(memories, assumptions, waves, patches, nav, imu, command):
+    learn_full(memories[0], assumptions[0], (waves, patches), nav, imu, command)
+
+
+@kernel
+def _learn_paper(memories, assumptions, waves, patches, nav, imu, command):
+    learn_paper(memories[0], assumptions[0], (waves, patches), nav, imu, command)
 
 
 class EmbeddedParameterUKF:
@@ -206,7 +362,7 @@ class EmbeddedParameterUKF:
         How the inertial unit is mounted, what it measures and how noisy it is, as far as known.
     settings : EmbeddedSettings, optional
     navigation : NavigationFilter, optional
-        To be used and updated here, and by nobody else; default: one of its own.
+        Somebody else's, who keeps it up to date: then it is only read here. Default: one of its own.
 
     Raises
     ------
@@ -232,37 +388,42 @@ class EmbeddedParameterUKF:
         if not 0.001 <= dt <= 0.02:
             raise InvalidParameter(f"dt must be in [0.001, 0.02] s, got {dt} - in ms?")
         self.plant = plant
-        self._packed = pack(plant)
-        self._full = plant_model(plant) == "full"
-        vehicle = plant.vehicle
-        self._vehicle = (vehicle.l_f, vehicle.l_r, vehicle.steer_lag, vehicle.torque_lag)
         self.n_range = (low, high)
         self.dt = float(dt)
         self.settings = settings or EmbeddedSettings()
+        self._own = navigation is None
         self.navigation = navigation or NavigationFilter(plant.vehicle)
-        margin = _MARGIN * (high - low)
-        self._bounds = (max(low - margin, 0.5 * low), high + margin)
-        imu = imu or ImuConfig()
-        self._mount = imu.mount()
-        self._setting = self._constants(imu)
-        belief, copies, warms = np.zeros(2), np.zeros((3, at.STATE_SIZE)), np.zeros((3, 2, 3))
-        self._state = (belief, copies, warms, np.full(3, math.nan), np.zeros(_MEMORY), np.zeros(3))
-        self.reset(0.5 * (low + high), 0.25 * (high - low), Pose(0.0, 0.0, 0.0, 0.0))
+        packed = pack(plant)
+        self._map = (packed.waves, packed.patches)
+        self._kernel = _learn_full if plant_model(plant) == "full" else _learn_paper
+        self.assumptions = np.zeros(1, ASSUMPTIONS)
+        self._assume(packed.numbers, imu or ImuConfig())
+        self.memory = np.zeros(1, MEMORY)
+        self._restart(0.5 * (low + high), 0.25 * (high - low))
+        if self._own:
+            self.navigation.reset(0.0, 0.0, 0.0, 0.0)
 
-    def _constants(self, imu: ImuConfig) -> tuple:
-        s = self.settings
+    def _assume(self, numbers: np.ndarray, imu: ImuConfig) -> None:
+        s, assumed, (low, high) = self.settings, self.assumptions[0], self.n_range
+        margin = _MARGIN * (high - low)
         sensor = np.array([imu.accel_noise, imu.accel_noise, imu.gyro_noise])
-        R = np.diag(sensor**2 + np.square(s.error) * 2.0 * s.error_time / self.dt)
-        gains = (s.position_gain, s.speed_gain, s.side_gain, s.yaw_rate_gain, s.pitch_rate_gain)
-        gates = (s.hold_speed, s.least_information, s.settle_time, s.drift)
-        return (
-            self._bounds,
-            merwe_weights(1.0, float(s.alpha), 0.0),
-            R,
-            tuple(float(value) for value in gains),
-            tuple(float(value) for value in gates),
-            self.dt,
-        )
+        mount, vehicle = imu.mount(), self.plant.vehicle
+        assumed["plant"], assumed["lags"] = numbers, (vehicle.steer_lag, vehicle.torque_lag)
+        assumed["lever"], assumed["rotation"] = mount.lever, mount.rotation
+        assumed["mount"] = mount.body_axes, mount.gravity
+        assumed["low"], assumed["high"] = low, high
+        assumed["bounds"] = max(low - margin, 0.5 * low), high + margin
+        assumed["weights"] = merwe_weights(1.0, float(s.alpha), 0.0)
+        assumed["R"] = np.diag(sensor**2 + np.square(s.error) * 2.0 * s.error_time / self.dt)
+        assumed["gains"] = s.position_gain, s.speed_gain, s.side_gain, s.yaw_rate_gain, s.pitch_rate_gain
+        for name in ("hold_speed", "least_information", "settle_time", "drift", "surprise"):
+            assumed[name] = getattr(s, name)
+        assumed["dt"] = self.dt
+
+    def lodge(self, memory: np.ndarray) -> None:
+        """From now on keep the memory in the first record of ``memory`` (1,), of the type `MEMORY`."""
+        memory[0] = self.memory[0]
+        self.memory = memory
 
     def reset(self, n_prior: float, sd: float, pose: Pose) -> Estimate:
         """Start at a known pose.
@@ -272,7 +433,7 @@ class EmbeddedParameterUKF:
         n_prior, sd : float
             Mean and standard deviation of the prior for n [-]; the mean lies inside ``n_range``.
         pose : Pose
-            Position, heading and speed.
+            Position, heading and speed; not used where the navigation filter is somebody else's.
 
         Returns
         -------
@@ -282,12 +443,15 @@ class EmbeddedParameterUKF:
         low, high = self.n_range
         if not low <= n_prior <= high:
             raise InvalidParameter(f"n_prior must be in n_range = [{low}, {high}], got {n_prior}")
-        belief, copies, warms, last, memory, mean_innovation = self._state
-        belief[:] = belief_of(n_prior, sd, *self._bounds)
-        copies[:], warms[:], memory[:], mean_innovation[:] = 0.0, 0.0, 0.0, 0.0
-        last[:] = memory[NIS] = math.nan
-        self.navigation.reset(*pose)
+        self._restart(n_prior, sd)
+        if self._own:
+            self.navigation.reset(*pose)
         return self.estimate
+
+    def _restart(self, n_prior: float, sd: float) -> None:
+        self.memory[0] = np.zeros((), MEMORY)
+        self.memory["belief"][0] = belief_of(n_prior, sd, *self.assumptions["bounds"][0].tolist())
+        self.memory["last"][0] = self.memory["nis"][0] = math.nan
 
     def update(
         self,
@@ -314,62 +478,21 @@ class EmbeddedParameterUKF:
         -------
         Estimate
         """
-        navigation, state, setting = self.navigation, self._state, self._setting
-        _, copies, warms, _, memory, _ = state
-        if memory[AWAKE] < 0.5 and navigation.x[V] > self.settings.hold_speed:
-            self._wake()
-        place = (navigation.x, navigation.P, navigation.constants)
-        points, predicted = (np.empty((3, 1)), np.empty(3)), np.empty((3, 5))
-        if _before(state, place, (imu, rim_speeds, gnss), command, self._vehicle, setting, points):
-            step = step_full_copies if self._full else step_paper_copies
-            status = step(copies, warms, self._packed, points[1], command, self.dt, self._mount, predicted)
-            if status < SUNK and np.isfinite(predicted).all() and np.isfinite(copies).all():
-                _after(state, navigation.x, imu, points[0], predicted, setting)
-            else:
-                self._sleep()
+        if self._own:
+            self.navigation.update(imu, rim_speeds, command[0], gnss, self.dt)
+        self._kernel(self.memory, self.assumptions, *self._map, self.navigation.x, imu, command)
         return self.estimate
-
-    def _wake(self) -> None:
-        """Settle every copy on its own soil, rolling at the navigation filter's speed."""
-        belief, copies, warms, last, memory, _ = self._state
-        nav, scale = self.navigation.x, math.sqrt(self._setting[1][3] * belief[1])
-        pose = (nav[X], nav[Y], nav[YAW])
-        for i, sign in enumerate((0.0, 1.0, -1.0)):
-            n = to_range(belief[0] + sign * scale, *self._bounds)
-            own = plant_with_exponent(self.plant, n)
-            status, x, warms[i] = settle(own, pose, nav[V], self._full)
-            if status >= SUNK or not np.isfinite(x).all():
-                memory[SURPRISE] = math.inf
-                return
-            x[at.V_Y], x[at.STEER :] = nav[V_SIDE], copies[i, at.STEER :]
-            copies[i] = x
-        last[:] = math.nan
-        memory[AWAKE] = 1.0
-
-    def _sleep(self) -> None:
-        """Some copy found no contact: hold, not valid, and start all of them again at the next sample."""
-        _, copies, _, _, memory, _ = self._state
-        copies[:, : at.STEER] = 0.0
-        copies[~np.isfinite(copies)] = 0.0
-        memory[AWAKE], memory[HELD], memory[SURPRISE] = 0.0, 1.0, math.inf
 
     @property
     def estimate(self) -> Estimate:
         """The belief as it stands."""
-        belief, memory = self._state[0], self._state[4]
-        mean, sd = moments(belief[0], belief[1], *self._bounds)
-        return Estimate(
-            mean=min(max(mean, self.n_range[0]), self.n_range[1]),
-            sd=sd,
-            nis=float(memory[NIS]),
-            valid=bool(math.isfinite(sd) and memory[SURPRISE] < self.settings.surprise),
-            repairs=int(memory[REPAIRS]),
-        )
+        mean, sd, nis, valid, repairs = _summary(self.memory, self.assumptions)
+        return Estimate(mean, sd, nis, valid > 0.5, int(repairs))
 
     @property
     def held(self) -> bool:
         """Whether the last sample taught nothing about n."""
-        return bool(self._state[4][HELD] > 0.5)
+        return bool(self.memory["held"][0] > 0.5)
 
     @property
     def pose(self) -> Pose:

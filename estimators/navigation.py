@@ -160,7 +160,7 @@ def _correct_side(x, P, gyro, steer, axles, noise):
     A slip angle of 0.05 rad that lasts a second is a hundred samples with one error, so each of
     them counts with 0.05 sqrt(2 100) = 0.7 rad.
     """
-    l_f, l_r = axles
+    l_f, l_r = axles[0], axles[1]
     speed = abs(x[V]) + 1.0
     row = np.zeros(SIZE)
     row[V_SIDE] = 1.0
@@ -206,9 +206,9 @@ class NavigationFilter:
 
     def __init__(self, vehicle: Vehicle, noise: NavigationNoise | None = None) -> None:
         self.noise = noise or NavigationNoise()
-        #: The noise as the kernels take it.
-        self.constants = tuple(float(value) for value in astuple(self.noise))
-        self._axles = (vehicle.l_f, vehicle.l_r)
+        #: Noise and axle distances as the kernels take them.
+        self.constants = np.array(astuple(self.noise))
+        self.axles = np.array([vehicle.l_f, vehicle.l_r])
         self.x, self.P = np.zeros(SIZE), np.eye(SIZE)
 
     def reset(self, x: float, y: float, yaw: float, v: float) -> Pose:
@@ -243,13 +243,13 @@ class NavigationFilter:
         Pose
             Heading unwrapped: it counts turns.
         """
-        navigate((self.x, self.P), (imu, rim_speeds, gnss), steer, self._axles, self.constants, dt)
+        navigate((self.x, self.P), (imu, rim_speeds, gnss), steer, self.axles, self.constants, dt)
         return self.pose
 
-    @property
-    def arguments(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[float, float], tuple[float, ...]]:
-        """(belief, axles, noise) for callers that run the kernel `navigate` themselves."""
-        return (self.x, self.P), self._axles, self.constants
+    def lodge(self, x: np.ndarray, P: np.ndarray) -> None:
+        """From now on keep the belief in these arrays (8,), (8, 8)."""
+        x[:], P[:] = self.x, self.P
+        self.x, self.P = x, P
 
     @property
     def pose(self) -> Pose:

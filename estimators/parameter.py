@@ -26,6 +26,8 @@ from offroad_env.physics.vehicle_model import Plant
 __all__ = ["SOURCES", "ParameterRun", "ParameterSettings", "run_parameter_filter"]
 
 SOURCES = ("propagated", "known")
+#: Normal quantile of a central interval of 95 %.
+_Z_95 = 1.959964
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +36,7 @@ class ParameterSettings:
 
     n_prior: float = 1.0  #: first guess of n (BT, Fig. 4) [-]
     n_prior_sd: float = 0.2  #: its standard deviation [-]
-    n_range: tuple[float, float] = (0.2, 1.4)  #: bounds of n: clay and sand with room on both sides
+    n_range: tuple[float, float] = (0.3, 1.8)  #: bounds of n: clay and sand with room on both sides
     alpha: float = 0.5  #: spread of the sigma points
     drift: float = 0.01  #: sqrt(R_n): random walk of eta per update [-]
     #: Standard deviation that the filter assumes per channel [m/s^2, rad/s]. Horizontal: the sensor's.
@@ -61,6 +63,8 @@ class ParameterRun:
     variance: np.ndarray  #: (T,) its variance
     n: np.ndarray  #: (T,) mean of n [-]
     sd: np.ndarray  #: (T,) standard deviation of n [-]
+    low: np.ndarray  #: (T,) lower end of the 95 % interval of n [-]
+    high: np.ndarray  #: (T,) its upper end [-]
     nis: np.ndarray  #: (T,) normalised innovation squared; NaN where no update was possible
     states: np.ndarray  #: (T, 15) state that the observation model started from
     repairs: int  #: repaired factorisations
@@ -112,9 +116,13 @@ def _run(result, warm, known, inputs, z, plant, setting, noise):
 
 
 @kernel
-def _all_moments(belief, low, high, out):
+def _all_of_n(belief, low, high, out):
+    """Mean, sd and ends of the 95 % interval of n at every row, into ``out`` (T, 4)."""
     for k in range(belief.shape[0]):
         out[k, 0], out[k, 1] = moments(belief[k, 0], belief[k, 1], low, high)
+        reach = _Z_95 * math.sqrt(belief[k, 1])
+        out[k, 2] = to_range(belief[k, 0] - reach, low, high)
+        out[k, 3] = to_range(belief[k, 0] + reach, low, high)
 
 
 def run_parameter_filter(
@@ -169,13 +177,15 @@ def run_parameter_filter(
     z = np.ascontiguousarray(imu[:, channels])
     result = (states, belief, nis)
     repairs, skipped = _run(result, start[1], known is not None, inputs, z, plant, setting, noise)
-    n = np.empty((T, 2))
-    _all_moments(belief, float(low), float(high), n)
+    n = np.empty((T, 4))
+    _all_of_n(belief, float(low), float(high), n)
     return ParameterRun(
         eta=belief[:, 0],
         variance=belief[:, 1],
         n=n[:, 0],
         sd=n[:, 1],
+        low=n[:, 2],
+        high=n[:, 3],
         nis=nis,
         states=states,
         repairs=int(repairs),

@@ -32,16 +32,15 @@ from estimators.joint import (
     prior,
     read_point,
 )
-from estimators.paper import CHOICES, Row, row_truth
+from estimators.paper import CHOICES, Row, row_plant, row_truth
+from estimators.scores import SETTLED, late_rmse, mean_square_error, time_to_5pct
 from estimators.transforms import from_range, to_range
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.contact import SUNK
-from offroad_env.simulator import Plant, make_plant, settled_state
-from offroad_env.soils import SOILS, make_soil
-from offroad_env.terrain import paper_terrain
-from offroad_env.vehicles import VEHICLES
+from offroad_env.simulator import settled_state
+from offroad_env.soils import SOILS
 
 __all__ = [
     "REPORT_SEEDS",
@@ -51,7 +50,6 @@ __all__ = [
     "RowSummary",
     "RowTwin",
     "row_model",
-    "row_plant",
     "row_twin",
     "run_bank_row",
     "summarise",
@@ -66,8 +64,6 @@ SENSORS: dict[str, tuple[int, ...]] = {
 #: Error of n beyond which an estimate belongs to another soil [-]: the roots of F_x(n) on clay are
 #: 0.08 apart.
 _WRONG = 0.05
-#: From here on the first search is over [s].
-_SETTLED = 20.0
 _FIRST_GNSS = CHANNELS.index("X")
 #: GNSS gives a fix every so many samples (10 Hz).
 _FIX_EVERY = 10
@@ -105,17 +101,6 @@ class RowTwin:
         return z
 
 
-def row_plant(row: Row) -> Plant:
-    """The half-car of a row, truth and filter's model alike."""
-    return make_plant(
-        VEHICLES["paper"],
-        make_soil(row.soil),
-        paper_terrain(row.H0),
-        model="paper",
-        slip=CHOICES[f"slip_{row.soil}"].value,
-    )
-
-
 def row_model(row: Row, settings: JointSettings) -> JointModel:
     """The filter's model of a row."""
     return joint_model(row_plant(row), CHOICES["dt"].value, settings)
@@ -144,6 +129,8 @@ def row_twin(
     *,
     duration: float = 100.0,
     change: tuple[float, float] | None = None,
+    inputs: np.ndarray | None = None,
+    exponents: np.ndarray | None = None,
 ) -> RowTwin:
     """Simulate a row with the noise that ``settings`` state.
 
@@ -158,6 +145,10 @@ def row_twin(
         [s]
     change : (time, n), optional
         From this time [s] on the true soil has this exponent [-].
+    inputs : array (2 T - 1, 3), optional
+        Other inputs than the row's, at every half step; they set the duration.
+    exponents : array (T,), optional
+        True exponent at every sample instead of ``change`` [-]; starts with the soil's.
 
     Raises
     ------
@@ -165,7 +156,8 @@ def row_twin(
         When the drawn vehicle leaves the range of the model.
     """
     model = row_model(row, settings)
-    inputs = row_truth(row, duration=duration).inputs
+    if inputs is None:
+        inputs = row_truth(row, duration=duration).inputs
     state, warm = settled_state(model.plant, v_x=CHOICES["start_speed"].value)
     rng = np.random.default_rng([seed, row.number])
     x = np.empty(SIZE)
@@ -175,6 +167,8 @@ def row_twin(
     noise = rng.normal(size=(T, SIZE)) * np.sqrt(model.Q)
     if change is not None:
         noise[round(change[0] / model.dt), ETA] += from_range(change[1], model.low, model.high) - x[ETA]
+    if exponents is not None:
+        noise[1:, ETA] += np.diff([from_range(float(n), model.low, model.high) for n in exponents])
     truth, z = np.empty((T, SIZE)), np.empty((T, len(CHANNELS)))
     done = _draw(x, warm, inputs, model, noise, truth, z)
     if done < T or not np.isfinite(z).all():
@@ -195,21 +189,17 @@ class BankScore(NamedTuple):
     @property
     def mse(self) -> float:
         """Mean square error of n over the run [-]: the number in the paper's table."""
-        return float(np.mean((self.run.n - self.twin.n) ** 2))
+        return mean_square_error(self.run.n, self.twin.n)
 
     @property
     def late_rmse(self) -> float:
         """Root mean square error after 20 s [-]; NaN for shorter runs."""
-        late = self.twin.t >= _SETTLED
-        return float(np.sqrt(np.mean((self.run.n - self.twin.n)[late] ** 2))) if late.any() else math.nan
+        return late_rmse(self.twin.t, self.run.n, self.twin.n)
 
     @property
     def time_to_5pct(self) -> float:
         """From here on the error stays below 5 % [s]; inf when it does not."""
-        outside = np.flatnonzero(np.abs(self.run.n - self.twin.n) > 0.05 * self.twin.n)
-        if outside.size == 0:
-            return 0.0
-        return float(self.twin.t[outside[-1] + 1]) if outside[-1] + 1 < len(self.twin.t) else math.inf
+        return time_to_5pct(self.twin.t, self.run.n, self.twin.n)
 
     @property
     def ends_wrong(self) -> bool:
@@ -281,7 +271,7 @@ def summarise(scores: Sequence[BankScore]) -> RowSummary:
     row = scores[0].twin.row
     mse = np.array([score.mse for score in scores])
     bound = mean_bound([score.bound for score in scores])
-    late = scores[0].twin.t >= _SETTLED
+    late = scores[0].twin.t >= SETTLED
     low, high, truth, valid = (
         np.array(values)
         for values in zip(*((s.run.low, s.run.high, s.twin.n, s.run.valid) for s in scores), strict=True)

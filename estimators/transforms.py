@@ -14,7 +14,6 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from scipy.optimize import brentq
 
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics._jit import kernel
@@ -78,6 +77,8 @@ def belief_of(mean: float, sd: float, low: float, high: float) -> tuple[float, f
     InvalidParameter
         For a mean outside (low, high), or a standard deviation too wide for it.
     """
+    from scipy.optimize import brentq  # here: it takes longer to load than the whole environment
+
     if not low < mean < high:
         raise InvalidParameter(f"the mean must be in ({low:g}, {high:g}), got {mean}")
 

@@ -19,9 +19,11 @@ _EXPORTS = {
     "SOILS": "offroad_env.soils",
     "VEHICLES": "offroad_env.vehicles",
     "OffroadBekkerEnv": "offroad_env.env",
+    "OffroadBekkerVectorEnv": "offroad_env.vector_env",
     "WheelForces": "offroad_env.wheel",
     "make_plant": "offroad_env.simulator",
     "make_soil": "offroad_env.soils",
+    "make_vec": "offroad_env.vector_env",
     "make_vehicle": "offroad_env.vehicles",
     "make_wheel": "offroad_env.vehicles",
     "settled_state": "offroad_env.simulator",
@@ -35,7 +37,12 @@ __all__ = ["__version__", *_EXPORTS]
 ENV_ID = "OffroadBekker-v0"
 
 if ENV_ID not in registry:
-    register(id=ENV_ID, entry_point="offroad_env.env:OffroadBekkerEnv", max_episode_steps=6000)
+    register(
+        id=ENV_ID,
+        entry_point="offroad_env.env:OffroadBekkerEnv",
+        vector_entry_point="offroad_env.vector_env:OffroadBekkerVectorEnv",
+        max_episode_steps=6000,
+    )
 
 
 def __getattr__(name: str) -> Any:

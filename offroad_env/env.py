@@ -10,20 +10,33 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
+from estimators.carried import KINDS, OnBoard, make_estimator
 from estimators.embedded import EmbeddedParameterUKF
 from estimators.navigation import NavigationFilter
-from estimators.protocol import Estimate
+from estimators.protocol import Estimate, Estimator
 from offroad_env.errors import InvalidParameter, SolverFailure
-from offroad_env.observation import PREVIEW, Layout, write_observation
-from offroad_env.period import drive_full, drive_paper
-from offroad_env.physics import state as at
-from offroad_env.physics.contact import NO_ROOT, SUNK
+from offroad_env.fleet import LAST_ROW, NOISE_ROWS, Fleet
+from offroad_env.observation import PREVIEW, Layout
+from offroad_env.period import (
+    BELIEVE,
+    CONTROL_PERIOD,
+    DRIVE,
+    FIRST_TERM,
+    PAPER_FORCE,
+    REPORT,
+    REPORTED,
+    SAMPLES,
+    announce_compilation,
+    period_full,
+    period_paper,
+)
+from offroad_env.physics.contact import SUNK
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.packing import pack
-from offroad_env.physics.path_kernels import nearest_index, project
-from offroad_env.physics.records import Soil, Vehicle
-from offroad_env.physics.sensor_kernels import CHANNELS, GNSS, IMU, WHEEL
-from offroad_env.rewards import Outcome, RewardWeights, reward_terms
+from offroad_env.physics.path_kernels import nearest_index
+from offroad_env.physics.records import Soil, SoilMap, Vehicle
+from offroad_env.physics.sensor_kernels import GNSS, IMU, WHEEL
+from offroad_env.rewards import ENDINGS, TERMS
 from offroad_env.scenarios import Course, Scenario, find_scenario
 from offroad_env.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
 from offroad_env.simulator import (
@@ -36,20 +49,25 @@ from offroad_env.simulator import (
     settled_state,
 )
 from offroad_env.soils import SOILS, make_soil
-from offroad_env.terrain import flat
-from offroad_env.vehicles import VEHICLES
+from offroad_env.terrain import flat, soil_map, soil_patches_along
+from offroad_env.vehicles import VEHICLES, make_vehicle
 
-__all__ = ["CONTROL_PERIOD", "PREVIEW", "TERRAIN_INFO", "Briefing", "OffroadBekkerEnv", "Snapshot"]
+__all__ = [
+    "CONTROL_PERIOD",
+    "PREVIEW",
+    "TERRAIN_INFO",
+    "Briefing",
+    "Measurements",
+    "OffroadBekkerEnv",
+    "Snapshot",
+]
 
-CONTROL_PERIOD = 0.02  #: time between actions [s]
 TERRAIN_INFO = ("none", "estimate", "truth")
-ESTIMATORS = ("parameter", "none")
+ESTIMATORS = (*KINDS, "none")
 
-_SAMPLES = 2  # IMU samples per control period
-_STEPS = round(CONTROL_PERIOD / _SAMPLES / FULL_STEP)  # steps of the plant per IMU sample
-_PAPER_FORCE = 3.0  # body force at full drive, per unit of mass [m/s^2]: above the paper's largest, 2.4
-_STUCK_TIME, _STUCK_SPEED, _STUCK_DRIVE = 4.0, 0.1, 0.3  # [s], [m/s], [-]
-_ROLLOVER_TIME = 0.2  # [s]
+_STEPS = round(CONTROL_PERIOD / SAMPLES / FULL_STEP)  # steps of the plant per IMU sample
+_EVERYTHING = DRIVE | BELIEVE | REPORT
+_SINKAGE, _SLIP = REPORTED["sinkage"], REPORTED["slip"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,9 +80,21 @@ class Briefing:
     n_range: tuple[float, float]  #: prior of the sinkage exponent: uniform [-]
     corridor: float  #: half width [m]
     target_speed: float  #: [m/s], 0 = as fast as possible
+    time_limit: float  #: [s]
+    stop_zone: float  #: > 0: stand within this distance before the end of the path [m]
+    shake_limit: float  #: largest running r.m.s. of the vertical acceleration [m/s^2]
     preview: tuple[float, ...] = PREVIEW  #: distances of the observed curvatures [m]
     dt: float = CONTROL_PERIOD  #: [s]
     shear: str = "resultant"  #: shear law of the model, for `wheel_forces`
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurements:
+    """What was commanded and what the sensors said in the last control period, in copies."""
+
+    command: tuple[float, float, float]  #: as the kernels take it, see `OffroadBekkerEnv.command`
+    samples: np.ndarray  #: (S, 11) of every sensor, `physics.sensor_kernels`; none where the period broke off
+    period: float  #: time between samples [s]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,41 +134,49 @@ class OffroadBekkerEnv(gym.Env):
     |---|---|---|
     | ``imu`` | (5,) | a_x, a_y, a_z [m/s^2], pitch rate, yaw rate [rad/s]: mean of the period's two samples |
     | ``motion`` | (5,) | speed [m/s], rim speed front, rear [m/s], last steering [rad], last drive [-] |
-    | ``path`` | (11,) | cross-track error [m] (left positive), heading error [rad], target speed [m/s] |
-    | | | (0 = as fast as possible), curvature [1/m] at 0, 3, 6, 10, 15, 20, 30, 40 m ahead |
+    | ``path`` | (12,) | cross-track error [m] (left positive), heading error [rad], target speed [m/s] |
+    | | | (0 = as fast as possible), curvature [1/m] at 0, 3, 6, 10, 15, 20, 30, 40 m ahead, |
+    | | | way to the end of the path [m] |
     | ``terrain`` | (3,) | n, its standard deviation, valid (0/1); absent with ``terrain_info="none"`` |
 
-    The estimator believes in the nominal vehicle and in flat ground: nobody gives it a map.
+    The estimator believes in the nominal vehicle and in flat ground; only of the hill of "climb" it
+    has a map, without the roughness.
     Everything comes from simulated sensors (IMU 100 Hz, wheel speeds 50 Hz, GNSS 10 Hz, with the
     paper's IMU noise) through a navigation filter, never from the simulator's state; ``terrain`` with
-    ``terrain_info="truth"`` is the exception it says it is. Values are clipped to the space.
+    ``terrain_info="truth"``, n under the front wheels, is the exception it says it is. Values are
+    clipped to the space.
 
     ## Reward
     0.1 per metre of progress along the path, less the cost of time, of distance from the path, of
-    missing the target speed and of restless actions; 10 on arrival, -20 on failure. ``info
-    ["reward_terms"]`` names the terms, which add up to the reward.
+    missing the target speed and of restless actions; 10 on arrival. A failure costs all that an
+    episode could cost otherwise, so that nobody gains by ending it. ``info["reward_terms"]`` names the
+    terms, which add up to the reward. "climb" and "brake" have weights of their own.
 
     ## Start and end
     Settled on the soil, on the path, rolling. n is drawn uniformly from ``n_range``;
     ``reset(options={"n": 0.7})`` sets it. Terminates at the goal (``info["success"]``) or with
     ``info["failure"]``: "left_corridor", "rollover" (the lateral acceleration holds the inner wheels off
     the ground for 0.2 s), "immobilised" (no motion for 4 s of drive, or sunk beyond the wheel),
-    "diverged". Truncates after ``max_episode_steps`` (6000 = 120 s).
+    "overran" (the line of "brake"), "too_rough" (the limit of "ride"), "diverged". Truncates after the
+    task's time limit (120 s, "brake" 40 s).
 
     ## Arguments
-    scenario : "track" or "speed" (`offroad_env.SCENARIOS`)
+    scenario : "track", "speed", "climb", "brake", "ride" or "patches" (`offroad_env.SCENARIOS`)
     terrain_info : "none", "estimate" or "truth"
     model : "full" (wheel spin, slopes) or "paper" (Buzhardt & Tallapragada, ACC 2021)
     vehicle_model : "half_car" or "bicycle"
-    estimator : "parameter" or "none"; None runs the parameter UKF when ``terrain_info="estimate"``
+    estimator : "parameter", "joint", "bank" or "none"; None runs the parameter UKF when
+        ``terrain_info="estimate"``. An `estimators.carried.OnBoard` also says at what rate, and which
+        vehicle, soil and ground it believes in, rightly or wrongly
     n_range : (low, high) of the sinkage exponent, default the scenario's
     soil, vehicle : names in `SOILS` and `VEHICLES`, default the scenario's
 
     ## Info
     The same keys at every step: true soil (``n, n_front, n_rear``), ``sinkage`` [m] and ``slip`` (front,
     rear), ``cross_track_error`` [m], ``heading_error`` [rad], ``progress`` and ``path_length`` [m],
-    ``speed`` [m/s], ``time`` [s], the estimator's ``n_estimate``, ``n_estimate_sd``, ``nis`` and
-    ``filter_repairs`` (the prior and zeros when none runs), ``reward_terms``, ``success``, ``failure``.
+    ``speed`` [m/s], ``shake`` (running r.m.s. of the vertical acceleration) [m/s^2], ``time`` [s], the
+    estimator's ``n_estimate``, ``n_estimate_sd``, ``nis`` and ``filter_repairs`` (the prior and zeros
+    when none runs), ``reward_terms``, ``success``, ``failure``.
 
     ## Versions
     v0: first version.
@@ -153,7 +191,7 @@ class OffroadBekkerEnv(gym.Env):
         terrain_info: str = "none",
         model: str = "full",
         vehicle_model: str = "half_car",
-        estimator: str | None = None,
+        estimator: str | OnBoard | None = None,
         n_range: tuple[float, float] | None = None,
         soil: str | None = None,
         vehicle: str | None = None,
@@ -166,7 +204,7 @@ class OffroadBekkerEnv(gym.Env):
             ("terrain_info", terrain_info, TERRAIN_INFO),
             ("model", model, MODELS),
             ("vehicle_model", vehicle_model, VEHICLE_MODELS),
-            ("estimator", estimator, ESTIMATORS),
+            ("estimator", estimator.kind if isinstance(estimator, OnBoard) else estimator, ESTIMATORS),
             ("render_mode", render_mode, (None, *self.metadata["render_modes"])),
         ):
             if value not in allowed:
@@ -182,18 +220,21 @@ class OffroadBekkerEnv(gym.Env):
         self.prior = (0.5 * (low + high), max((high - low) / math.sqrt(12.0), 1e-3))
         self._believed_soil = make_soil(SOILS[self.soil_name], n=self.prior[0])
         if estimator != "none" and self._believed_soil.rigid:
-            raise InvalidParameter(f'estimator="{estimator}" needs a deformable soil, got {self.soil_name!r}')
+            raise InvalidParameter(f"estimator={estimator!r} needs a deformable soil, got {self.soil_name!r}")
+        announce_compilation()
         self._require_bearing()
-        self.weights = RewardWeights()
+        self.weights = self.scenario.weights
         self.sensors = SensorSuite(
             imu=ImuConfig(body_axes=model == "full"), wheel=WheelSpeedConfig(), gnss=GnssConfig()
         )
         self._navigation = NavigationFilter(self.vehicle)
-        self._estimator_name = estimator
-        self.estimator: EmbeddedParameterUKF | None = None
+        #: "parameter" runs inside the compiled period; whatever else is carried stands beside it.
+        self._choice = OnBoard(kind=estimator) if estimator in ("joint", "bank") else estimator
+        self.estimator: Estimator | None = None
         self._layout = Layout(self.vehicle.steer_max, terrain=terrain_info != "none")
-        self._flat = self._layout.empty()
         self._renderer: Any = None
+        self._learner: EmbeddedParameterUKF | None = None  # the estimator that the compiled period carries
+        self.join(Fleet(1), 0)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = self._layout.space()
 
@@ -235,6 +276,9 @@ class OffroadBekkerEnv(gym.Env):
             n_range=self.n_range,
             corridor=self.scenario.corridor,
             target_speed=self.scenario.target_speed,
+            time_limit=self.scenario.time_limit,
+            stop_zone=self.scenario.stop_zone,
+            shake_limit=self.scenario.shake_limit,
             shear="resultant" if self.model == "full" else "independent",
         )
 
@@ -245,9 +289,12 @@ class OffroadBekkerEnv(gym.Env):
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Start an episode. ``options={"n": value}`` sets the sinkage exponent of the true soil.
 
-        The draws happen in the same order whatever is observed: same seed, same episode.
+        ``options={"mismatch": (mass, k_phi, lag)}`` multiplies the true vehicle's mass and torque lag and
+        the true soil's k_phi by these factors; what estimator and briefing hold stays nominal. The draws
+        happen in the same order whatever is observed: same seed, same episode.
         """
         super().reset(seed=seed)
+        options = self._checked_options(options)
         n = self._chosen_exponent(options, drawn=float(self.np_random.uniform(*self.n_range)))
         self.course: Course = self.scenario.draw(self.np_random)
         self._path_length = self.course.path.length
@@ -255,205 +302,278 @@ class OffroadBekkerEnv(gym.Env):
         self._sensor_errors = self.sensors.errors
         slip = PAPER_SLIP.get(self.soil_name, 0.0)
         kinds = {"model": self.model, "vehicle_model": self.vehicle_model, "slip": slip}
-        truth = make_soil(self._believed_soil, n=n)
-        self.plant = make_plant(self.vehicle, truth, self.course.ground, **kinds)
-        self._packed = pack(self.plant)
+        vehicle, truth = self._true_parts(n, options.get("mismatch"))
+        self.plant = make_plant(vehicle, truth, self.course.ground, soil_map=self._soil_map(), **kinds)
         X, Y, yaw = (float(value) for value in self.course.path.nodes[0, :3])
         start = self.scenario.start_speed
-        self.state, self.warm = settled_state(self.plant, x=X, y=Y, yaw=yaw, v_x=start)
-        self.readings = np.zeros(at.READINGS_SIZE)
-        self._time = 0.0
-        self._last_action = np.zeros(2)
-        self._stuck_for = self._tilting_for = 0.0
+        self.state[:], self.warm[:] = settled_state(self.plant, x=X, y=Y, yaw=yaw, v_x=start)
+        self._start(X, Y, start)
         self._navigation.reset(X, Y, yaw, start)
-        self._rims = np.full(2, start)
-        self._true_index = nearest_index(self.course.path, X, Y)
-        self._seen_index = self._true_index
-        self._estimate = Estimate(*self.prior, 0.0, False, 0)
-        if self._estimator_name == "parameter":
-            belief = make_plant(self.vehicle, self._believed_soil, flat(), **kinds)
-            self.estimator = EmbeddedParameterUKF(
-                belief, self._believed_range(), dt=CONTROL_PERIOD / _SAMPLES, imu=self.sensors.imu
-            )
+        self.estimator = None
+        self._learner = None
+        belief = make_plant(self.vehicle, self._believed_soil, self.course.known_ground, **kinds)
+        if isinstance(self._choice, OnBoard):
+            imu, gnss = self.sensors.imu, self.sensors.gnss
+            self.estimator = make_estimator(self._choice, belief, self._believed_range(), imu, gnss)
             self.estimator.reset(*self.prior, self._navigation.pose)
+        elif self._choice == "parameter":
+            self.estimator = self._learner = EmbeddedParameterUKF(
+                belief,
+                self._believed_range(),
+                dt=CONTROL_PERIOD / SAMPLES,
+                imu=self.sensors.imu,
+                navigation=self._navigation,
+            )
+            self._learner.reset(*self.prior, self._navigation.pose)
+        self._lay_down_rules()
+        self._bind()
         # The start is a state, not an interval: readings of the state itself, one sample of the sensors.
-        self._drive((0.0, 0.0), 1, 0)
-        self._progress = self._locate_truth()[0]
-        terms = dict.fromkeys(self._terms(0.0, 0.0, False, False), 0.0)
-        observation = self._observe()
-        info = self._info(terms, success=False, failure="")
+        self._episode["count"], self._episode["steps"] = 1, 0
+        self._advance()
+        self._episode["count"], self._episode["steps"] = SAMPLES, _STEPS
+        info = self.result()[0]
         if self.render_mode == "human":
             self.render()
-        return observation, info
+        return self._layout.split(self._shown), info
 
-    def _chosen_exponent(self, options: dict[str, Any] | None, drawn: float) -> float:
-        unknown = set(options or {}) - {"n"}
+    def _start(self, X: float, Y: float, speed: float) -> None:
+        """Write into the record what an episode starts with."""
+        self.readings[:] = 0.0
+        self._rims[:] = speed
+        self._fleet.lay_out(self._row, self.course.path, self.plant, self.course.known_ground)
+        nearest = nearest_index(self.course.path, X, Y)
+        mount, episode = self.sensors.mount, self._episode
+        for name, value in (
+            ("plant", pack(self.plant).numbers),
+            ("n", self.plant.soil.n),
+            ("errors", self.sensors.errors),
+            ("lever", mount.lever),
+            ("rotation", mount.rotation),
+            ("mount", (mount.body_axes, mount.gravity)),
+            ("every", self.sensors.every),
+            ("tick", 0),
+            ("noise_row", NOISE_ROWS - 1),
+            ("estimate", (*self.prior, 0.0, 0.0, 0.0)),
+            ("time", 0.0),
+            ("action", 0.0),
+            ("true_index", nearest),
+            ("seen_index", nearest),
+            ("tilting_for", 0.0),
+            ("stuck_for", 0.0),
+            ("mean_square", 0.0),
+            ("ending", 0),
+        ):
+            episode[name] = value
+        self.sensors.draw_noise(self._fleet.noise[self._row, -1:])
+        self._actions[:] = 0.0
+
+    def _lay_down_rules(self) -> None:
+        """Write down what holds for the whole episode."""
+        v, rules = self.vehicle, self._fleet.rules[0]
+        for name, value in (
+            ("dt", FULL_STEP),
+            ("limits", (v.steer_max, v.drive_torque_max, v.brake_torque_max)),
+            ("mass", v.m),
+            ("tilt", 0.5 * GRAVITY * v.track / v.h_cg if v.h_cg > 0.0 else math.inf),
+            ("axles", self._navigation.axles),
+            ("navigation", self._navigation.constants),
+            ("rules", self.scenario.rules),
+            ("target_speed", self.scenario.target_speed),
+            ("weights", self.weights.row(self.scenario.time_limit)),
+            ("distances", PREVIEW),
+            ("bounds", self._layout.bounds),
+            ("truth_shown", self.terrain_info == "truth"),
+            ("learns", self._learner is not None),
+        ):
+            rules[name] = value
+        if self._learner is not None:
+            rules["assumptions"] = self._learner.assumptions[0]
+
+    def _soil_map(self) -> SoilMap:
+        """Stretches of the course where n is another, by their places in ``n_range``."""
+        low, high = self.n_range
+        sections = [(start, end, low + place * (high - low)) for start, end, place in self.course.sections]
+        return soil_patches_along(self.course.path, sections) if sections else soil_map()
+
+    def _checked_options(self, options: dict[str, Any] | None) -> dict[str, Any]:
+        unknown = set(options or {}) - {"n", "mismatch"}
         if unknown:
-            raise InvalidParameter(f'options may hold "n", got {", ".join(sorted(unknown))}')
-        if not options or options.get("n") is None:
-            return drawn
-        return make_soil(self._believed_soil, n=options["n"]).n
+            raise InvalidParameter(f'options may hold "n" and "mismatch", got {", ".join(sorted(unknown))}')
+        return options or {}
+
+    def _chosen_exponent(self, options: dict[str, Any], drawn: float) -> float:
+        return drawn if options.get("n") is None else make_soil(self._believed_soil, n=options["n"]).n
+
+    def _true_parts(self, n: float, mismatch: tuple[float, float, float] | None) -> tuple[Vehicle, Soil]:
+        """The true vehicle and soil: nominal, but for n and the factors of a mismatch."""
+        if mismatch is None:
+            return self.vehicle, make_soil(self._believed_soil, n=n)
+        mass, k_phi, lag = (float(factor) for factor in mismatch)
+        vehicle, soil = self.vehicle, self._believed_soil
+        return (
+            make_vehicle(vehicle, m=mass * vehicle.m, torque_lag=lag * vehicle.torque_lag),
+            make_soil(soil, n=n, k_phi=k_phi * soil.k_phi),
+        )
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Hold ``action`` for 0.02 s. See the class for its meaning and the results."""
-        steer, drive = self._checked_action(action)
-        status = self._drive((steer, drive), _SAMPLES, _STEPS)
-        self._time += CONTROL_PERIOD
-        progress = self._progress if status >= NO_ROOT else self._locate_truth()[0]
-        failure = self._failure(status, drive)
-        success = not failure and progress >= self._path_length
-        change = float((steer - self._last_action[0]) ** 2 + (drive - self._last_action[1]) ** 2)
-        self._last_action[:] = steer, drive
-        terms = self._terms(progress - self._progress, change, success, bool(failure))
-        self._progress = progress
-        observation = self._layout.split(self._flat) if status >= SUNK else self._observe()
-        info = self._info(terms, success=success, failure=failure)
+        values = np.asarray(action, dtype=np.float64)
+        if values.shape != (2,) or not all(map(math.isfinite, values.tolist())):
+            raise InvalidParameter(f"action must be 2 finite numbers (steer, drive), got {action!r}")
+        self._actions[:] = values
+        if self._episode["noise_row"] > LAST_ROW:
+            self.draw_noise()
+        self._advance()
+        info, reward = self.result()
         if self.render_mode == "human":
             self.render()
-        return observation, float(sum(terms.values())), success or bool(failure), False, info
+        terminated = info["success"] or info["failure"] != ""
+        late = not terminated and info["time"] > self.scenario.time_limit - 0.5 * CONTROL_PERIOD
+        return self._layout.split(self._shown), reward, terminated, late, info
 
-    def _checked_action(self, action: np.ndarray) -> tuple[float, float]:
-        values = np.asarray(action, dtype=np.float64)
-        if values.shape != (2,) or not np.isfinite(values).all():
-            raise InvalidParameter(f"action must be 2 finite numbers (steer, drive), got {action!r}")
-        return min(max(float(values[0]), -1.0), 1.0), min(max(float(values[1]), -1.0), 1.0)
+    # ------------------------------------------------------------------ memory
 
-    # ------------------------------------------------------------------ physics and sensors
+    def join(self, fleet: Fleet, row: int) -> None:
+        """Live in that row of a fleet's memory from the next reset on."""
+        self._fleet, self._row = fleet, row
+        self._bind()
 
-    def _command(self, action: tuple[float, float]) -> tuple[float, float, float]:
-        steer, drive = action
+    def _bind(self) -> None:
+        """Point at the own row: a copy of an array that was a view is none any more."""
+        rows = slice(self._row, self._row + 1)
+        self._arguments = self._fleet.part(rows)
+        self._episode = self._fleet.episodes[self._row]
+        self.state, self.warm = self._episode["state"], self._episode["warm"]
+        self.readings, self._rims = self._episode["readings"], self._episode["rims"]
+        self._samples, self._report = self._episode["samples"], self._episode["report"]
+        self._actions, self._shown = self._fleet.actions[self._row], self._fleet.shown[self._row]
+        self._navigation.lodge(self._episode["navigation"], self._episode["covariance"])
+        if self._learner is not None:
+            self._learner.lodge(self._fleet.episodes["filter"][rows])
+
+    @property
+    def memory_size(self) -> int:
+        """Bytes of the record that an episode lives in; its course and the noise lie beside it."""
+        return self._fleet.episodes.itemsize
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the tuple of views, which would be stored once more."""
+        return {key: value for key, value in self.__dict__.items() if key != "_arguments"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Views were copied as arrays of their own: look at the memory again."""
+        self.__dict__.update(state)
+        self._bind()
+
+    def draw_noise(self) -> None:
+        """Sensor noise of the next periods, for whoever runs the compiled period."""
+        self.sensors.draw_noise(self._fleet.noise[self._row])
+        self._episode["noise_row"] = 0
+
+    # ------------------------------------------------------------------ one period
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether a period is one compiled call: no estimator, or the one that it carries."""
+        return self.estimator is self._learner
+
+    def _advance(self) -> None:
+        """Move on by one period: the truth, everything that watches it, and what is reported of it."""
+        if self.is_compiled:
+            self._run(_EVERYTHING)
+            return
+        self._fleet.rules["learns"] = 0
+        self._run(DRIVE | BELIEVE)
+        self.ask_estimator()
+        self._run(REPORT)
+
+    def ask_estimator(self) -> None:
+        """Show the period's samples to an estimator that the compiled period does not carry.
+
+        It sees them and the command, and nothing of the truth.
+        """
+        if self._episode["status"] >= SUNK:
+            return
+        for sample in self._samples[: self._episode["count"]]:
+            mean, sd, nis, valid, repairs = self.estimator.update(
+                self.command, sample[IMU], sample[WHEEL], sample[GNSS]
+            )
+        self._episode["estimate"] = mean, sd, nis, float(valid), repairs
+
+    def _run(self, phases: int) -> None:
+        self._episode["phases"] = phases
+        (period_full if self.model == "full" else period_paper)(*self._arguments)
+
+    @property
+    def command(self) -> tuple[float, float, float]:
+        """The last action as a command: steering [rad], drive and brake torque [N m] (paper: force, NaN)."""
+        steer, drive = self._episode["action"].tolist()
         angle = steer * self.vehicle.steer_max
         if self.model == "paper":
-            return angle, drive * _PAPER_FORCE * self.vehicle.m, math.nan
+            return angle, drive * PAPER_FORCE * self.vehicle.m, math.nan
         return (
             angle,
             max(drive, 0.0) * self.vehicle.drive_torque_max,
             max(-drive, 0.0) * self.vehicle.brake_torque_max,
         )
 
-    def _drive(self, action: tuple[float, float], samples: int, steps: int) -> float:
-        """Advance the truth and everything that watches it; returns the worst contact status.
-
-        The estimator sees the samples and the command, as navigation does, and nothing of the truth.
-        """
-        command = self._command(action)
-        self._samples = np.zeros((samples, CHANNELS))
-        drive = drive_full if self.model == "full" else drive_paper
-        status = drive(
-            (self.state, self.warm, self._packed, self.readings),
-            command,
-            (
-                self.sensors.mount,
-                self._sensor_errors,
-                *self.sensors.draw(samples),
-                self._rims,
-                self._samples,
-            ),
-            self._navigation.arguments,
-            (FULL_STEP, steps, CONTROL_PERIOD / _SAMPLES if steps else 0.0),
-        )
-        if status >= NO_ROOT:
-            # What is reported of a diverged episode is its last sound state, never a NaN.
-            self.state[:], self.readings[:] = self._sound
-            return status
-        self._sound = self.state.copy(), self.readings.copy()
-        if status < SUNK and self.estimator is not None:
-            for sample in self._samples:
-                self._estimate = self.estimator.update(command, sample[IMU], sample[WHEEL], sample[GNSS])
-        return status
-
-    def _locate_truth(self) -> tuple[float, float, float]:
-        """(distance along the path, cross-track error, heading error) of the true vehicle."""
-        X, Y, yaw = float(self.state[at.X]), float(self.state[at.Y]), float(self.state[at.YAW])
-        s, error, path_yaw, _, self._true_index = project(self.course.path, X, Y, self._true_index)
-        self._where = (s, error, _wrapped(yaw - path_yaw))
-        return self._where
-
-    def _failure(self, status: float, drive: float) -> str:
-        if status >= NO_ROOT:
-            return "diverged"
-        if status >= SUNK:
-            return "immobilised"
-        if abs(self._where[1]) > self.scenario.corridor:
-            return "left_corridor"
-        lateral = abs(self.readings[at.A_Y]) * self.vehicle.h_cg
-        tilting = lateral > 0.5 * GRAVITY * self.vehicle.track
-        self._tilting_for = self._tilting_for + CONTROL_PERIOD if tilting else 0.0
-        if self._tilting_for > _ROLLOVER_TIME:
-            return "rollover"
-        stuck = drive > _STUCK_DRIVE and self._speed() < _STUCK_SPEED
-        self._stuck_for = self._stuck_for + CONTROL_PERIOD if stuck else 0.0
-        return "immobilised" if self._stuck_for > _STUCK_TIME else ""
-
-    def _speed(self) -> float:
-        return math.hypot(self.state[at.V_X], self.state[at.V_Y])
-
-    # ------------------------------------------------------------------ what is returned
-
-    def _terms(self, advance: float, change: float, success: bool, failed: bool) -> dict[str, float]:
-        outcome = Outcome(advance, self._where[1], self._speed(), change, success, failed)
-        return reward_terms(self.scenario, self.weights, outcome, CONTROL_PERIOD)
-
-    def _observe(self) -> dict[str, np.ndarray]:
-        terrain = (float(self._estimate.mean), float(self._estimate.sd), float(self._estimate.valid))
-        if self.terrain_info == "truth":
-            terrain = (self.plant.soil.n, 0.0, 1.0)
-        steer, drive = float(self._last_action[0]), float(self._last_action[1])
-        rims = (float(self._rims[0]), float(self._rims[1]))
-        self._seen_index = write_observation(
-            self.course.path,
-            (*self._navigation.pose, self._seen_index),
-            self._samples,
-            (*rims, steer * self.vehicle.steer_max, drive, self.scenario.target_speed, *terrain),
-            self._layout.shown,
-            self._flat,
-        )
-        return self._layout.split(self._flat)
-
-    def _info(self, terms: dict[str, float], *, success: bool, failure: str) -> dict[str, Any]:
-        self._ending = "goal" if success else failure
-        s, error, heading_error = self._where
-        front, rear = self.readings[: at.AXLE], self.readings[at.AXLE : at.MOTION]
+    def result(self) -> tuple[dict[str, Any], float]:
+        """``info`` and the reward, from the report of the period."""
+        report = self._report
+        numbers = report.tolist()
+        terms = numbers[FIRST_TERM:]
+        ending = ENDINGS[self._episode["ending"]]
         return {
             "n": self.plant.soil.n,
-            "n_front": float(front[at.EXPONENT]),
-            "n_rear": float(rear[at.EXPONENT]),
-            "sinkage": np.array([front[at.SINKAGE], rear[at.SINKAGE]]),
-            "slip": np.array([front[at.SLIP], rear[at.SLIP]]),
-            "cross_track_error": error,
-            "heading_error": heading_error,
-            "progress": s,
+            "n_front": numbers[0],
+            "n_rear": numbers[1],
+            "sinkage": report[_SINKAGE].copy(),
+            "slip": report[_SLIP].copy(),
+            "cross_track_error": numbers[6],
+            "heading_error": numbers[7],
+            "progress": numbers[8],
             "path_length": self._path_length,
-            "speed": self._speed(),
-            "time": self._time,
-            "n_estimate": self._estimate.mean,
-            "n_estimate_sd": self._estimate.sd,
-            "nis": self._estimate.nis if math.isfinite(self._estimate.nis) else 0.0,
-            "filter_repairs": self._estimate.repairs,
-            "reward_terms": terms,
-            "success": success,
-            "failure": failure,
-        }
+            "speed": numbers[9],
+            "shake": numbers[15],
+            "time": numbers[10],
+            "n_estimate": numbers[11],
+            "n_estimate_sd": numbers[12],
+            "nis": numbers[13],
+            "filter_repairs": int(numbers[14]),
+            "reward_terms": dict(zip(TERMS, terms, strict=True)),
+            "success": ending == "goal",
+            "failure": "" if ending == "goal" else ending,
+        }, sum(terms)
 
-    # ------------------------------------------------------------------ pictures
+    # ------------------------------------------------------------------ logs and pictures
+
+    def measurements(self) -> Measurements:
+        """Command and samples of the last control period, or the one sample at the start after a reset."""
+        episode = self._episode
+        count = 0 if episode["status"] >= SUNK else SAMPLES if episode["time"] > 0.0 else 1
+        return Measurements(
+            command=self.command, samples=self._samples[:count].copy(), period=CONTROL_PERIOD / SAMPLES
+        )
 
     def snapshot(self) -> Snapshot:
         """The truth at this moment, in copies; needs a `reset` before."""
+        episode = self._episode
+        estimate = Estimate(*episode["estimate"][:3].tolist(), *map(int, episode["estimate"][3:]))
         return Snapshot(
             scenario=self.scenario,
             course=self.course,
             plant=self.plant,
             model=self.model,
             terrain_info=self.terrain_info,
-            time=self._time,
+            time=float(episode["time"]),
             state=self.state.copy(),
             readings=self.readings.copy(),
-            command=(float(self._last_action[0]), float(self._last_action[1])),
-            progress=self._where[0],
-            cross_track_error=self._where[1],
+            command=tuple(episode["action"].tolist()),
+            progress=float(episode["where"][0]),
+            cross_track_error=float(episode["where"][1]),
             n_range=self.n_range,
-            estimate=None if self.estimator is None else self._estimate,
-            ending=self._ending,
+            estimate=None if self.estimator is None else estimate,
+            ending=ENDINGS[episode["ending"]],
         )
 
     def render(self) -> np.ndarray | None:
@@ -472,8 +592,3 @@ class OffroadBekkerEnv(gym.Env):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-
-
-def _wrapped(angle: float) -> float:
-    """The same angle in [-pi, pi]."""
-    return math.remainder(angle, 2.0 * math.pi)

@@ -11,21 +11,23 @@ from gymnasium import spaces
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.path_kernels import preview, project
 
-__all__ = ["PREVIEW", "Layout", "write_observation"]
+__all__ = ["PREVIEW", "SHOWN", "Layout", "write_observation"]
 
 #: How far ahead the curvature of the path is observed [m].
 PREVIEW = (0.0, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0)
 
 # Where the parts stand in the flat observation.
 _MOTION, _PATH = 5, 10
-_TERRAIN = _PATH + 3 + len(PREVIEW)
-_SIZE = _TERRAIN + 3
+_TERRAIN = _PATH + 4 + len(PREVIEW)
+#: Length of the flat observation.
+SHOWN = _TERRAIN + 3
 
 #: Bounds: what the sensors saturate at, and what a drive can bring.
 _IMU_HIGH = (100.0, 100.0, 100.0, 10.0, 10.0)
 _SPEED_HIGH = 60.0
 _ERROR_HIGH = 50.0
 _CURVATURE_HIGH = 2.0
+_DISTANCE_HIGH = 1e3
 
 
 @kernel
@@ -35,9 +37,9 @@ def write_observation(path, seen, samples, measured, shown, out):
     ``seen`` = (X, Y, yaw, speed, index): pose by the navigation filter, hint for the projection;
     ``samples`` (S, CHANNELS) of the period's sensors; ``measured`` = (rim speed front, rear [m/s],
     steering command [rad], drive command, target speed [m/s], n, sd of n, valid); ``shown`` =
-    (preview distances [m], bounds (2, size)). Returns the next hint.
+    (preview distances [m], bounds (2, size), length of the path [m]). Returns the next hint.
     """
-    distances, bounds = shown
+    distances, bounds, length = shown
     X, Y, yaw, speed, index = seen
     for i in range(_MOTION):
         total = 0.0
@@ -56,6 +58,7 @@ def write_observation(path, seen, samples, measured, shown, out):
     preview(path, s, distances, ahead)
     for i in range(distances.shape[0]):
         out[_PATH + 3 + i] = ahead[i, 0]
+    out[_TERRAIN - 1] = length - s
     for i in range(3):
         out[_TERRAIN + i] = measured[5 + i]
     for i in range(out.shape[0]):
@@ -84,6 +87,7 @@ class Layout:
                 math.pi,
                 _SPEED_HIGH,
                 *(_CURVATURE_HIGH,) * len(PREVIEW),
+                _DISTANCE_HIGH,
                 3.0,
                 1.0,
                 1.0,
@@ -93,14 +97,13 @@ class Layout:
         low[_PATH + 2] = 0.0
         low[_TERRAIN:] = 0.0
         self.bounds = np.stack([low, high]).astype(np.float32)
-        self.shown = (np.array(PREVIEW), self.bounds)
         self.slices = {
             "imu": slice(0, _MOTION),
             "motion": slice(_MOTION, _PATH),
             "path": slice(_PATH, _TERRAIN),
         }
         if terrain:
-            self.slices["terrain"] = slice(_TERRAIN, _SIZE)
+            self.slices["terrain"] = slice(_TERRAIN, SHOWN)
 
     def space(self) -> spaces.Dict:
         """The observation space."""
@@ -108,10 +111,6 @@ class Layout:
             {key: spaces.Box(self.bounds[0, part], self.bounds[1, part]) for key, part in self.slices.items()}
         )
 
-    def empty(self) -> np.ndarray:
-        """A flat observation to be filled."""
-        return np.zeros(_SIZE, np.float32)
-
     def split(self, flat: np.ndarray) -> dict[str, Any]:
-        """The observation as the agent gets it: new arrays that share no memory."""
-        return {key: flat[part].copy() for key, part in self.slices.items()}
+        """The observation as the agent gets it: new arrays that share no memory, of one row or of many."""
+        return {key: flat[..., part].copy() for key, part in self.slices.items()}

@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 
 from offroad_env.catalogue import Quantity
 from offroad_env.errors import InvalidParameter
@@ -181,6 +180,8 @@ def from_waypoints(points: ArrayLike) -> PathTable:
         If the shape is wrong, a number is not finite, two neighbours coincide, or the spline bends
         tighter than 2 m.
     """
+    from scipy.interpolate import CubicSpline  # here: it takes longer to load than the whole environment
+
     points = np.array(points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
         raise InvalidParameter(f"points must have shape (N, 2) with N >= 3, got {points.shape}")

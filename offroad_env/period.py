@@ -1,71 +1,447 @@
-"""One control period of the truth, its sensors and the navigation, in one compiled call."""
+"""One control period of any number of episodes, in one compiled call.
+
+An episode is one record: truth, sensors, beliefs, counters, and what is reported of it. A fleet is an
+array of such records, so one vehicle and a thousand run through the same compiled code, and give the
+same numbers to the last bit. What does not fit a record of fixed size (path, waves, patches of soil)
+lies in tables beside it.
+
+The period has three phases, in the order in which information flows; a phase reads what the phases
+before it left, and the second one nothing of the truth:
+
+- DRIVE: the truth moves on, and the sensors sample it;
+- BELIEVE: navigation and, where it runs on board, the filter of n take in the samples;
+- REPORT: the observation, made from beliefs, and the score, made from the truth.
+"""
 
 from __future__ import annotations
 
-from estimators.navigation import navigate
-from offroad_env.physics._jit import inline_kernel, kernel
-from offroad_env.physics.contact import SUNK
-from offroad_env.physics.full_model import full_advance
-from offroad_env.physics.packing import unpack
-from offroad_env.physics.paper_model import paper_advance
-from offroad_env.physics.sensor_kernels import GNSS, IMU, WHEEL, sense
+import logging
+import math
+from functools import cache
 
-__all__ = ["drive_full", "drive_paper"]
+import numba
+import numpy as np
+
+from estimators.embedded import ASSUMPTIONS, MEMORY, learn_full, learn_paper, summary
+from estimators.navigation import SIZE as NAVIGATION
+from estimators.navigation import YAW, V, X, Y, navigate
+from offroad_env.observation import PREVIEW, SHOWN, write_observation
+from offroad_env.physics import state as at
+from offroad_env.physics._jit import cache_folder, inline_kernel, kernel
+from offroad_env.physics.contact import NO_ROOT, SUNK
+from offroad_env.physics.full_model import full_advance
+from offroad_env.physics.packing import PackedPlant, unpack
+from offroad_env.physics.paper_model import paper_advance
+from offroad_env.physics.path_kernels import PathTable, project
+from offroad_env.physics.sensor_kernels import CHANNELS, GNSS, IMU, WHEEL, ImuMount, sense
+from offroad_env.rewards import (
+    ENDINGS,
+    SHAKE_TIME,
+    STANDING,
+    TERMS,
+    Rules,
+    broken_rule,
+    reached_goal,
+    write_terms,
+)
+
+__all__ = [
+    "BELIEVE",
+    "CONTROL_PERIOD",
+    "DRIVE",
+    "EPISODE",
+    "FIRST_TERM",
+    "NOISE_PERIODS",
+    "PAPER_FORCE",
+    "REPORT",
+    "REPORTED",
+    "RULES",
+    "SAMPLES",
+    "announce_compilation",
+    "period_full",
+    "period_paper",
+]
+
+CONTROL_PERIOD = 0.02  #: time between actions [s]
+SAMPLES = 2  #: samples of the sensors in a period
+
+DRIVE, BELIEVE, REPORT = 1, 2, 4
+#: Periods for which sensor noise is drawn at a time.
+NOISE_PERIODS = 32
+
+_GOAL, (_ROLLOVER, _IMMOBILISED, _DIVERGED) = 1, range(len(ENDINGS) - 3, len(ENDINGS))
+
+_STUCK_TIME, _STUCK_DRIVE = 4.0, 0.3  # [s], [-]
+_ROLLOVER_TIME = 0.2  # [s]
+#: Body force at full drive, per unit of mass [m/s^2]: above the paper's largest, 2.4.
+PAPER_FORCE = 3.0
+
+#: What `info` says besides the reward terms: name -> columns of the report.
+REPORTED = {
+    "n_front": 0,
+    "n_rear": 1,
+    "sinkage": slice(2, 4),
+    "slip": slice(4, 6),
+    "cross_track_error": 6,
+    "heading_error": 7,
+    "progress": 8,
+    "speed": 9,
+    "time": 10,
+    "n_estimate": 11,
+    "n_estimate_sd": 12,
+    "nis": 13,
+    "filter_repairs": 14,
+    "shake": 15,
+}
+#: Column of the first of them; the rest follow in the order of `TERMS`.
+FIRST_TERM = 16
+_REPORT_SIZE = FIRST_TERM + len(TERMS)
+
+#: One episode.
+EPISODE = np.dtype(
+    [
+        # the truth
+        ("state", "f8", at.STATE_SIZE),
+        ("warm", "f8", (2, at.CONTACT_SIZE)),
+        ("readings", "f8", at.READINGS_SIZE),
+        ("sound_state", "f8", at.STATE_SIZE),  # before a step that diverged
+        ("sound_readings", "f8", at.READINGS_SIZE),
+        ("plant", "f8", ASSUMPTIONS["plant"].shape[0]),
+        ("n", "f8"),  # of the base soil
+        ("status", "f8"),  # worst contact status of the period
+        # where its path, waves, patches and the waves that a map shows end in its table
+        ("ds", "f8"),
+        ("path_end", "i8"),
+        ("waves_end", "i8"),
+        ("patches_end", "i8"),
+        ("known_end", "i8"),
+        # the sensors
+        ("errors", "f8", (3, CHANNELS)),
+        ("lever", "f8", 3),
+        ("rotation", "f8", (3, 3)),
+        ("mount", "f8", 2),
+        ("every", "i8", 2),  # IMU samples from one sample of wheel speed and GNSS to the next
+        ("tick", "i8"),
+        ("noise_row", "i8"),
+        ("samples", "f8", (SAMPLES, CHANNELS)),
+        ("rims", "f8", 2),
+        # beliefs
+        ("navigation", "f8", NAVIGATION),
+        ("covariance", "f8", (NAVIGATION, NAVIGATION)),
+        ("filter", MEMORY),
+        ("estimate", "f8", 5),  # mean, sd, nis, valid, repairs
+        # the episode
+        ("phases", "i8"),  # what the next call shall do; 0: nothing
+        ("count", "i8"),  # samples of the period, 1 at the start
+        ("steps", "i8"),  # steps of the plant per sample, 0 at the start
+        ("time", "f8"),
+        ("action", "f8", 2),  # the last one
+        ("change", "f8"),  # what it differs by from the one before, squared and summed
+        ("true_index", "i8"),
+        ("seen_index", "i8"),
+        ("where", "f8", 3),  # distance along the path, from it, heading error of the true vehicle
+        ("tilting_for", "f8"),
+        ("stuck_for", "f8"),
+        ("mean_square", "f8"),  # running, of the vertical acceleration [m^2/s^4]
+        ("report", "f8", _REPORT_SIZE),
+        ("ending", "i8"),
+    ]
+)
+
+#: What holds for every episode of a fleet.
+RULES = np.dtype(
+    [
+        ("dt", "f8"),  # step of the plant [s]
+        ("limits", "f8", 3),  # steering [rad], drive, brake torque [N m] at full action
+        ("mass", "f8"),
+        ("tilt", "f8"),  # lateral acceleration that lifts the inner wheels [m/s^2]
+        ("axles", "f8", 2),
+        ("navigation", "f8", 11),  # `NavigationNoise`
+        ("rules", "f8", len(Rules._fields)),
+        ("target_speed", "f8"),
+        ("weights", "f8", len(TERMS)),
+        ("distances", "f8", len(PREVIEW)),
+        ("bounds", "f4", (2, SHOWN)),
+        ("truth_shown", "i8"),
+        ("learns", "i8"),  # whether the filter runs in the compiled call
+        ("assumptions", ASSUMPTIONS),
+    ]
+)
+
+
+@cache
+def announce_compilation() -> None:
+    """Say once, on the log, that the first step will take a while, where nothing is compiled yet."""
+    if not numba.config.DISABLE_JIT and not any(cache_folder(__name__).rglob("*.nbi")):
+        logging.getLogger("offroad_env").warning(
+            "OffroadBekker compiles its physics, which takes a minute or so: only once, the result is kept"
+        )
 
 
 @inline_kernel
-def _watch(truth, command, sensors, navigation, period, i):
-    """Sample ``i`` of every sensor, then navigation, which reads the sample and nothing of the truth."""
-    state, _, _, readings = truth
-    mount, errors, noise, due, rims, samples = sensors
-    belief, axles, assumed = navigation
-    sense(state, readings, mount, errors, noise[i], (due[i, 0], due[i, 1]), samples[i])
-    if due[i, 0]:
-        rims[:] = samples[i, WHEEL]
-    measured = (samples[i, IMU], samples[i, WHEEL], samples[i, GNSS])
-    navigate(belief, measured, command[0], axles, assumed, period)
+def _plant(e, table):
+    """The true plant of an episode."""
+    waves, patches = table[e.path_end : e.waves_end], table[e.waves_end : e.patches_end]
+    return unpack(PackedPlant(e.plant[:], waves, patches))
+
+
+@inline_kernel
+def _sense(e, noise, i):
+    """Sample ``i`` of every sensor."""
+    mount = ImuMount(e.lever[:], e.rotation[:], e.mount[0], e.mount[1])
+    due = (
+        e.every[0] > 0 and e.tick % max(e.every[0], 1) == 0,
+        e.every[1] > 0 and e.tick % max(e.every[1], 1) == 0,
+    )
+    sample, rims = e.samples[:][i], e.rims[:]
+    sense(e.state[:], e.readings[:], mount, e.errors[:], noise[e.noise_row], due, sample)
+    e.tick += 1
+    e.noise_row += 1
+    if due[0]:
+        rims[:] = sample[WHEEL]
+
+
+@inline_kernel
+def _take_action(e, action):
+    """Clip to [-1, 1] and remember."""
+    steer, drive = min(max(action[0], -1.0), 1.0), min(max(action[1], -1.0), 1.0)
+    last = e.action[:]
+    e.change = (steer - last[0]) ** 2 + (drive - last[1]) ** 2
+    last[0], last[1] = steer, drive
+
+
+@inline_kernel
+def _full_command(rules, action):
+    steer, drive = action[0], action[1]
+    limits = rules.limits[:]
+    return steer * limits[0], max(drive, 0.0) * limits[1], max(-drive, 0.0) * limits[2]
+
+
+@inline_kernel
+def _paper_command(rules, action):
+    return action[0] * rules.limits[0], action[1] * PAPER_FORCE * rules.mass, math.nan
+
+
+@inline_kernel
+def _keep_sound(e):
+    """What is reported of a diverged episode is its last sound state, never a NaN."""
+    if e.status >= NO_ROOT:
+        e.state[:][:], e.readings[:][:] = e.sound_state[:], e.sound_readings[:]
+    else:
+        e.sound_state[:][:], e.sound_readings[:][:] = e.state[:], e.readings[:]
 
 
 @kernel
-def drive_full(truth, command, sensors, navigation, timing):
-    """Hold ``command`` for as many sensor samples as there are rows to fill, full model.
+def _drive_full(e, rules, table, noise):
+    """DRIVE: hold the command for as many samples as the period has; from SUNK on it is broken off."""
+    plant, command = _plant(e, table), _full_command(rules, e.action[:])
+    state, warm, readings = e.state[:], e.warm[:], e.readings[:]
+    e.samples[:][:] = 0.0
+    e.status = 0.0
+    for i in range(e.count):
+        status = full_advance(state, warm, command, plant, rules.dt, e.steps, readings)
+        e.status = max(e.status, status)
+        if e.status >= SUNK:
+            break
+        _sense(e, noise, i)
+    _keep_sound(e)
+
+
+@kernel
+def _drive_paper(e, rules, table, noise):
+    """`_drive_full` for the paper's model."""
+    plant, command = _plant(e, table), _paper_command(rules, e.action[:])
+    state, warm, readings = e.state[:], e.warm[:], e.readings[:]
+    e.samples[:][:] = 0.0
+    e.status = 0.0
+    for i in range(e.count):
+        status = paper_advance(state, warm, command, plant, rules.dt, e.steps, readings)
+        e.status = max(e.status, status)
+        if e.status >= SUNK:
+            break
+        _sense(e, noise, i)
+    _keep_sound(e)
+
+
+@inline_kernel
+def _navigate(e, rules, command, i):
+    """Sample ``i`` for the navigation filter; the first sample of an episode is taken at the start itself."""
+    sample = e.samples[:][i]
+    period = CONTROL_PERIOD / SAMPLES if e.steps > 0 else 0.0
+    belief = (e.navigation[:], e.covariance[:])
+    measured = (sample[IMU], sample[WHEEL], sample[GNSS])
+    navigate(belief, measured, command[0], rules.axles[:], rules.navigation[:], period)
+
+
+@inline_kernel
+def _note_estimate(e, rules):
+    mean, sd, nis, valid, repairs = summary(e.filter, rules.assumptions)
+    estimate = e.estimate[:]
+    estimate[0], estimate[1], estimate[2], estimate[3], estimate[4] = mean, sd, nis, valid, repairs
+
+
+@kernel
+def _believe_full(e, rules, table):
+    """BELIEVE: what the samples and the command tell. The filter knows of the ground what a map shows."""
+    command, known = _full_command(rules, e.action[:]), (table[e.patches_end : e.known_end], table[:0])
+    if e.status >= SUNK:
+        return
+    for i in range(e.count):
+        _navigate(e, rules, command, i)
+        if rules.learns > 0:
+            imu = e.samples[:][i][IMU]
+            learn_full(e.filter, rules.assumptions, known, e.navigation[:], imu, command)
+    if rules.learns > 0:
+        _note_estimate(e, rules)
+
+
+@kernel
+def _believe_paper(e, rules, table):
+    """`_believe_full` for the paper's model."""
+    command, known = _paper_command(rules, e.action[:]), (table[e.patches_end : e.known_end], table[:0])
+    if e.status >= SUNK:
+        return
+    for i in range(e.count):
+        _navigate(e, rules, command, i)
+        if rules.learns > 0:
+            imu = e.samples[:][i][IMU]
+            learn_paper(e.filter, rules.assumptions, known, e.navigation[:], imu, command)
+    if rules.learns > 0:
+        _note_estimate(e, rules)
+
+
+@inline_kernel
+def _wrapped(angle):
+    turns = angle / (2.0 * math.pi)
+    return 2.0 * math.pi * (turns - round(turns))
+
+
+@inline_kernel
+def _locate(e, path):
+    """Where the true vehicle is on its path."""
+    state, where = e.state[:], e.where[:]
+    s, error, yaw, _, index = project(path, state[at.X], state[at.Y], e.true_index)
+    e.true_index = index
+    where[0], where[1], where[2] = s, error, _wrapped(state[at.YAW] - yaw)
+
+
+@inline_kernel
+def _judge(e, rules, speed):
+    """How the episode stands, as a number of `ENDINGS`."""
+    if e.status >= NO_ROOT:
+        return _DIVERGED
+    if e.status >= SUNK:
+        return _IMMOBILISED
+    where = e.where[:]
+    moment = (where[0], e.ds * (e.path_end - 1), where[1], speed, math.sqrt(e.mean_square))
+    broken = broken_rule(rules.rules[:], moment)
+    if broken > 0:
+        return broken
+    tilting = abs(e.readings[at.A_Y]) > rules.tilt
+    e.tilting_for = e.tilting_for + CONTROL_PERIOD if tilting else 0.0
+    if e.tilting_for > _ROLLOVER_TIME:
+        return _ROLLOVER
+    pushing = e.action[1] > _STUCK_DRIVE or rules.rules[4] > 0.5
+    stuck = pushing and speed < STANDING
+    e.stuck_for = e.stuck_for + CONTROL_PERIOD if stuck else 0.0
+    if e.stuck_for > _STUCK_TIME:
+        return _IMMOBILISED
+    return _GOAL if reached_goal(rules.rules[:], moment) else 0
+
+
+@inline_kernel
+def _observe(e, rules, path, shown):
+    estimate, nav, action, rims = e.estimate[:], e.navigation[:], e.action[:], e.rims[:]
+    terrain = (estimate[0], estimate[1], estimate[3])
+    if rules.truth_shown > 0:
+        terrain = (e.readings[at.EXPONENT], 0.0, 1.0)
+    measured = (
+        rims[0],
+        rims[1],
+        action[0] * rules.limits[0],
+        action[1],
+        rules.target_speed,
+        terrain[0],
+        terrain[1],
+        terrain[2],
+    )
+    e.seen_index = write_observation(
+        path,
+        (nav[X], nav[Y], nav[YAW], nav[V], e.seen_index),
+        e.samples[:][: e.count],
+        measured,
+        (rules.distances[:], rules.bounds[:], e.ds * (e.path_end - 1)),
+        shown,
+    )
+
+
+@kernel
+def _report(e, rules, table, shown):
+    """REPORT: observation into ``shown``, score and readings into the record."""
+    path = PathTable(e.ds, table[: e.path_end])
+    readings, report, state = e.readings[:], e.report[:], e.state[:]
+    before, started = e.where[0], e.steps > 0
+    if e.status < NO_ROOT:
+        _locate(e, path)
+    speed = math.hypot(state[at.V_X], state[at.V_Y])
+    terms = report[FIRST_TERM:]
+    terms[:] = 0.0
+    if started:
+        e.time += CONTROL_PERIOD
+        e.mean_square += CONTROL_PERIOD / SHAKE_TIME * (readings[at.A_Z] ** 2 - e.mean_square)
+        e.ending = _judge(e, rules, speed)
+        failed = e.ending > _GOAL and not (e.ending == _IMMOBILISED and rules.rules[4] > 0.5)
+        outcome = (e.where[0] - before, e.where[1], speed, e.change, e.ending == _GOAL, failed)
+        scale = (rules.rules[0], rules.target_speed, CONTROL_PERIOD)
+        write_terms(outcome, scale, rules.weights[:], terms)
+    if e.status < SUNK:
+        _observe(e, rules, path, shown)
+    front, rear = readings[: at.AXLE], readings[at.AXLE : at.MOTION]
+    estimate = e.estimate[:]
+    report[0], report[1] = front[at.EXPONENT], rear[at.EXPONENT]
+    report[2], report[3] = front[at.SINKAGE], rear[at.SINKAGE]
+    report[4], report[5] = front[at.SLIP], rear[at.SLIP]
+    report[6], report[7], report[8] = e.where[1], e.where[2], e.where[0]
+    report[9], report[10] = speed, e.time
+    report[11], report[12] = estimate[0], estimate[1]
+    report[13] = estimate[2] if math.isfinite(estimate[2]) else 0.0
+    report[14], report[15] = estimate[4], math.sqrt(e.mean_square)
+
+
+@kernel
+def period_full(episodes, rules, tables, noise, actions, shown):
+    """Move every episode on as its ``phases`` say, full model.
 
     Parameters
     ----------
-    truth : (state, warm, packed plant, readings), advanced in place
-    command : see `full_derivative`
-    sensors : (mount, errors, noise (S, CHANNELS), due (S, 2), rims (2,), samples (S, CHANNELS));
-        ``samples`` is filled with what the sensors say, ``rims`` holds the last rim speeds [m/s]
-    navigation : (belief, axles, noise) of the navigation filter; the belief is updated in place
-    timing : (dt of a plant step [s], plant steps per sample, sample period [s])
-
-    Returns
-    -------
-    float
-        Worst contact status; from SUNK on the period was broken off.
+    episodes (N,) : of the type `EPISODE`
+    rules (1,) : of the type `RULES`
+    tables (N, rows, 4) : nodes of the path, waves of the ground, patches of the soil, waves of the ground
+        that a map shows, one after the other
+    noise (N, NOISE_PERIODS SAMPLES, CHANNELS) : standard normal numbers; a sample takes the next row
+    actions (N, 2) : finite; what lies outside [-1, 1] is clipped
+    shown (N, SHOWN) float32 : the observations, written
     """
-    state, warm, packed, readings = truth
-    dt, steps, period = timing
-    plant = unpack(packed)
-    worst = 0.0
-    for i in range(sensors[5].shape[0]):
-        worst = max(worst, full_advance(state, warm, command, plant, dt, steps, readings))
-        if worst >= SUNK:
-            return worst
-        _watch(truth, command, sensors, navigation, period, i)
-    return worst
+    for i in range(episodes.shape[0]):
+        e, r = episodes[i], rules[0]
+        if e.phases & DRIVE:
+            _take_action(e, actions[i])
+            _drive_full(e, r, tables[i], noise[i])
+        if e.phases & BELIEVE:
+            _believe_full(e, r, tables[i])
+        if e.phases & REPORT:
+            _report(e, r, tables[i], shown[i])
 
 
 @kernel
-def drive_paper(truth, command, sensors, navigation, timing):
-    """`drive_full` for the paper's model; ``command`` see `paper_derivative`."""
-    state, warm, packed, readings = truth
-    dt, steps, period = timing
-    plant = unpack(packed)
-    worst = 0.0
-    for i in range(sensors[5].shape[0]):
-        worst = max(worst, paper_advance(state, warm, command, plant, dt, steps, readings))
-        if worst >= SUNK:
-            return worst
-        _watch(truth, command, sensors, navigation, period, i)
-    return worst
+def period_paper(episodes, rules, tables, noise, actions, shown):
+    """`period_full` for the paper's model."""
+    for i in range(episodes.shape[0]):
+        e, r = episodes[i], rules[0]
+        if e.phases & DRIVE:
+            _take_action(e, actions[i])
+            _drive_paper(e, r, tables[i], noise[i])
+        if e.phases & BELIEVE:
+            _believe_paper(e, r, tables[i])
+        if e.phases & REPORT:
+            _report(e, r, tables[i], shown[i])

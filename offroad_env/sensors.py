@@ -263,16 +263,18 @@ class SensorSuite:
             errors[NOISE_SD, GNSS] = (position, position, velocity, velocity)
         return errors
 
-    def draw(self, samples: int) -> tuple[np.ndarray, np.ndarray]:
-        """Noise (samples, CHANNELS) and which sensors deliver (samples, 2), for the next instants.
+    def draw_noise(self, out: np.ndarray) -> None:
+        """Fill ``out`` (samples, CHANNELS) with the standard normal numbers of the next instants.
 
-        Moves the clock on: for callers that run the kernel ``sense`` themselves.
+        For callers that run the kernel ``sense`` themselves, and count the instants; see `every`.
         """
         self._require_reset()
-        ticks = range(self._tick, self._tick + samples)
-        due = [(_is_due(tick, self._wheel_every), _is_due(tick, self._gnss_every)) for tick in ticks]
-        self._tick += samples
-        return self._rng.standard_normal((samples, CHANNELS)), np.array(due)
+        self._rng.standard_normal(out=out)
+
+    @property
+    def every(self) -> tuple[int, int]:
+        """IMU samples from one sample of the wheel speeds and of the GNSS to the next; 0: none."""
+        return self._wheel_every, self._gnss_every
 
     def sample(self, state: np.ndarray, readings: np.ndarray) -> SensorSample:
         """Measure now; call once per ``period``.
@@ -289,10 +291,11 @@ class SensorSuite:
         InvalidParameter
             Before the first ``reset``.
         """
-        noise, due = self.draw(1)
-        out = np.empty(CHANNELS)
-        wheel_due, gnss_due = bool(due[0, 0]), bool(due[0, 1])
-        sense(state, readings, self._mount, self._errors, noise[0], (wheel_due, gnss_due), out)
+        self._require_reset()
+        noise, out = self._rng.standard_normal(CHANNELS), np.empty(CHANNELS)
+        wheel_due, gnss_due = _is_due(self._tick, self._wheel_every), _is_due(self._tick, self._gnss_every)
+        self._tick += 1
+        sense(state, readings, self._mount, self._errors, noise, (wheel_due, gnss_due), out)
         return SensorSample(out[IMU], out[WHEEL], out[GNSS], wheel_due, gnss_due)
 
     def _require_reset(self) -> None:

@@ -1,20 +1,21 @@
-"""Arms over paired episodes: every arm drives the same courses, soils and sensor noise.
+"""Agents over paired episodes: every one drives the same courses, soils and sensor noise.
 
-Score of an episode: simulated time to the goal; an episode that fails costs the whole time limit of
-the environment, because the vehicle has not arrived when the time is over. The mean score is thus
-the mean crossing time restricted to the time limit, in seconds, and combines haste and caution
-without a made-up weight. Times of the episodes that every arm finished, and failures by cause,
-stand beside it.
+Score of an episode: what the task measures, less is better. Mostly that is the simulated time to the
+goal; an episode that fails costs the whole time limit, because the vehicle has not arrived when the
+time is over. The mean score is thus the mean crossing time restricted to the time limit, in seconds,
+and combines haste and caution without a made-up weight. `track` measures the r.m.s. distance from the
+path (a failure costs the half width of the corridor), `climb` the way to the top that is left. Times
+of the episodes that every arm finished, and failures by cause, stand beside it.
+
+Two forms: in the twin form the vehicle is what its model says, in the mismatch form mass, lag and the
+soil's k_phi differ from episode to episode (`MISMATCH`), and nobody is told.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -22,89 +23,30 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from agents.arms import ARMS, Arm, ArmSettings, make_arm
-from agents.benchmark.statistics import (
-    Interval,
-    headroom,
-    interquartile_mean,
-    mean_interval,
-    paired_difference,
-    probability_of_improvement,
-    wilson_interval,
-)
+from agents.benchmark.summary import Benchmark, summarise
 from agents.protocol import Agent, ArmResult, EpisodeResult
 from offroad_env.errors import InvalidParameter
-from offroad_env.scenarios import find_scenario
+from offroad_env.scenarios import Scenario, find_scenario
 
 __all__ = [
     "ENV_ID",
-    "ArmSummary",
-    "Benchmark",
+    "FORMS",
+    "MISMATCH",
     "Draw",
     "draw_episodes",
     "run_arms",
     "run_episode",
     "run_jobs",
-    "summarise",
 ]
 
 ENV_ID = "offroad_env:OffroadBekker-v0"
+FORMS = ("twin", "mismatch")
+
+#: Factors on the true mass (a load that nobody weighed), k_phi (the spread of one soil's plate tests)
+#: and torque lag (a worn drive), drawn evenly on a logarithmic scale.
+MISMATCH = {"mass": (0.9, 1.15), "k_phi": (0.7, 1.4), "lag": (0.7, 1.5)}
+
 _CHUNK = 5  # episodes of one job: enough to pay for a process that makes an environment
-
-
-@dataclass(frozen=True, kw_only=True)
-class ArmSummary:
-    """What the episodes of one arm say."""
-
-    name: str
-    score: Interval  #: mean time to the goal, failures at the time limit [s]
-    score_iqm: float  #: interquartile mean of the same [s]
-    success: Interval  #: share of episodes that reach the goal (Wilson)
-    failures: dict[str, int]  #: failed episodes by cause
-    paired_time: Interval | None  #: mean time over the episodes that every arm finished [s]
-    step_time: float  #: mean wall time of the agent per control step [s]; not repeatable
-
-
-@dataclass(frozen=True, kw_only=True)
-class Benchmark:
-    """Results of all arms on the same episodes, with the comparisons that the project asks for."""
-
-    scenario: str
-    seed: int
-    arms: tuple[ArmResult, ...]
-    summaries: tuple[ArmSummary, ...]
-    finished_by_all: int  #: episodes that every arm finished
-    headroom: Interval | None  #: better of the uninformed arms minus oracle, mean score [s]
-    better_uninformed: str  #: which one that is
-    oracle_minus_uninformed: Interval | None  #: oracle minus that arm, mean score [s]; below 0: knowing pays
-    oracle_wins: Interval | None  #: share of episodes in which oracle scores better than that arm
-    recovered: float | None  #: share of the headroom that aware recovers; None where there may be none [-]
-
-    def arm(self, name: str) -> ArmResult:
-        """Result of an arm by name."""
-        for arm in self.arms:
-            if arm.name == name:
-                return arm
-        raise InvalidParameter(f"arm must be one of {', '.join(a.name for a in self.arms)}, got {name!r}")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain dict for JSON; numbers that are not finite become None."""
-        return _plain(asdict(self))
-
-    def save(self, path: str | Path) -> Path:
-        """Write the JSON file."""
-        path = Path(path)
-        path.write_text(json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        return path
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 class Draw(NamedTuple):
@@ -112,6 +54,15 @@ class Draw(NamedTuple):
 
     seed: int  #: of ``env.reset``
     n: float  #: true sinkage exponent, given to ``env.reset`` as an option [-]
+    mismatch: tuple[float, float, float] | None = None  #: factors on mass, k_phi and lag, likewise
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """For ``env.reset``."""
+        options: dict[str, Any] = {"n": self.n}
+        if self.mismatch is not None:
+            options["mismatch"] = self.mismatch
+        return options
 
 
 def draw_episodes(
@@ -121,11 +72,13 @@ def draw_episodes(
     *,
     n_range: tuple[float, float] | None = None,
     training: bool = False,
+    form: str = "twin",
 ) -> list[Draw]:
     """Episodes with n spread evenly over the prior: one in each of as many equal intervals.
 
     Stratifying keeps few episodes from missing the soft or the firm end of the prior by chance.
-    Training and test episodes come from different streams.
+    Training and test episodes come from different streams. The two forms differ in nothing but the
+    factors of the mismatch.
 
     Parameters
     ----------
@@ -136,16 +89,28 @@ def draw_episodes(
         (lowest, highest) n.
     training
         Whether the episodes are for tuning.
+    form : {"twin", "mismatch"}
     """
+    if form not in FORMS:
+        raise InvalidParameter(f"form must be one of {', '.join(FORMS)}, got {form!r}")
     low, high = find_scenario(scenario).n_range if n_range is None else n_range
     stream = np.random.SeedSequence(seed, spawn_key=(1 if training else 0,))
     rng = np.random.default_rng(stream)
     place = (rng.permutation(episodes) + rng.random(episodes)) / episodes
     seeds = rng.integers(0, 2**31, episodes)
-    return [Draw(int(s), float(low + p * (high - low))) for s, p in zip(seeds, place, strict=True)]
+    draws = [Draw(int(s), float(low + p * (high - low))) for s, p in zip(seeds, place, strict=True)]
+    if form == "twin":
+        return draws
+    ends = np.log(np.array(list(MISMATCH.values())))
+    factors = np.exp(rng.uniform(ends[:, 0], ends[:, 1], (episodes, len(ends))))
+    return [
+        draw._replace(mismatch=tuple(float(f) for f in row)) for draw, row in zip(draws, factors, strict=True)
+    ]
 
 
-def run_episode(env: gym.Env, agent: Agent, seed: int, *, n: float | None = None) -> EpisodeResult:
+def run_episode(
+    env: gym.Env, agent: Agent, seed: int, *, n: float | None = None, options: dict[str, Any] | None = None
+) -> EpisodeResult:
     """Drive one episode to its end.
 
     Parameters
@@ -157,30 +122,50 @@ def run_episode(env: gym.Env, agent: Agent, seed: int, *, n: float | None = None
         Of ``env.reset``.
     n
         True sinkage exponent; without it the environment draws one.
+    options
+        Further options of ``env.reset``.
     """
-    observation, info = env.reset(seed=seed, options=None if n is None else {"n": n})
+    observation, info = env.reset(seed=seed, options={**(options or {}), **({} if n is None else {"n": n})})
     agent.reset(env.unwrapped.briefing)
-    done, reward, squares, steps, thinking = False, 0.0, 0.0, 0, 0.0
+    done, reward, squares, steps, thinking, driving = False, 0.0, 0.0, 0, 0.0, 0.0
     while not done:
         start = time.perf_counter()
         action = agent.act(observation)
-        thinking += time.perf_counter() - start
+        acted = time.perf_counter()
         observation, r, terminated, truncated, info = env.step(action)
+        thinking += acted - start
+        driving += time.perf_counter() - acted
         done = terminated or truncated
         reward += float(r)
         squares += info["cross_track_error"] ** 2
         steps += 1
+    scenario: Scenario = env.unwrapped.scenario
+    regular = info["success"] or (scenario.stalling and info["failure"] in ("", "immobilised"))
+    failure = "" if regular else (info["failure"] or "time_limit")
+    rms = math.sqrt(squares / steps)
     return EpisodeResult(
         seed=seed,
         n=float(info["n"]),
-        success=bool(info["success"]),
-        failure="" if info["success"] else (info["failure"] or "time_limit"),
+        success=not failure,
+        failure=failure,
         time=float(info["time"]),
         progress=float(info["progress"]),
+        score=_score(scenario, info, failed=bool(failure), rms=rms),
         reward=reward,
-        cross_track_rms=math.sqrt(squares / steps),
+        cross_track_rms=rms,
         step_time=thinking / steps,
+        env_time=driving / steps,
     )
+
+
+def _score(scenario: Scenario, info: Mapping[str, Any], *, failed: bool, rms: float) -> float:
+    """What the task measures in an episode that ended with ``info``; less is better."""
+    if scenario.measure == "cross_track":
+        return scenario.corridor if failed else rms
+    if scenario.measure == "shortfall":
+        length = float(info["path_length"])
+        return length if failed else length - max(float(info["progress"]), 0.0)
+    return scenario.time_limit if failed else float(info["time"])
 
 
 def _run_chunk(
@@ -188,8 +173,8 @@ def _run_chunk(
 ) -> tuple[Any, float, list[EpisodeResult]]:
     env = gym.make(ENV_ID, scenario=scenario, terrain_info=arm.terrain_info, **env_options)
     try:
-        limit = env.spec.max_episode_steps * env.unwrapped.briefing.dt
-        return key, limit, [run_episode(env, arm.agent, draw.seed, n=draw.n) for draw in draws]
+        limit = env.unwrapped.scenario.time_limit
+        return key, limit, [run_episode(env, arm.agent, draw.seed, options=draw.options) for draw in draws]
     finally:
         env.close()
 
@@ -280,45 +265,3 @@ def run_arms(
     draws = draw_episodes(scenario, episodes, seed, n_range=(env_options or {}).get("n_range"))
     results = run_jobs(scenario, chosen, draws, n_jobs=n_jobs, progress=progress, env_options=env_options)
     return summarise(scenario, seed, tuple(results.values()))
-
-
-def summarise(scenario: str, seed: int, arms: tuple[ArmResult, ...]) -> Benchmark:
-    """The comparisons of a set of arms that drove the same episodes."""
-    finished = np.logical_and.reduce([arm.success for arm in arms])
-    by_name = {arm.name: arm for arm in arms}
-    blind = [arm for arm in arms if not ARMS[arm.name][1]]
-    better = min(blind, key=lambda arm: float(arm.scores.mean())) if blind else None
-    oracle = by_name.get("oracle")
-    room = minus = wins = recovered = None
-    if oracle is not None and better is not None:
-        room = headroom(oracle.scores, tuple(arm.scores for arm in blind))
-        minus = paired_difference(oracle.scores, better.scores)
-        wins = probability_of_improvement(oracle.scores, better.scores)
-        if "aware" in by_name and room.low > 0.0:
-            gained = float(better.scores.mean() - by_name["aware"].scores.mean())
-            recovered = gained / room.value
-    return Benchmark(
-        scenario=scenario,
-        seed=seed,
-        arms=arms,
-        summaries=tuple(_summary(arm, finished) for arm in arms),
-        finished_by_all=int(finished.sum()),
-        headroom=room,
-        better_uninformed=better.name if better is not None else "",
-        oracle_minus_uninformed=minus,
-        oracle_wins=wins,
-        recovered=recovered,
-    )
-
-
-def _summary(arm: ArmResult, finished: np.ndarray) -> ArmSummary:
-    scores = arm.scores
-    return ArmSummary(
-        name=arm.name,
-        score=mean_interval(scores),
-        score_iqm=interquartile_mean(scores),
-        success=wilson_interval(int(arm.success.sum()), len(arm.episodes)),
-        failures=arm.failures,
-        paired_time=mean_interval(arm.time[finished]) if finished.sum() >= 2 else None,
-        step_time=float(np.mean([episode.step_time for episode in arm.episodes])),
-    )

@@ -44,6 +44,8 @@ class Drive(Results):
     picture: Path | None = None  #: also write a picture half way, .png (needs the extra view)
     video: Path | None = None  #: also write a video, .mp4 or .gif (needs the extra view)
     window: bool = False  #: watch it in a window (needs the extra view)
+    log: Path | None = None  #: also write what the sensors said, .csv or .parquet with a .yaml beside it
+    log_ground: Literal["known", "unknown"] = "known"  #: whether that .yaml holds the ground
 
     def run(self) -> None:
         """Drive, then plot and print."""
@@ -53,6 +55,8 @@ class Drive(Results):
 
         if self.window and (self.video or self.picture):
             raise InvalidParameter("give --window, or --video and --picture, not both: a window shows itself")
+        if self.log is not None and self.log.suffix.lower() not in (".csv", ".parquet"):
+            raise InvalidParameter(f"log must end in .csv or .parquet, got {self.log}")
         if self.duration is not None and not 0.0 < self.duration <= _LONGEST:
             raise InvalidParameter(f"duration must be in (0, {_LONGEST:g}] s, got {self.duration:g}")
         try:
@@ -62,7 +66,7 @@ class Drive(Results):
         summary = self._summary(episode)
         rows = [(name, _text(value)) for name, value in summary.items()]
         console().print(table(f"{self.scenario}, seed {self.seed}: {episode.ending}", ("", ""), rows))
-        for kind, path in (("picture", self.picture), ("video", self.video)):
+        for kind, path in (("picture", self.picture), ("video", self.video), ("log", self.log)):
             if path is not None:
                 say(f"{kind}: {path}")
         self.save_figure(drive_figure(episode.log), f"drive_{self.scenario}_{self.seed}")
@@ -97,6 +101,8 @@ class Drive(Results):
         options = None if self.n is None else {"n": self.n}
         episode = Episode(env, agent, seed=self.seed, options=options)
         steps = _shown(episode)
+        if self.log is not None:
+            steps = self._measured(steps, episode)
         if self.picture is not None:
             steps = self._pictured(steps, episode)
         try:
@@ -107,6 +113,23 @@ class Drive(Results):
         finally:
             env.close()
         return episode
+
+    def _measured(self, steps: Iterator[dict[str, Any]], episode: Episode) -> Iterator[dict[str, Any]]:
+        from agents.recording import MeasuredRun
+        from estimators.logs import write_log
+
+        run = None
+        for info in steps:
+            if run is None:
+                run = MeasuredRun(episode.env, known_ground=self.log_ground == "known")
+            else:
+                run.add(episode.env)
+            yield info
+        try:
+            self.log.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"cannot write {self.log}: {error.strerror or error}") from error
+        write_log(self.log, run.log(self.log.stem))
 
     def _pictured(self, steps: Iterator[dict[str, Any]], episode: Episode) -> Iterator[dict[str, Any]]:
         from agents.episode import HalfWayPicture

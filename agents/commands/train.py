@@ -1,4 +1,4 @@
-"""``offroad train``: a policy by PPO."""
+"""``offroad train``: a policy by PPO, with or without memory, or by SAC."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["Train"]
 
 @dataclass(frozen=True, kw_only=True)
 class Train(TrainArgs):
-    """Train a policy by PPO through stable-baselines3 (needs the extra rl).
+    """Train a policy by PPO, RecurrentPPO or SAC of stable-baselines3 (needs the extra rl).
 
     Writes the policy, the scaling of its observations and the learning curve to --out, and drives
     test episodes with the policy as it was saved.
@@ -44,7 +44,7 @@ class Train(TrainArgs):
             write_json(self.json, result)
 
     def _check(self) -> None:
-        for name in ("total_steps", "n_envs", "n_steps", "batch_size", "n_epochs"):
+        for name in ("total_steps", "frames", "n_envs", "n_steps", "batch_size", "n_epochs"):
             if getattr(self, name) < 1:
                 raise InvalidParameter(f"{name} must be >= 1, got {getattr(self, name)}")
         for name in ("gamma", "gae_lambda"):

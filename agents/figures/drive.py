@@ -18,6 +18,8 @@ _ENDINGS = {
     "": "not ended",
     "goal": "goal reached",
     "left_corridor": "left the corridor",
+    "overran": "crossed the line",
+    "too_rough": "shaken too much",
     "rollover": "rolled over",
     "immobilised": "immobilised",
     "diverged": "simulation diverged",

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from agents.benchmark.runner import Benchmark, run_arms
+from agents.benchmark.runner import run_arms
 from agents.benchmark.statistics import Interval
+from agents.benchmark.summary import Benchmark
 from agents.figures.arms import arms_figure
 from agents.report import Section, Table, figure_picture
 from agents.sections.context import Run
@@ -25,7 +26,7 @@ def arms_section(run: Run) -> Section:
     difference, key = result.oracle_minus_uninformed, ()
     if difference is not None:
         what = f"Oracle minus {result.better_uninformed}, the better uninformed arm"
-        key = ((what, f"{difference:+.1f} s, {len(result.arms[0].episodes)} episodes"),)
+        key = ((what, f"{difference:+.3g} {result.unit}, {result.episodes} episodes"),)
     return Section(
         name="arms",
         title="What knowing the soil is worth",
@@ -34,7 +35,7 @@ def arms_section(run: Run) -> Section:
         pictures=(figure_picture(arms_figure(result), "Every episode, and means with 95 % intervals."),),
         tables=(_arms_table(result),),
         notes=(
-            "Score: mean time to the goal, where a failed episode costs the whole time limit. Brackets: 95 % "
+            f"Score: {result.measure}. Brackets: 95 % "
             "intervals by bootstrap over episodes. The arms are one controller on the same episodes and "
             "differ in what they hold n to be: nominal the one value that does best over all soils, "
             "conservative the worst case, aware the estimate on board, oracle the truth.",
@@ -48,7 +49,7 @@ def _arms_table(result: Benchmark) -> Table:
     rows = tuple(
         (
             summary.name,
-            f"{summary.score:.1f}",
+            f"{summary.score:.3g}",
             "-" if summary.paired_time is None else f"{summary.paired_time:.1f}",
             f"{len(arm.episodes) - int(arm.success.sum())} of {len(arm.episodes)}",
             ", ".join(f"{cause.replace('_', ' ')} {n}" for cause, n in summary.failures.items()) or "-",
@@ -56,7 +57,7 @@ def _arms_table(result: Benchmark) -> Table:
         for summary, arm in zip(result.summaries, result.arms, strict=True)
     )
     finished = f"time [s] over the {result.finished_by_all} episodes that all finished"
-    return Table(heading=("arm", "score [s]", finished, "failures", "causes"), rows=rows)
+    return Table(heading=("arm", f"score [{result.unit}]", finished, "failures", "causes"), rows=rows)
 
 
 def arms_sentence(result: Benchmark) -> str:
@@ -66,17 +67,20 @@ def arms_sentence(result: Benchmark) -> str:
         return f"The arms drive the same {episodes} episodes."
     against = f"{result.better_uninformed}, the better of the two that know nothing"
     ends = sorted((abs(difference.low), abs(difference.high)))
-    size = f"{Interval(abs(difference.value), *ends, difference.level):.1f} s"
+    size = f"{Interval(abs(difference.value), *ends, difference.level):.3g} {result.unit}"
     if difference.high < 0.0:
         verdict = f"the arm that knows the true n scores {size} better than {against}"
     elif difference.low > 0.0:
         verdict = f"the arm that knows the true n scores {size} worse than {against}"
     else:
         verdict = (
-            f"no difference shows between the arm that knows the true n and {against} ({difference:+.1f} s)"
+            f"no difference shows between the arm that knows the true n and {against} "
+            f"({difference:+.3g} {result.unit})"
         )
     if result.recovered is not None:
-        verdict += f"; the arm with the estimate recovers {100.0 * result.recovered:.0f} % of the difference"
+        verdict += (
+            f"; the arm with the estimate recovers {100.0 * result.recovered.value:.0f} % of the difference"
+        )
     return f"Over {episodes} paired episodes, {verdict}."
 
 

@@ -29,7 +29,7 @@ from offroad_env.soils import SOILS, make_soil
 from offroad_env.terrain import flat, rough_terrain
 from offroad_env.vehicles import VEHICLES
 
-__all__ = ["HIDERS", "Case", "Hidden", "draw_case", "hidden_log"]
+__all__ = ["HIDERS", "STRANGERS", "Case", "Hidden", "draw_case", "hidden_log"]
 
 #: Hider's tick, and steps of the plant in it: another step than the finder's [s].
 _TICK, _STEPS = 0.005, 2
@@ -269,13 +269,17 @@ def _resisting(share: float) -> Hidden:
 
 
 def _slipping(slope: float) -> Hidden:
+    """Under each axle a disc of soil that moves with it, with the n that its slip makes."""
     base: list[float] = []
 
     def step(x, readings, plant):
         if not base:
             base.append(plant.soil.n)
-        slip = 0.5 * (abs(readings[at.SLIP]) + abs(readings[at.AXLE + at.SLIP]))
-        return plant._replace(soil=plant.soil._replace(n=base[0] + slope * slip))
+        discs = np.empty((2, 4))
+        for i, axle in enumerate((readings[: at.AXLE], readings[at.AXLE : at.MOTION])):
+            n = base[0] + slope * (math.hypot(axle[at.SLIP], 1e-2) - 1e-2)
+            discs[i] = (axle[at.WHEEL_X], axle[at.WHEEL_Y], 0.5, n)
+        return plant._replace(soil_map=SoilMap(0.3, discs))
 
     return Hidden(step=step)
 
@@ -313,4 +317,59 @@ HIDERS: dict[str, Callable[[float], Hidden]] = {
     "n_step": _bordered,
     "gyro_bias_yaw": _biased(4),
     "accel_bias_y": _biased(1),
+}
+
+
+# ------------------------------------------------------------------ what no library holds
+
+
+def _overgrown(share: float) -> Hidden:
+    """A patch of scrub that brakes whoever drives through it."""
+
+    def force(x, plant):
+        inside = 0.5 * (math.tanh((x[at.X] - 40.0) / 2.0) - math.tanh((x[at.X] - 70.0) / 2.0))
+        return -share * plant.vehicle.m * GRAVITY * inside, 0.0, 0.0
+
+    return _pushed(force)
+
+
+def _roped(share: float) -> Hidden:
+    """A rope to a post that pulls the more, the further the vehicle goes."""
+
+    def force(x, plant):
+        away = max(x[at.X] - 20.0, 0.0) / 50.0
+        pull = -share * plant.vehicle.m * GRAVITY * away
+        return pull * math.cos(x[at.YAW]), -pull * math.sin(x[at.YAW]), 0.0
+
+    return _pushed(force)
+
+
+def _blown(share: float) -> Hidden:
+    """A side wind in gusts, behind the centre of gravity."""
+    time = [0.0]
+
+    def force(x, plant):
+        time[0] += 0.5 * _TICK  # asked twice a tick
+        push = share * plant.vehicle.m * GRAVITY * math.sin(0.7 * time[0]) ** 2
+        return push * math.sin(x[at.YAW]), push * math.cos(x[at.YAW]), -0.5 * push * math.cos(x[at.YAW])
+
+    return _pushed(force)
+
+
+def _engine(share: float) -> Hidden:
+    """An engine that brakes when nobody asks it to drive."""
+
+    def force(x, plant):
+        idle = 1.0 - math.tanh(max(x[at.DRIVE], 0.0) / 600.0)
+        return -share * plant.vehicle.m * GRAVITY * idle, 0.0, 0.0
+
+    return _pushed(force)
+
+
+#: Forces for which the library has no name, by their size as a share of the weight.
+STRANGERS: dict[str, Callable[[float], Hidden]] = {
+    "vegetation": _overgrown,
+    "tow_rope": _roped,
+    "side_wind": _blown,
+    "engine_braking": _engine,
 }

@@ -27,6 +27,8 @@ RENDER_MODES = ("human", "rgb_array")
 _ENDINGS = {
     "goal": "GOAL REACHED",
     "left_corridor": "LEFT THE CORRIDOR",
+    "overran": "CROSSED THE LINE",
+    "too_rough": "SHAKEN TOO MUCH",
     "rollover": "ROLLED OVER",
     "immobilised": "IMMOBILISED",
     "diverged": "SIMULATION DIVERGED",

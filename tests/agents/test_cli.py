@@ -19,6 +19,7 @@ import pytest
 from agents.cli import COMMANDS, main
 from agents.commands import output
 from agents.commands.output import OutputError, plain, write_bytes, write_json
+from agents.commands.reproduce import STUDIES
 from helpers import run_fresh
 from offroad_env.soils import SOILS, make_soil
 from offroad_env.vehicles import make_wheel
@@ -87,10 +88,15 @@ def test_version_is_that_of_the_package(capsys):
     assert capsys.readouterr().out == f"offroad {version('offroad-bekker')}\n"
 
 
-@pytest.mark.parametrize("command", [name for name in COMMANDS if name != "data"])
-def test_every_argument_has_a_line_of_explanation(command):
-    module, kind, _ = COMMANDS[command]
-    arguments = getattr(importlib.import_module(f"agents.commands.{module}"), kind)
+ARGUMENT_CLASSES = [
+    *(("commands", *entry[:2]) for name, entry in COMMANDS.items() if name not in ("data", "reproduce")),
+    *(("studies", *entry[:2]) for entry in STUDIES.values()),
+]
+
+
+@pytest.mark.parametrize(("package", "module", "kind"), ARGUMENT_CLASSES)
+def test_every_argument_has_a_line_of_explanation(package, module, kind):
+    arguments = getattr(importlib.import_module(f"agents.{package}.{module}"), kind)
     source = "".join(inspect.getsource(part) for part in arguments.__mro__ if dataclasses.is_dataclass(part))
     for field in dataclasses.fields(arguments):
         assert re.search(rf"^    {field.name}: .*  #: \w", source, flags=re.MULTILINE), field.name
@@ -108,6 +114,17 @@ def test_help_explains_the_command_and_where_results_go(command, capsys):
 def test_the_other_commands_explain_themselves_too(arguments, capsys):
     assert offroad(*arguments, "--help") == 0
     assert "usage: offroad " + " ".join(arguments) in capsys.readouterr().out
+
+
+def test_studies_are_listed_explained_and_guessed(capsys):
+    assert offroad("reproduce", "--help") == 0
+    text = capsys.readouterr().out
+    assert all(f"  {name} " in text for name in STUDIES)
+    assert offroad("reproduce") == 2
+    assert offroad("reproduce", "table1", "--help") == 0
+    assert "usage: offroad reproduce table1 " in capsys.readouterr().out
+    assert offroad("reproduce", "tabel1") == 2
+    assert capsys.readouterr().err == "offroad: no study 'tabel1' - did you mean 'table1'?\n"
 
 
 def test_a_misspelt_command_is_wrong_usage_with_the_nearest_name(capsys):
@@ -132,7 +149,7 @@ def test_wrong_arguments_are_wrong_usage_and_no_traceback(arguments, capsys):
         (("soil", "clay", "--n", "30"), "n must be in"),
         (("soil", "clay", "--loads", "-5"), "loads must be positive"),
         (("soil", "clay", "--slips", "30"), "slip must be in [-1, 1]"),
-        (("drive", "--scenario", "moon"), "scenario must be one of track, speed, got 'moon'"),
+        (("drive", "--scenario", "moon"), "ride, patches, got 'moon'"),
         (("drive", "--agent", "nobody"), "agent must be one of pure_pursuit"),
         (("drive", "--scenario", "speed", "--agent", "oracle", "--terrain-info", "none"), '"truth"'),
         (("drive", "--duration", "-1"), "duration must be in (0, 3600] s, got -1"),

@@ -14,7 +14,7 @@ import agents.sections.control as control
 import agents.sections.driving as driving
 import agents.sections.measured as measured
 import agents.sections.physics as physics
-from agents.benchmark.runner import summarise
+from agents.benchmark.summary import summarise
 from agents.cli import COMMANDS, _parse
 from agents.commands.demo import Demo
 from agents.demo import SECTIONS, DemoSettings, run_demo

@@ -111,9 +111,10 @@ def test_an_observation_is_named_and_an_action_is_clipped():
     observation = {
         "imu": np.zeros(5, np.float32),
         "motion": np.array([4.0, 4.5, 4.6, 0.1, 0.2], np.float32),
-        "path": np.arange(11, dtype=np.float32),
+        "path": np.arange(12, dtype=np.float32),
     }
     seen = read_senses(observation)
     assert (seen.cross_track, seen.heading_error, seen.target_speed, seen.speed) == (0.0, 1.0, 2.0, 4.0)
     assert seen.curvature.tolist() == list(range(3, 11))
+    assert seen.distance == 11.0
     assert to_action(2.0, -3.0, 0.5).tolist() == [1.0, -1.0]

@@ -36,14 +36,14 @@ def test_every_arm_gets_the_same_budget_and_finds_the_best(easy):
 def test_knobs_stay_inside_their_ranges(easy):
     finalists, _ = tune.search_arm("nominal", tune.TuneArgs(spread=5.0))
     for settings in finalists:
-        for knob, (low, high) in tune.KNOBS["nominal"].items():
+        for knob, (low, high) in tune.knobs("speed", "nominal").items():
             assert low <= getattr(settings, knob) <= high
 
 
 def test_the_written_module_gives_the_settings_back(tmp_path):
     settings = ArmSettings(margin=0.8, slip_angle=0.25, feed_forward=0.5, n=0.1, z=1.5)
     tuned = {name: tune.Tuned(settings=settings, score=42.0, episodes=9) for name in ARMS}
-    tune.write_settings(tmp_path / "tuned.py", tune.TuneArgs(scenario="track"), tuned)
+    tune.write_settings(tmp_path / "tuned.py", tune.TuneArgs(scenario="patches"), tuned)
     table = runpy.run_path(str(tmp_path / "tuned.py"))["SETTINGS"]
-    assert table["track", "nominal"] == {"margin": 0.8, "slip_angle": 0.25, "feed_forward": 0.5, "n": 0.1}
+    assert table["patches", "nominal"] == {"margin": 0.8, "slip_angle": 0.25, "feed_forward": 0.5, "n": 0.1}
     assert ("speed", "oracle") in table

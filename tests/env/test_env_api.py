@@ -31,6 +31,7 @@ INFO_TYPES = {
     "progress": float,
     "path_length": float,
     "speed": float,
+    "shake": float,
     "time": float,
     "nis": float,
     "filter_repairs": int,
@@ -122,7 +123,7 @@ def test_the_id_with_the_module_in_front_works_in_an_interpreter_that_imported_n
 @pytest.mark.parametrize("terrain_info", TERRAIN_INFO)
 def test_observations_are_in_their_space_and_as_documented(model, vehicle_model, terrain_info):
     env = make(terrain_info=terrain_info, model=model, vehicle_model=vehicle_model)
-    shapes = {"imu": (5,), "motion": (5,), "path": (11,), "terrain": (3,)}
+    shapes = {"imu": (5,), "motion": (5,), "path": (12,), "terrain": (3,)}
     if terrain_info == "none":
         del shapes["terrain"]
     assert {key: part.shape for key, part in env.observation_space.items()} == shapes
@@ -287,7 +288,10 @@ def test_options_that_mean_nothing_are_refused(options, words):
 @pytest.mark.parametrize(
     ("kwargs", "words"),
     [
-        ({"scenario": "moon"}, "scenario must be one of track, speed, got 'moon'"),
+        (
+            {"scenario": "moon"},
+            "scenario must be one of track, .* patches, got 'moon'",
+        ),
         ({"terrain_info": "all"}, "terrain_info must be one of none, estimate, truth"),
         ({"terrain_info": None}, "terrain_info"),
         ({"model": "half_car"}, "model must be one of full, paper"),
@@ -425,7 +429,9 @@ def test_the_reward_is_the_sum_of_its_named_terms_to_the_end(scenario):
             weight * (info["progress"] - progress), abs=1e-12
         )
         progress = info["progress"]
-    assert info["reward_terms"]["failure"] == -env.unwrapped.weights.failure
+    assert info["reward_terms"]["failure"] == -env.unwrapped.weights.failure(
+        env.unwrapped.scenario.time_limit
+    )
 
 
 def test_the_briefing_tells_what_may_be_known_and_nothing_of_the_draw():

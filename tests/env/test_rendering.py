@@ -20,6 +20,7 @@ from agents.recording import EpisodeLog, record_video
 from helpers import run_fresh
 from offroad_env.env import OffroadBekkerEnv
 from offroad_env.errors import InvalidParameter
+from offroad_env.period import ENDINGS
 from offroad_env.physics import state as at
 from offroad_env.rendering import FRAME_SIZE, Renderer
 from offroad_env.rendering.history import History
@@ -109,8 +110,8 @@ def test_a_diverged_state_shows_the_last_sound_one():
     env = started()
     before = env.render()
     env.state[:] = math.nan
-    env._time += 0.02
-    env._ending = "diverged"
+    env._episode["time"] += 0.02
+    env._episode["ending"] = ENDINGS.index("diverged")
     after = env.render()
     differing = (before != after).any(axis=2)
     assert differing[:44].any()  # the verdict in the header

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from estimators.consistency import chi_square_band, coverage, nees, nees_test, nis_test
+from estimators.consistency import chi_square_band, coverage, nees, nees_test, nis_test, surprise
 from offroad_env.errors import InvalidParameter
 
 
@@ -69,3 +69,22 @@ def test_wrong_arguments_are_refused():
         chi_square_band(5, 10, 95)
     with pytest.raises(InvalidParameter, match="covariances"):
         nees(np.zeros((3, 2)), np.zeros((3, 3)))
+
+
+def test_surprise_is_zero_in_the_mean_and_of_unit_spread():
+    rng = np.random.default_rng(6)
+    calm = surprise(rng.chisquare(5, size=200_000), 5, 0.01, 2.0)[2000:]
+    # An exponential mean over 2 s: 2,000 s hold some 500 independent values.
+    assert calm.mean() == pytest.approx(0.0, abs=0.25)
+    assert calm.std() == pytest.approx(1.0, abs=0.15)
+    assert (np.abs(calm) < 6.0).all()
+
+
+def test_surprise_sees_innovations_that_are_too_large_and_keeps_still_without_any():
+    nis = np.full(1000, 5.0)
+    nis[500:] = 8.0
+    excess = surprise(nis, 5, 0.01, 2.0)
+    assert (excess[:500] == 0.0).all()
+    assert excess[-1] > 10.0
+    nis[:] = math.nan
+    assert (surprise(nis, 5, 0.01) == 0.0).all()

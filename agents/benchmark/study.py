@@ -1,0 +1,130 @@
+"""The benchmark as a long study: every episode of every agent is a unit that is kept.
+
+A unit is (task, form, agent, number of the episode). Units are appended to a file as they come, so an
+interrupted run goes on where it stopped, and `offroad compare` finds the arms' episodes already driven.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+
+from agents.arms import ARMS
+from agents.benchmark.runner import ENV_ID, FORMS, draw_episodes, run_episode
+from agents.benchmark.summary import Benchmark, summarise
+from agents.episode import AGENTS, agent_file, find_agent
+from agents.protocol import ArmResult, EpisodeResult
+from agents.studies.units import Key, run_units, stamp_of
+from offroad_env.errors import InvalidParameter
+from offroad_env.scenarios import SCENARIOS, find_scenario
+
+__all__ = ["EPISODES", "BenchmarkArgs", "drive_unit", "run_study"]
+
+#: What is driven: everything that decides a result. A change of any of it makes its units anew.
+_SOURCES = ("agents.benchmark.runner", "agents.episode", "offroad_env.env")
+#: File of the units in the folder of the results.
+EPISODES = "episodes.jsonl"
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkArgs:
+    """What is compared on what."""
+
+    tasks: tuple[str, ...] = tuple(SCENARIOS)
+    agents: tuple[str, ...] = ("pure_pursuit", *ARMS)
+    forms: tuple[str, ...] = FORMS
+    episodes: int = 100  #: paired episodes of each agent, in each task and form
+    seed: int = 0  #: of the episodes; never those of the tuning
+    n_jobs: int = 2  #: local processes; the results do not depend on it
+
+    def check(self) -> None:
+        """Refuse what cannot be run, by name.
+
+        Raises
+        ------
+        InvalidParameter
+            For an unknown task, agent or form, or fewer than two episodes.
+        """
+        for task in self.tasks:
+            find_scenario(task)
+        for agent in self.agents:
+            if agent not in AGENTS and ":" not in agent:
+                raise InvalidParameter(f"agent must be one of {', '.join(AGENTS)}, got {agent!r}")
+        for form in self.forms:
+            if form not in FORMS:
+                raise InvalidParameter(f"form must be one of {', '.join(FORMS)}, got {form!r}")
+        if self.episodes < 2:
+            raise InvalidParameter(f"episodes must be at least 2, got {self.episodes} - no interval from one")
+
+
+def drive_unit(
+    task: str, form: str, agent: str, episode: int, episodes: int, seed: int, terrain_info: str | None = None
+) -> dict[str, Any]:
+    """Drive episode number ``episode`` of ``episodes``; a unit of `run_units`."""
+    draw = draw_episodes(task, episodes, seed, form=form)[episode]
+    driver, terrain_info = find_agent(agent, task, terrain_info)
+    env = gym.make(ENV_ID, scenario=task, terrain_info=terrain_info)
+    try:
+        return asdict(run_episode(env, driver, draw.seed, options=draw.options))
+    finally:
+        env.close()
+
+
+def _stamp(agent: str) -> str:
+    """Stamp of the sources behind an agent's episodes, its own file included where it is a user's."""
+    stamp = stamp_of(*_SOURCES)
+    if ":" not in agent:
+        return stamp
+    return f"{stamp}-{hashlib.sha256(agent_file(agent).read_bytes()).hexdigest()[:10]}"
+
+
+def run_study(
+    args: BenchmarkArgs, out: Path, *, terrain_info: str | None = None
+) -> dict[tuple[str, str], Benchmark]:
+    """Drive what is missing in ``out`` and compare: (task, form) -> `Benchmark`.
+
+    Parameters
+    ----------
+    args
+    out
+        Folder of the units.
+    terrain_info
+        What agents that are given as ``module:Class`` are told of the soil; default "none".
+    """
+    args.check()
+
+    def key(task: str, form: str, agent: str, episode: int) -> Key:
+        told = (terrain_info or "none",) if ":" in agent else ()
+        return (task, form, agent, episode, args.episodes, args.seed, *told)
+
+    keys = [
+        key(task, form, agent, episode)
+        for task in args.tasks
+        for form in args.forms
+        for agent in args.agents
+        for episode in range(args.episodes)
+    ]
+    stamps = {key: _stamp(key[2]) for key in keys}
+    done = run_units(out / EPISODES, drive_unit, stamps, label="episodes", n_jobs=args.n_jobs)
+    results = {}
+    for task in args.tasks:
+        for form in args.forms:
+            arms = tuple(
+                _result(task, agent, [done[key(task, form, agent, i)] for i in range(args.episodes)])
+                for agent in args.agents
+            )
+            results[task, form] = summarise(task, args.seed, arms, form=form)
+    return results
+
+
+def _result(task: str, agent: str, units: Sequence[dict[str, Any]]) -> ArmResult:
+    return ArmResult(
+        name=agent,
+        time_limit=find_scenario(task).time_limit,
+        episodes=tuple(EpisodeResult(**unit) for unit in units),
+    )

@@ -1,0 +1,109 @@
+"""``offroad benchmark``: does knowing the soil pay? Arms and other agents on the same episodes."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from agents.commands.output import console, say, table, write_bytes, write_json
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from agents.benchmark.study import BenchmarkArgs
+    from agents.benchmark.summary import Benchmark
+
+__all__ = ["BenchmarkRun"]
+
+#: Episodes of the quick form: one in each twentieth of the prior.
+_QUICK_EPISODES = 20
+
+
+@dataclass(kw_only=True)
+class BenchmarkRun:
+    """Compare agents that know more or less of the soil on the same episodes.
+
+    Writes benchmark.html (self-contained), benchmark.json and the episodes into --out. An interrupted
+    run goes on where it stopped. The quick form takes minutes on two cores, the full one about an hour.
+    """
+
+    out: Path = Path("out/benchmark")  #: folder for the page, the numbers and the episodes
+    quick: bool = False  #: 20 episodes each instead of 100, twin form only
+    tasks: tuple[str, ...] = ("track", "speed", "climb", "brake", "ride", "patches")  #: what is driven
+    agents: tuple[str, ...] = ("pure_pursuit", "nominal", "conservative", "aware", "oracle")  #: who drives
+    forms: tuple[Literal["twin", "mismatch"], ...] = (
+        "twin",
+        "mismatch",
+    )  #: vehicle as modelled; mass, k_phi, lag unlike it
+    episodes: int = 100  #: paired episodes of each agent
+    seed: int = 0  #: of the episodes
+    n_jobs: int = 2  #: local processes; the results do not depend on it
+    json: Path | None = None  #: write the numbers to this file instead of benchmark.json
+
+    def run(self) -> None:
+        """Drive what is missing, compare, write and print."""
+        from agents.benchmark.study import run_study
+
+        start = time.perf_counter()
+        args = self.arguments()
+        results = run_study(args, self.out)
+        write_results(results, args, self.out, self.json, seconds=time.perf_counter() - start)
+
+    def arguments(self) -> BenchmarkArgs:
+        """What is compared on what."""
+        from agents.benchmark.study import BenchmarkArgs
+
+        args = BenchmarkArgs(
+            tasks=self.tasks,
+            agents=self.agents,
+            forms=self.forms,
+            episodes=self.episodes,
+            seed=self.seed,
+            n_jobs=self.n_jobs,
+        )
+        return replace(args, episodes=_QUICK_EPISODES, forms=("twin",)) if self.quick else args
+
+
+def write_results(
+    results: Mapping[tuple[str, str], Benchmark],
+    args: BenchmarkArgs,
+    out: Path,
+    numbers: Path | None,
+    *,
+    seconds: float,
+) -> None:
+    """Page and numbers into ``out``, and the verdicts on the screen."""
+    from agents.benchmark.page import benchmark_sections, verdict
+    from agents.figures.tasks import tasks_figure
+    from agents.report import figure_picture, render_page
+    from agents.studies.tasks import task_curves
+    from offroad_env import __version__
+
+    command = f"offroad benchmark --episodes {args.episodes} --seed {args.seed}"
+    caption = "Curves over n from the forces of a wheel, runs of the vehicle's model, and two drives."
+    physics = figure_picture(tasks_figure(task_curves()), caption)
+    write_bytes(out / "tasks.png", physics.png)
+    page = render_page(
+        benchmark_sections(results, physics, command=command, seconds=seconds),
+        title="OffroadBekker: does knowing the soil pay?",
+        intro="Controllers that know more or less of the soil drive the same episodes. First what perfect "
+        "knowledge is worth, then how much of it an estimate from the vehicle's sensors recovers.",
+        footer=f"OffroadBekker {__version__}, {args.episodes} episodes of each agent, seed {args.seed}",
+    )
+    content = {
+        "version": __version__,
+        "arguments": args,
+        "results": {f"{task}.{form}": result.to_dict() for (task, form), result in results.items()},
+    }
+    path = write_bytes(out / "benchmark.html", page.encode())
+    numbers = write_json(numbers or out / "benchmark.json", content)
+    for result in results.values():
+        rows = [
+            (s.name, f"{s.score:.3g}", f"{100.0 * (1.0 - s.success.value):.0f} %") for s in result.summaries
+        ]
+        title = f"{result.scenario}, {result.form} form, {result.episodes} episodes"
+        console().print(table(title, ("agent", f"score [{result.unit}]", "failures"), rows))
+        say(f"{verdict(result)}\n")
+    say(f"page: {path}\nnumbers: {numbers}")

@@ -1,0 +1,50 @@
+"""``offroad compare``: an agent of your own against the arms, on the same episodes."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from tyro.conf import Positional
+
+from agents.commands.benchmark import write_results
+
+__all__ = ["Compare"]
+
+
+@dataclass(kw_only=True)
+class Compare:
+    """Compare an agent of your own with the arms of the benchmark, on the same episodes.
+
+    The agent is a class with reset(briefing) and act(observation), called without arguments, in a module
+    that Python finds from here. Episodes that --out already holds are not driven again.
+    """
+
+    agent: Positional[str]  #: module:Class
+    terrain_info: Literal["none", "estimate", "truth"] = "none"  #: what it is told of the soil
+    tasks: tuple[str, ...] = ("speed",)  #: what is driven
+    against: tuple[str, ...] = ("nominal", "conservative", "aware", "oracle")  #: whom it is compared with
+    forms: tuple[Literal["twin", "mismatch"], ...] = ("twin",)  #: vehicle as modelled, or unlike it
+    episodes: int = 20  #: paired episodes of each agent
+    seed: int = 0  #: of the episodes
+    n_jobs: int = 2  #: local processes; the results do not depend on it
+    out: Path = Path("out/benchmark")  #: folder for the page, the numbers and the episodes
+    json: Path | None = None  #: write the numbers to this file instead of benchmark.json
+
+    def run(self) -> None:
+        """Drive what is missing, compare, write and print."""
+        from agents.benchmark.study import BenchmarkArgs, run_study
+
+        start = time.perf_counter()
+        args = BenchmarkArgs(
+            tasks=self.tasks,
+            agents=(self.agent, *self.against),
+            forms=self.forms,
+            episodes=self.episodes,
+            seed=self.seed,
+            n_jobs=self.n_jobs,
+        )
+        results = run_study(args, self.out, terrain_info=self.terrain_info)
+        write_results(results, args, self.out, self.json, seconds=time.perf_counter() - start)

@@ -1,0 +1,149 @@
+"""``offroad estimate``: a filter on measured or simulated logs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from tyro.conf import Positional
+
+from agents.commands.output import Results, console, say, table, write_bytes
+from offroad_env.errors import DataError, InvalidParameter
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from estimators.log_filters import LogEstimate
+    from estimators.logs import Log, QualityReport
+
+__all__ = ["Estimate"]
+
+
+@dataclass(kw_only=True)
+class Estimate(Results):
+    """Estimate the sinkage exponent from logs of drives.
+
+    A log is a .csv, .parquet or ROS bag with a .yaml of the same name; docs/logs.md has the format.
+    Writes for each log estimate_LOG_FILTER.csv (t, n, sd, low, high, valid, nis) and a figure.
+    parameter, joint and bank work on any drive; map_joint, map_bank and map_ekf on the paper's
+    half-car over a known ground.
+    """
+
+    logs: Positional[tuple[Path, ...]]  #: one or more logs
+    filter: Literal["parameter", "joint", "bank", "map_joint", "map_bank", "map_ekf"] = "joint"  #: which
+    n_prior: float | None = None  #: mean of the prior [-]; default: n in the log's description
+    sd: float = 0.2  #: standard deviation of the prior [-]
+    accept: bool = False  #: go on where the checks of the data find a problem
+
+    def run(self) -> None:
+        """Check, filter, draw and print, log by log."""
+        if not self.logs:
+            raise InvalidParameter("logs must name at least one file")
+        if not 0.0 < self.sd <= 1.0:
+            raise InvalidParameter(f"sd must be in (0, 1], got {self.sd:g}")
+        from estimators.logs import quality, read_logs
+
+        logs = read_logs(self.logs)
+        names = _distinct([log.name for log in logs])
+        rows, numbers = [], []
+        for log, name in zip(logs, names, strict=True):
+            report = quality(log)
+            self._show_quality(report)
+            result, reference = self._filter(log), _reference(log)
+            rows.append((name, *_row(result, reference)))
+            numbers.append(_numbers(result, reference) | {"quality": report.to_dict(), "hash": log.hash})
+            self._write(result, reference, f"estimate_{name}_{self.filter}")
+        heading = ("log", "n at the end", "95 % interval", "vouched for", "innov.²", "x real time", "truth")
+        console().print(table(f"filter {self.filter}", heading, rows))
+        self.save_numbers({"filter": self.filter, "logs": numbers})
+
+    def _show_quality(self, report: QualityReport) -> None:
+        """The table of the data, what it shows, and a refusal where a model would be blamed for the data."""
+        heading, rows = report.table()
+        title = f"{report.name}: {report.rows} rows, {report.duration:.1f} s"
+        console().print(table(title, heading, rows, texts=2))
+        for finding in report.findings:
+            say(f"{finding.severity}: {finding.sentence}")
+        if report.problems and not self.accept:
+            raise DataError(
+                f"{report.name}: {report.problems[0].sentence} - mend the log, or go on with --accept"
+            )
+
+    def _filter(self, log: Log) -> LogEstimate:
+        from rich.progress import Progress
+
+        from estimators.log_filters import estimate_log
+
+        with Progress(console=console(), transient=True) as bar:
+            task = bar.add_task(f"filtering {log.name}", total=None)
+
+            def tell(share: float) -> None:
+                bar.update(task, completed=share, total=1.0 if share > 0.0 else None)
+
+            return estimate_log(log, self.filter, n_prior=self.n_prior, sd=self.sd, progress=tell)
+
+    def _write(self, result: LogEstimate, reference: np.ndarray | None, name: str) -> None:
+        from agents.figures.estimate_log import log_estimate_figure
+
+        say(f"table: {write_bytes(self.out / f'{name}.csv', result.csv().encode())}")
+        self.save_figure(log_estimate_figure(result, reference), name)
+
+
+def _distinct(names: Sequence[str]) -> list[str]:
+    """File names for the logs: those that stand twice get a number."""
+    return [
+        name if names.count(name) == 1 else f"{name}_{names[: i + 1].count(name)}"
+        for i, name in enumerate(names)
+    ]
+
+
+def _reference(log: Log) -> np.ndarray | None:
+    """Times and true n under the front axle, which simulated logs know."""
+    import numpy as np
+
+    values = log.references.get("ref_n_f")
+    if values is None or log.t is None:
+        return None
+    known = ~np.isnan(values)
+    return np.column_stack([log.t[known], values[known]])
+
+
+def _row(result: LogEstimate, reference: np.ndarray | None) -> tuple[str, ...]:
+    numbers = _numbers(result, reference)
+    truth = numbers["truth_at_end"]
+    return (
+        f"{result.n[-1]:.3f} ± {result.sd[-1]:.3f}",
+        f"{result.low[-1]:.3f} ... {result.high[-1]:.3f}",
+        f"{100.0 * numbers['valid_share']:.0f} %",
+        "" if numbers["innovations"] is None else f"{numbers['innovations']:.2f}",
+        f"{result.real_time_factor:.0f}",
+        "" if truth is None else f"{truth:.3f}",
+    )
+
+
+def _numbers(result: LogEstimate, reference: np.ndarray | None) -> dict[str, Any]:
+    import numpy as np
+
+    updates = result.nis[~np.isnan(result.nis)]
+    known = reference is not None and len(reference) > 0
+    inside = None
+    if known:
+        low, high = (np.interp(reference[:, 0], result.t, side) for side in (result.low, result.high))
+        inside = float(np.mean((reference[:, 1] >= low) & (reference[:, 1] <= high)))
+    return {
+        "log": result.log,
+        "n": float(result.n[-1]),
+        "sd": float(result.sd[-1]),
+        "low": float(result.low[-1]),
+        "high": float(result.high[-1]),
+        "valid": bool(result.valid[-1]),
+        "valid_share": float(result.valid.mean()),
+        "innovations": float(np.mean(updates)) / result.channels if len(updates) else None,
+        "repairs": result.repairs,
+        "real_time_factor": result.real_time_factor,
+        "n_range": result.n_range,
+        "truth_at_end": float(reference[-1, 1]) if known else None,
+        "coverage": inside,
+    }

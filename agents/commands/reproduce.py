@@ -1,0 +1,21 @@
+"""``offroad reproduce STUDY``: the studies that stand behind the documentation's figures.
+
+Nothing heavy is imported here: a study is imported only when it is called.
+"""
+
+from __future__ import annotations
+
+__all__ = ["STUDIES"]
+
+#: Study -> (module of agents.studies with its argument class, name of that class, what it shows).
+STUDIES: dict[str, tuple[str, str, str]] = {
+    "table1": ("table1", "Table1", "the paper's table: error of n on eight rows, three sources of the state"),
+    "causes": ("causes", "Causes", "why the paper's filter fails where it does: four experiments"),
+    "filters": ("filters", "Filters", "all filters on the same twins: error, bound, coverage, cost"),
+    "gate": ("gate", "Gate", "an estimate holds and its sd grows while the motion says nothing of the soil"),
+    "changing": ("changing", "Changing", "n that changes on the way: how soon the filters answer"),
+    "prediction": ("prediction", "Prediction", "position error after 10 s with prior, estimated and true n"),
+    "sensors": ("sensors", "Sensors", "what wheel speeds and satellite fixes add to the inertial unit"),
+    "diagnosis": ("diagnosis", "DiagnosisStudy", "hide and find: false alarms, power, sets, wrong names"),
+    "mismatch": ("mismatch", "Mismatches", "filters whose model is wrong: error, coverage, validity flag"),
+}

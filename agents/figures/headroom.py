@@ -1,0 +1,74 @@
+"""What knowing n is worth, task by task."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from agents.benchmark.summary import Benchmark
+
+__all__ = ["headroom_figure"]
+
+_PAYS, _NIL, _AWARE = "#009E73", "0.55", "#0072B2"
+
+
+def headroom_figure(results: Sequence[Benchmark]) -> Figure:
+    """Headroom of each comparison with its interval, and the share that the estimate recovers.
+
+    Parameters
+    ----------
+    results
+        With arms oracle, nominal and conservative.
+
+    Returns
+    -------
+    Figure
+        Left: headroom in per cent of the better uninformed arm's mean score, grey where the interval holds
+        zero. Right: share of it that aware recovers, only where there is one.
+    """
+    figure = Figure(figsize=(11.0, 0.42 * len(results) + 1.8), layout="constrained")
+    room, share = figure.subplots(1, 2, sharey=True, width_ratios=(3.0, 2.0))
+    for row, result in enumerate(results):
+        _draw_room(room, row, result)
+        if result.recovered is not None:
+            part = result.recovered
+            share.plot([100.0 * part.low, 100.0 * part.high], [row, row], color=_AWARE, lw=2.5)
+            share.plot(100.0 * part.value, row, "o", color=_AWARE, ms=8, mec="white")
+        else:
+            share.annotate("no headroom shown", (0.02, row), xycoords=("axes fraction", "data"), va="center")
+    room.set_yticks(range(len(results)), [f"{r.scenario}, {r.form}" for r in results])
+    room.set_ylim(len(results) - 0.5, -0.5)
+    room.set_title("Headroom: what perfect knowledge of n is worth [% of the score]", loc="left", fontsize=10)
+    share.set_title("Share of it that the estimate recovers [%]", loc="left", fontsize=10)
+    for axes, mark in ((room, 0.0), (share, 100.0)):
+        axes.axvline(mark, color="0.4", lw=0.8)
+        axes.grid(axis="x", alpha=0.25)
+        for side in ("top", "right", "left"):
+            axes.spines[side].set_visible(False)
+    share.axvline(80.0, color="0.4", lw=0.8, ls=":")
+    if share.lines:
+        low, high = share.get_xlim()
+        share.set_xlim(max(min(low, -5.0), -150.0), min(max(high, 110.0), 200.0))
+    return figure
+
+
+def _draw_room(axes: Axes, row: int, result: Benchmark) -> None:
+    base = float(result.arm(result.better_uninformed).scores.mean())
+    values = 100.0 / base * np.array([result.headroom.low, result.headroom.value, result.headroom.high])
+    colour = _PAYS if values[0] > 0.0 else _NIL
+    axes.plot(values[[0, 2]], [row, row], color=colour, lw=2.5)
+    axes.plot(values[1], row, "o", color=colour, ms=8, mec="white")
+    text = f"{result.headroom.value:.2g} {result.unit} against {result.better_uninformed}"
+    axes.annotate(
+        text,
+        (values[2], row),
+        xytext=(6, 0),
+        textcoords="offset points",
+        va="center",
+        fontsize=8,
+        color="0.3",
+    )
+    axes.margins(x=0.3)

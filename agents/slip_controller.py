@@ -1,0 +1,60 @@
+"""Climbing: hold the slip that gives most pull on the soil believed in.
+
+A wheel pulls by shearing the soil, and shears it by slipping; but slip also digs (Wong, Theory of
+Ground Vehicles, section 2.9). Between the two lies a best slip, which depends on n. The controller
+drives at the speed asked for and lets the rim speed rise to v / (1 - best slip) and no further. Rim
+speeds are measured far better than the slip of a creeping vehicle, so it is they that are controlled.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from agents.protocol import Senses
+from agents.speed_control import SpeedController, SpeedGains
+from agents.speed_planner import Belief, BeliefSource, PlannerGains, SoilTracker
+
+__all__ = ["SlipController"]
+
+#: Speed that slip is referred to at least [m/s]: standing wheels must begin to turn.
+_LOW_SPEED = 0.3
+_MOST_SLIP = 0.9
+#: Rim speed answers torque at once but for the torque's lag, so a softer loop than a vehicle's does.
+_RIM_GAINS = SpeedGains(k_p=1.0, k_i=2.0, integral_max=6.0, slip_limit=10.0)
+
+
+class SlipController(SoilTracker):
+    """`SoilTracker` whose rim speed is limited to the one of the best slip.
+
+    Parameters
+    ----------
+    believe, gains
+        As `SoilTracker`.
+    slip_share
+        Share of the believed best slip that is used [-].
+    """
+
+    def __init__(
+        self, believe: BeliefSource, gains: PlannerGains | None = None, *, slip_share: float = 1.0
+    ) -> None:
+        super().__init__(believe, gains)
+        self.slip_share = slip_share
+
+    def reset(self, briefing: Any) -> None:
+        """As `SoilTracker`."""
+        super().reset(briefing)
+        self._rim_control = SpeedController(briefing.vehicle, briefing.dt, _RIM_GAINS)
+
+    def _drive(self, senses: Senses, belief: Belief, lateral: float) -> float:
+        wanted = super()._drive(senses, belief, lateral)
+        slip = min(self.slip_share * self._capability.best_slip(belief.low, belief.high), _MOST_SLIP)
+        allowed = max(senses.speed, _LOW_SPEED) / (1.0 - slip)
+        resistance = self._capability.at("resistance", belief.mean)
+        held = self._rim_control.command(allowed, float(np.mean(senses.rim_speed)), resistance=resistance)
+        return min(wanted, max(held, 0.0))
+
+    def _wanted(self, senses: Senses, belief: Belief, lateral: float) -> tuple[float, float, float | None]:
+        target, acceleration, _ = super()._wanted(senses, belief, lateral)
+        return target, acceleration, _MOST_SLIP

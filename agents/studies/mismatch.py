@@ -1,0 +1,213 @@
+"""``offroad reproduce mismatch``: filters on vehicles, grounds and sensors that they do not believe in.
+
+Units are one filter on one seed of one row under one mismatch; what any filter with the robust
+bank's doubts could know along the truth without mismatch is a unit of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.commands.output import Results, console, say, table
+from agents.studies.units import Key, checked_rows, checked_seeds, run_units, stamp_of
+from estimators.mismatch import MISMATCHES, mismatched_twin
+from estimators.mismatch_runs import (
+    FILTERS,
+    MismatchSummary,
+    Verdict,
+    judge,
+    run_filter,
+    summarise_verdicts,
+)
+from estimators.nuisances import bound_with_doubt, doubt_model
+from estimators.paper import ROWS
+from estimators.protocol_runs import REPORT_SEEDS, TUNING_SEEDS, row_plant
+from estimators.robust import RobustSettings
+from offroad_env.errors import InvalidParameter
+
+__all__ = ["BARS", "BoundLine", "Mismatches", "bounds_of", "run_unit", "summaries_of"]
+
+_BOUND = "bound"
+#: What the robust bank shall keep: largest median error, alone and all together, and least coverage
+#: while the flag is up; least share of the excited time with the flag up, in the twin and under one
+#: mismatch.
+BARS = {"error": 0.05, "error_all": 0.1, "coverage": 0.9, "flag_twin": 0.9, "flag": 0.6}
+
+
+class BoundLine(NamedTuple):
+    """The least standard deviation of n on a row without mismatch, relative to n."""
+
+    row: int
+    doubting: float  #: with every doubt of the robust bank, at the end [-]
+    moduli_only: float  #: where the moduli alone are uncertain [-]
+    certain: float  #: where everything but n is known [-]
+
+
+def _bounds(row: int, seed: int, duration: float) -> dict:
+    """Bounds on sd(n)/n at the end, along the truth without mismatch."""
+    settings = RobustSettings()
+    sure = dict.fromkeys(("mass", "lag", "place", "acceleration_bias", "rate_bias", "misalignment"), 1e-06)
+    none = {"process": (1e-9,) * 5, "error": (1e-9,) * 5}
+    doubts = {
+        "doubting": settings.doubt,
+        "moduli_only": type(settings.doubt)(**sure, **none),
+        "certain": type(settings.doubt)(stiffness=1e-6, **sure, **none),
+    }
+    twin = mismatched_twin(ROWS[row - 1], "none", seed, settings.joint, duration=duration)
+    seen = twin.readings("imu")
+    result = {}
+    for name, doubt in doubts.items():
+        model = doubt_model(row_plant(twin.row), twin.dt, settings.joint, doubt)
+        prior = (settings.n_prior_sd, min(settings.bumps))
+        bound, _ = bound_with_doubt(model, prior, twin.truth, twin.inputs, seen)
+        result[name] = float(bound[-1] / twin.n[-1])
+    return result
+
+
+def run_unit(name: str, mismatch: str, row: int, seed: int, duration: float) -> dict:
+    """Verdict on one filter (or the bounds) on one seed of a row under a mismatch, as plain numbers."""
+    if name == _BOUND:
+        return _bounds(row, seed, duration)
+    twin = mismatched_twin(ROWS[row - 1], mismatch, seed, duration=duration)
+    return judge(name, twin, run_filter(name, twin))._asdict()
+
+
+def summaries_of(results: Mapping[Key, Mapping]) -> list[MismatchSummary]:
+    """A line for every filter and mismatch from the results by (filter, mismatch, row, seed, duration)."""
+    groups: dict[tuple, list[Verdict]] = {}
+    for key, result in results.items():
+        if key[0] != _BOUND:
+            groups.setdefault(key[:2], []).append(Verdict(**result))
+    return [summarise_verdicts(verdicts) for verdicts in groups.values()]
+
+
+def bounds_of(results: Mapping[Key, Mapping]) -> list[BoundLine]:
+    """A line for every row: medians over the seeds."""
+    found: dict[int, list[Mapping]] = {}
+    for key, result in results.items():
+        if key[0] == _BOUND:
+            found.setdefault(key[2], []).append(result)
+    names = BoundLine._fields[1:]
+    return [
+        BoundLine(row, *(float(np.median([result[name] for result in own])) for name in names))
+        for row, own in sorted(found.items())
+    ]
+
+
+@dataclass(kw_only=True)
+class Mismatches(Results):
+    """Filters whose model is wrong: mass, map, soil moduli, sensors, steering, slip sinkage.
+
+    Median error of n, coverage of the 95 % interval and the validity flag for every filter, each
+    mismatch alone and all together. Writes mismatch.png, and mismatch.jsonl with the result of every
+    run: a run that is there is not repeated.
+    """
+
+    quick: bool = False  #: two rows, one seed and 20 s: to see that it works
+    rows: tuple[int, ...] = (1, 2, 3, 4, 5, 6, 7, 8)  #: rows of the table
+    seeds: int = 5  #: noise seeds a row, of those set aside for reporting
+    tuning: bool = False  #: use the seeds on which settings were chosen instead
+    only: tuple[str, ...] = ()  #: these filters (robust bank embedded propagated)
+    under: tuple[str, ...] = ()  #: these mismatches
+    duration: float = 60.0  #: of a run [s]
+    n_jobs: int = 2  #: local processes
+
+    def run(self) -> None:
+        """Run what is missing, then print, draw and write."""
+        from agents.figures.mismatch import mismatch_figure
+
+        if self.quick:
+            self.rows, self.seeds, self.duration = (3, 7), 1, 20.0
+        if not 5.0 <= self.duration <= 1000.0:
+            raise InvalidParameter(f"duration must be in [5, 1000] s, got {self.duration:g}")
+        results = run_units(
+            self.out / "mismatch.jsonl", run_unit, self._units(), label="mismatch", n_jobs=self.n_jobs
+        )
+        summaries, bounds = summaries_of(results), bounds_of(results)
+        _show(summaries, bounds)
+        self.save_figure(mismatch_figure(summaries, BARS), "mismatch")
+        runs = [result for key, result in results.items() if key[0] != _BOUND]
+        self.save_numbers(
+            {
+                "summaries": summaries,
+                "bounds": bounds,
+                "bars": BARS,
+                "mismatches": MISMATCHES,
+                "runs": runs,
+                "duration": self.duration,
+            }
+        )
+
+    def _units(self) -> dict[Key, str]:
+        names = _chosen("only", self.only, tuple(FILTERS))
+        under = _chosen("under", self.under, tuple(MISMATCHES))
+        seeds = checked_seeds(self.seeds, TUNING_SEEDS if self.tuning else REPORT_SEEDS)
+        stamps = {name: stamp_of(FILTERS[name].module, "estimators.mismatch") for name in names}
+        bound = stamp_of("estimators.nuisances", "estimators.mismatch")
+        units: dict[Key, str] = {}
+        for seed in seeds:
+            for row in checked_rows(self.rows):
+                units[_BOUND, "none", row, seed, float(self.duration)] = bound
+                for name, stamp in stamps.items():
+                    for mismatch in under:
+                        units[name, mismatch, row, seed, float(self.duration)] = stamp
+        return units
+
+
+def _chosen(name: str, asked: tuple[str, ...], known: tuple[str, ...]) -> tuple[str, ...]:
+    unknown = [value for value in asked if value not in known]
+    if unknown:
+        raise InvalidParameter(f"{name} must name some of {', '.join(known)}, got {unknown[0]!r}")
+    return asked or known
+
+
+def _percent(value: float, digits: int = 1) -> str:
+    return f"{100.0 * value:.{digits}f}" if math.isfinite(value) else "-"
+
+
+def _show(summaries: Sequence[MismatchSummary], bounds: Sequence[BoundLine]) -> None:
+    heading = (
+        "mismatch", "filter", "runs", "error", "90 %", "covers", "flag up", "error, any flag", "covers",
+        "silent", "x real time",
+    )  # fmt: skip
+    order = {name: i for i, name in enumerate(MISMATCHES)}
+    body = [
+        (
+            MISMATCHES[line.mismatch].title,
+            FILTERS[line.filter].title,
+            str(line.runs),
+            _percent(line.error),
+            _percent(line.error_high),
+            _percent(line.coverage),
+            _percent(line.flag, 0),
+            _percent(line.error_all),
+            _percent(line.coverage_all),
+            str(line.silent),
+            f"{line.real_time_factor:.0f}",
+        )
+        for line in sorted(summaries, key=lambda line: order[line.mismatch])
+    ]
+    console().print(table("in per cent; errors relative to the true n", heading, body, texts=2))
+    say("error, 90 %, covers: while the flag is up; flag up: of the time that steering or roughness acts;")
+    say("silent: runs that vouched for 2 s or more for an error above 20 % outside of their own interval")
+    worst = {
+        name: max(
+            (line for line in summaries if line.filter == name and line.mismatch not in ("none", "all")),
+            key=lambda line: line.error_all,
+            default=None,
+        )
+        for name in dict.fromkeys(line.filter for line in summaries)
+    }
+    for name, line in worst.items():
+        if line is not None:
+            say(f"{FILTERS[name].title}: {MISMATCHES[line.mismatch].title} hurts most")
+    body = [
+        (str(b.row), _percent(b.doubting), _percent(b.moduli_only), _percent(b.certain, 2)) for b in bounds
+    ]
+    heading = ("row", "all in doubt", "moduli in doubt", "only n unknown")
+    console().print(table("least sd of n at the end, in per cent of n (Cramer-Rao)", heading, body))

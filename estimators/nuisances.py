@@ -1,0 +1,493 @@
+"""The paper's half-car with everything about it that nobody knows exactly.
+
+`estimators.joint` believes its model: mass, soil moduli, map, steering and sensors are exact, and
+n is what remains. Here the belief holds the ten states, eta and fourteen nuisances, each with an
+honest prior (`Doubt`):
+
+=====================  =========================================================================
+stiffness, mass        logarithms of a factor of (k_c, k_phi) and of the vehicle's mass [-]
+lag                    of the steering [s]: the wheels stand where the command stood before
+bump_f, bump_r         height of the ground under an axle above the map [m], and their rates
+bias (5)               of the inertial unit [m/s^2, rad/s]
+roll, pitch            misalignment of the inertial unit [rad]; the accelerometers feel gravity
+=====================  =========================================================================
+
+A map that is shifted is a vehicle that stands elsewhere: that is a wide prior of X and Y. Slip
+sinkage at constant slip is a factor of the moduli (`estimators.mismatch`), so the belief about
+the stiffness holds it too.
+
+A bump is coloured noise of the second order, e'' + (a + b) v e' + a b v^2 e = white, a and b being
+the wavenumbers between which its spectrum falls with the square of the frequency, as that of
+rough ground does (ISO 8608); above b it falls with the fourth power, so its rate does not jump.
+
+`linearise` gives slopes of motion and reading from one set of trial evaluations of the forces; the
+filter (`estimators.robust`) and the bound (`bound_with_doubt`) share it. A bump moves the axle
+against the ground as heave and pitch do, so its slopes are combinations of theirs.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.bounds import linear_step
+from estimators.joint import ETA, JointModel, JointSettings, joint_model
+from estimators.transforms import range_slope, to_range
+from offroad_env.errors import InvalidParameter, SolverFailure
+from offroad_env.physics import state as at
+from offroad_env.physics._jit import kernel
+from offroad_env.physics.contact import SUNK
+from offroad_env.physics.numerics import GRAVITY
+from offroad_env.physics.paper_model import paper_derivative
+from offroad_env.physics.records import Soil, Vehicle
+from offroad_env.physics.settle import settle
+from offroad_env.physics.vehicle_model import Plant
+
+__all__ = [
+    "BIAS",
+    "BUMP",
+    "CHANNELS",
+    "LAG",
+    "LENGTH",
+    "MASS",
+    "PITCH_ERROR",
+    "ROLL_ERROR",
+    "STIFFNESS",
+    "Doubt",
+    "DoubtModel",
+    "advance",
+    "bound_with_doubt",
+    "doubt_model",
+    "linearise",
+    "process_noise",
+    "settled_belief",
+    "tie",
+]
+
+#: Where each nuisance sits behind the ten states and eta (`joint.ETA`).
+STIFFNESS, MASS, LAG = 11, 12, 13
+BUMP = 14  #: height front, its rate, height rear, its rate
+BIAS = 18  #: a_x, a_y, a_z, pitch_rate, yaw_rate
+ROLL_ERROR, PITCH_ERROR = 23, 24
+LENGTH = 25
+#: Channels: the inertial unit and the rims, the first seven of `joint.CHANNELS`.
+CHANNELS = 7
+#: Depth whose pressure stands for the moduli [m]; where the logarithm of its factor is that of theirs [-].
+_DEPTH, _MIDDLE = 0.04, 0.75
+_LOG_DEPTH = math.log(_DEPTH)
+_CENTIMETRE = 0.01  # [m]
+#: Slowest speed at which bumps pass [m/s].
+_SLOWEST = 0.5
+#: Steps of the one-sided differences for the ten states, eta, stiffness, mass, lag: second-order terms
+#: stay below 1e-4 of the slope, the contact solve (1e-11) below 1e-5.
+_STEPS = np.array([1e-5, 1e-5, 1e-6, 1e-6, 1e-6, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5])
+#: Columns that are differenced; the others follow from them.
+_TRIED = 14
+_ACC = (at.A_X, at.A_Y, at.A_Z, at.PITCH_ACC, at.YAW_ACC)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doubt:
+    """Standard deviations of what is uncertain: what a careful engineer would state beforehand."""
+
+    stiffness: float = 0.15  #: log of the factor of the moduli [-]: ±20 % is 1.3 of them
+    mass: float = 0.07  #: log of the mass's factor [-]
+    lag: float = 0.05  #: of the steering [s]
+    bump_lengths: tuple[float, float] = (20.0, 2.0)  #: longest and shortest waves that the map lacks [m]
+    place: float = 0.4  #: of the vehicle on the map, along each axis [m]
+    acceleration_bias: float = 0.1  #: [m/s^2]
+    rate_bias: float = 0.005  #: [rad/s]
+    misalignment: float = 0.035  #: roll and pitch of the inertial unit [rad]
+    #: What the model leaves out, per channel of the inertial unit [m/s^2, rad/s], and how long such an
+    #: error lasts [s]. A filter that believes in white noise must count it as a variance of
+    #: 2 error^2 time/dt per sample.
+    error: tuple[float, float, float, float, float] = (0.03, 0.03, 0.1, 0.01, 0.002)
+    error_time: float = 0.2
+    #: The same, of ground that departs from the map by 1 cm; in proportion for another size. It is not
+    #: known how the front's bumps reach the rear, nor what inertia of the wheels they stir.
+    bump_error: tuple[float, float, float, float, float] = (0.05, 0.03, 0.3, 0.03, 0.001)
+    #: Process noise beyond that of `joint.JointSettings`: v_x, v_y, v_z [m/s/sqrt(s)], pitch_rate,
+    #: yaw_rate [rad/s/sqrt(s)].
+    process: tuple[float, float, float, float, float] = (0.01, 0.002, 0.03, 0.03, 1e-4)
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            values = getattr(self, name)
+            if not all(value > 0.0 for value in (values if isinstance(values, tuple) else (values,))):
+                raise InvalidParameter(f"{name} must be > 0, got {values}")
+        for name, count in (("process", 5), ("error", 5), ("bump_error", 5), ("bump_lengths", 2)):
+            if len(getattr(self, name)) != count:
+                raise InvalidParameter(f"{name} must have {count} numbers, got {getattr(self, name)}")
+
+
+class DoubtModel(NamedTuple):
+    """What the kernels need besides the belief."""
+
+    plant: Plant
+    dt: float  #: time between samples [s]
+    low: float  #: bounds of n [-]
+    high: float
+    Q: np.ndarray  #: (LENGTH,) variances of the process noise per step, but for the bumps
+    R: np.ndarray  #: (CHANNELS,) variances of the sensor noise
+    R_bump: np.ndarray  #: (CHANNELS,) what comes to it for bumps of 1 m [1/m^2]
+    P: np.ndarray  #: (LENGTH,) variances of the start, but for eta and the bumps
+    bump_poles: tuple[float, float]  #: wavenumbers between which the bumps' spectrum falls [rad/m]
+
+
+def doubt_model(plant: Plant, dt: float, settings: JointSettings, doubt: Doubt) -> DoubtModel:
+    """The kernels' view of a plant, its noise and what is uncertain about it.
+
+    Raises
+    ------
+    InvalidParameter
+        As `joint.joint_model`.
+    """
+    model: JointModel = joint_model(plant, dt, settings)
+    Q, P = np.zeros(LENGTH), np.empty(LENGTH)
+    Q[: ETA + 1] = model.Q
+    Q[at.V_X : at.YAW_RATE + 1] += np.square(doubt.process) * dt
+    P[:ETA], P[ETA] = np.square(settings.start), 0.0
+    P[[at.X, at.Y]] += doubt.place**2
+    P[[STIFFNESS, MASS, LAG]] = doubt.stiffness**2, doubt.mass**2, doubt.lag**2
+    P[BUMP : BUMP + 4] = 0.0
+    P[BIAS : BIAS + 5] = np.repeat([doubt.acceleration_bias**2, doubt.rate_bias**2], (3, 2))
+    P[[ROLL_ERROR, PITCH_ERROR]] = doubt.misalignment**2
+    R = model.R[:CHANNELS].copy()
+    R_bump = np.zeros(CHANNELS)
+    R[:5] += np.square(doubt.error) * 2.0 * doubt.error_time / dt
+    R_bump[:5] = np.square(np.array(doubt.bump_error) / _CENTIMETRE) * 2.0 * doubt.error_time / dt
+    return DoubtModel(
+        plant=plant,
+        dt=float(dt),
+        low=model.low,
+        high=model.high,
+        Q=Q,
+        R=R,
+        R_bump=R_bump,
+        P=P,
+        bump_poles=tuple(2.0 * math.pi / float(length) for length in doubt.bump_lengths),
+    )
+
+
+@kernel
+def _soil(soil, n, factor):
+    """The same soil with another exponent and moduli ``factor`` times as large."""
+    return Soil(
+        soil.k_c * factor,
+        soil.k_phi * factor,
+        n,
+        soil.c,
+        soil.phi,
+        soil.k_x,
+        soil.k_y,
+        soil.a_0,
+        soil.a_1,
+        soil.b_0,
+        soil.b_1,
+        soil.rigid,
+        soil.mu,
+        soil.C_alpha,
+    )
+
+
+@kernel
+def _vehicle(v, factor):
+    """The same vehicle with another mass; its moments of inertia stay."""
+    return Vehicle(
+        v.m * factor, v.I_z, v.I_y, v.l_f, v.l_r, v.k_f, v.k_r, v.c_f, v.c_r, v.m_w, v.r, v.b,
+        v.wheels_per_axle, v.I_w, v.h_cg, v.track, v.drag_area, v.rolling_resistance, v.steer_max,
+        v.steer_rate, v.steer_lag, v.drive_torque_max, v.brake_torque_max, v.power_max, v.torque_lag,
+        v.drive_front, v.brake_front,
+    )  # fmt: skip
+
+
+@kernel
+def tie(n):
+    """What a belief adds to the logarithm of the moduli's factor: pressure at `_DEPTH` instead of moduli."""
+    return (n - _MIDDLE) * _LOG_DEPTH
+
+
+@kernel
+def _believed(point, model):
+    """The plant that a point of the belief stands for."""
+    plant, n = model.plant, to_range(point[ETA], model.low, model.high)
+    return Plant(
+        _vehicle(plant.vehicle, math.exp(point[MASS])),
+        _soil(plant.soil, n, math.exp(point[STIFFNESS] - tie(n))),
+        plant.ground,
+        plant.soil_map,
+        plant.slip,
+        plant.resultant,
+        plant.half_car,
+        plant.v_eps,
+        plant.fine,
+    )
+
+
+@kernel
+def _forces(point, u, model, warm, x, readings):
+    """Readings of the vehicle of ``point`` (25,) under ``u`` = (steer, F_u, steer's rate).
+
+    ``x`` (10,) is scratch: the state as the ground with its bumps feels it.
+    """
+    v = model.plant.vehicle
+    base = v.l_f + v.l_r
+    for i in range(ETA):
+        x[i] = point[i]
+    x[at.Z] -= (v.l_r * point[BUMP] + v.l_f * point[BUMP + 2]) / base
+    x[at.V_Z] -= (v.l_r * point[BUMP + 1] + v.l_f * point[BUMP + 3]) / base
+    x[at.PITCH] -= (point[BUMP] - point[BUMP + 2]) / base
+    x[at.PITCH_RATE] -= (point[BUMP + 1] - point[BUMP + 3]) / base
+    rates = np.empty(ETA)
+    inputs = (u[0] - point[LAG] * u[2], u[1], math.nan)
+    paper_derivative(x, inputs, _believed(point, model), warm, rates, readings)
+
+
+@kernel
+def _bump_rates(v_x, model):
+    """((a + b) v [1/s], a b v^2 [1/s^2]) of the bumps' motion."""
+    v, poles = max(v_x, _SLOWEST), model.bump_poles
+    return (poles[0] + poles[1]) * v, poles[0] * poles[1] * v * v
+
+
+@kernel
+def _motion(point, readings, model, d):
+    """Time derivative of the belief's point (BT bicycle 1-3 and half-car 1-2, and the bumps) into ``d``."""
+    cos_yaw, sin_yaw = math.cos(point[at.YAW]), math.sin(point[at.YAW])
+    cos, sin = math.cos(point[at.PITCH]), math.sin(point[at.PITCH])
+    v_x, v_y, v_z, yaw_rate = point[at.V_X], point[at.V_Y], point[at.V_Z], point[at.YAW_RATE]
+    d[:] = 0.0
+    d[at.X], d[at.Y] = v_x * cos_yaw - v_y * sin_yaw, v_x * sin_yaw + v_y * cos_yaw
+    d[at.YAW], d[at.Z], d[at.PITCH] = yaw_rate, v_z, point[at.PITCH_RATE]
+    d[at.V_X] = readings[at.A_X] + v_y * yaw_rate * cos + v_z * point[at.PITCH_RATE]
+    d[at.V_Y] = readings[at.A_Y] + v_z * yaw_rate * sin - v_x * yaw_rate * cos
+    d[at.V_Z], d[at.PITCH_RATE], d[at.YAW_RATE] = (
+        readings[at.A_Z],
+        readings[at.PITCH_ACC],
+        readings[at.YAW_ACC],
+    )
+    fast, square = _bump_rates(v_x, model)
+    for i in (BUMP, BUMP + 2):
+        d[i] = point[i + 1]
+        d[i + 1] = -fast * point[i + 1] - square * point[i]
+
+
+@kernel
+def _reading(point, readings, out):
+    """What unit and rims should read (7,): small angles of misalignment, gravity felt."""
+    a_x, a_y, a_z = readings[at.A_X], readings[at.A_Y], readings[at.A_Z]
+    roll, pitch = point[ROLL_ERROR], point[PITCH_ERROR]
+    out[0] = a_x + pitch * (a_z + GRAVITY)
+    out[1] = a_y + roll * (a_z + GRAVITY)
+    out[2] = a_z - pitch * a_x - roll * a_y
+    out[3] = point[at.PITCH_RATE] - roll * point[at.YAW_RATE]
+    out[4] = point[at.YAW_RATE] + roll * point[at.PITCH_RATE]
+    for j in range(5):
+        out[j] += point[BIAS + j]
+    out[5], out[6] = readings[at.R_OMEGA], readings[at.AXLE + at.R_OMEGA]
+
+
+@kernel
+def process_noise(v_x, bump, model, Q):
+    """Variances of the process noise of one step (25,) into ``Q``; ``v_x`` [m/s], bumps of ``bump`` [m]."""
+    fast, square = _bump_rates(v_x, model)
+    Q[:] = model.Q
+    Q[BUMP + 1] = Q[BUMP + 3] = 2.0 * fast * square * bump**2 * model.dt
+
+
+@kernel
+def advance(point, warm, inputs, model):
+    """Carry a point (25,) over a sample, in place, by Runge-Kutta's rule; returns the contact status.
+
+    ``inputs`` (3, 3) : (steer, F_u, NaN) at the start, middle and end of the step.
+    """
+    k, total, stage = np.empty(LENGTH), np.zeros(LENGTH), point.copy()
+    x, readings = np.empty(ETA), np.empty(at.READINGS_SIZE)
+    dt, rate, worst = model.dt, (inputs[2, 0] - inputs[0, 0]) / model.dt, 0.0
+    for i in range(4):
+        row = (i + 1) // 2
+        _forces(stage, (inputs[row, 0], inputs[row, 1], rate), model, warm, x, readings)
+        worst = max(worst, readings[at.STATUS])
+        _motion(stage, readings, model, k)
+        share = 1.0 if i == 0 or i == 3 else 2.0
+        ahead = dt if i == 2 else 0.5 * dt
+        for j in range(LENGTH):
+            total[j] += share * k[j]
+            stage[j] = point[j] + ahead * k[j]
+    for j in range(LENGTH):
+        point[j] += dt / 6.0 * total[j]
+    return worst
+
+
+@kernel
+def _bump_slopes(model, slopes, other):
+    """Slopes with the bumps from those with heave, pitch and their rates: ``other`` += ..."""
+    v = model.plant.vehicle
+    base = v.l_f + v.l_r
+    for i in range(slopes.shape[0]):
+        for rate in range(2):
+            z = slopes[i, at.Z] if rate == 0 else slopes[i, at.V_Z]
+            tilt = slopes[i, at.PITCH] if rate == 0 else slopes[i, at.PITCH_RATE]
+            other[i, BUMP + rate] -= (v.l_r * z + tilt) / base
+            other[i, BUMP + 2 + rate] -= (v.l_f * z - tilt) / base
+
+
+@kernel
+def linearise(point, warm, inputs, model, A, H, out):
+    """Slopes of motion A (25, 25) and reading H (7, 25) at ``point``, and the reading; contact status.
+
+    ``inputs`` = (steer, F_u, rate of the steering) of the moment.
+    """
+    x, readings = np.empty(ETA), np.empty(at.READINGS_SIZE)
+    base, trial_warm = np.empty(at.READINGS_SIZE), np.empty((2, 3))
+    d_0, d, z = np.empty(LENGTH), np.empty(LENGTH), np.empty(CHANNELS)
+    _forces(point, inputs, model, warm, x, base)
+    _motion(point, base, model, d_0)
+    _reading(point, base, out)
+    worst = base[at.STATUS]
+    A[:], H[:] = 0.0, 0.0
+    pull, felt = np.empty((5, _TRIED)), np.empty((CHANNELS, _TRIED))
+    trial = point.copy()
+    for j in range(_TRIED):
+        trial[j] += _STEPS[j]
+        trial_warm[:] = warm
+        _forces(trial, inputs, model, trial_warm, x, readings)
+        worst = max(worst, readings[at.STATUS])
+        _motion(trial, readings, model, d)
+        _reading(trial, readings, z)
+        A[:, j], H[:, j] = (d - d_0) / _STEPS[j], (z - out) / _STEPS[j]
+        # What the forces alone change, the motion kept: the slopes that a bump shares.
+        _reading(point, readings, z)
+        for i in range(5):
+            pull[i, j] = (readings[_ACC[i]] - base[_ACC[i]]) / _STEPS[j]
+        felt[:, j] = (z - out) / _STEPS[j]
+        trial[j] = point[j]
+    _bump_slopes(model, pull, A[at.V_X : at.YAW_RATE + 1])
+    _bump_slopes(model, felt, H)
+    fast, square = _bump_rates(point[at.V_X], model)
+    for i in (BUMP, BUMP + 2):
+        A[i, i + 1], A[i + 1, i], A[i + 1, i + 1] = 1.0, -square, -fast
+    for i in range(5):
+        H[i, BIAS + i] = 1.0
+    a_z = base[at.A_Z] + GRAVITY
+    H[0, PITCH_ERROR], H[2, PITCH_ERROR] = a_z, -base[at.A_X]
+    H[1, ROLL_ERROR], H[2, ROLL_ERROR] = a_z, -base[at.A_Y]
+    H[3, ROLL_ERROR], H[4, ROLL_ERROR] = -point[at.YAW_RATE], point[at.PITCH_RATE]
+    return worst
+
+
+@kernel
+def settled_belief(model, eta, variance, bump, pose, v_x):
+    """(status, mean (25,), covariance, warm (2, 3)) of a vehicle settled on the soil of ``eta``.
+
+    ``bump`` : size of what the map lacks [m].
+
+    The settled start is linearised in eta, stiffness, mass and place: heave and pitch follow them
+    and the bumps within the covariance.
+    """
+    mean, slope = np.zeros(LENGTH), np.zeros((LENGTH, LENGTH))
+    trial, worst = np.zeros(LENGTH), 0.0
+    X, Y, yaw = pose
+    for j in (ETA, STIFFNESS, MASS, at.X, at.Y):
+        trial[:] = 0.0
+        trial[ETA], trial[at.X], trial[at.Y] = eta, X, Y
+        step = 0.01
+        for sign in (-1.0, 1.0):
+            trial[STIFFNESS] = 0.0
+            trial[j] += sign * step
+            trial[STIFFNESS] += tie(to_range(trial[ETA], model.low, model.high))
+            status, x, _ = settle(_believed(trial, model), (trial[at.X], trial[at.Y], yaw), v_x, False)
+            worst = max(worst, status)
+            slope[:ETA, j] += sign * x[:ETA] / (2.0 * step)
+            slope[STIFFNESS, j] += sign * trial[STIFFNESS] / (2.0 * step)
+            if j != STIFFNESS:
+                trial[j] -= sign * step
+        slope[j, j] = 1.0
+    v = model.plant.vehicle
+    base = v.l_f + v.l_r
+    for j in range(LENGTH):
+        if j < ETA or j > MASS:
+            slope[j, j] = 1.0
+    for rate in range(2):
+        front, rear = BUMP + rate, BUMP + 2 + rate
+        z, tilt = (at.Z, at.PITCH) if rate == 0 else (at.V_Z, at.PITCH_RATE)
+        slope[z, front], slope[z, rear] = v.l_r / base, v.l_f / base
+        slope[tilt, front], slope[tilt, rear] = 1.0 / base, -1.0 / base
+    mean[ETA] = eta
+    mean[STIFFNESS] = tie(to_range(eta, model.low, model.high))
+    status, x, warm = settle(_believed(mean, model), pose, v_x, False)
+    mean[:ETA] = x[:ETA]
+    variances = model.P.copy()
+    variances[ETA] = variance
+    for i in (BUMP, BUMP + 2):
+        variances[i], variances[i + 1] = bump**2, bump**2 * _bump_rates(v_x, model)[1]
+    return max(worst, status), mean, (slope * variances) @ slope.T, warm
+
+
+@kernel
+def _bound(truth, cov, warm, inputs, measured, noise, variances):
+    """Fill the bound on the variances of the belief (T, 25); returns the failed step, or T.
+
+    ``noise`` = (model, size of the bumps [m]).
+    """
+    model, bump = noise
+    A, H, out = np.empty((LENGTH, LENGTH)), np.empty((CHANNELS, LENGTH)), np.empty(CHANNELS)
+    Q, F, point = np.empty(LENGTH), np.eye(LENGTH), np.zeros(LENGTH)
+    variances[0] = np.diag(cov)
+    for k in range(truth.shape[0]):
+        point[: ETA + 1] = truth[k]
+        point[STIFFNESS] = tie(to_range(point[ETA], model.low, model.high))
+        first, last = max(2 * k - 2, 0), max(2 * k, 2)
+        rate = (inputs[last, 0] - inputs[first, 0]) / model.dt
+        u = (inputs[2 * k, 0], inputs[2 * k, 1], rate)
+        status = linearise(point, warm, u, model, A, H, out)
+        if status >= SUNK or not (np.isfinite(A).all() and np.isfinite(H).all()):
+            return k
+        if k > 0:
+            index = np.flatnonzero(measured[k])
+            process_noise(point[at.V_X], bump, model, Q)
+            linear_step(cov, F, H[index].copy(), Q, (model.R + bump * bump * model.R_bump)[index])
+            variances[k] = np.diag(cov)
+        F = np.eye(LENGTH) + A * model.dt + (A @ A) * (0.5 * model.dt * model.dt)
+    return truth.shape[0]
+
+
+def bound_with_doubt(
+    model: DoubtModel, prior: tuple[float, float], truth: np.ndarray, inputs: np.ndarray, z: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What any filter with these doubts can know along a true trajectory of the nominal vehicle.
+
+    Parameters
+    ----------
+    model : DoubtModel
+    prior : (float, float)
+        Standard deviation of the prior of n [-], and size of what the map lacks [m].
+    truth : array (T, 11)
+        True states and eta, on the map as it is.
+    inputs, z
+        As in `joint.run_joint_filter`; of ``z`` only where it is NaN matters, in its first 7 columns.
+
+    Returns
+    -------
+    (T,) bound on sd(n) [-], (T, 25) bounds on the standard deviations of the belief.
+
+    Raises
+    ------
+    SolverFailure
+        Where the truth has no contact solution.
+    """
+    eta = float(truth[0, ETA])
+    slope = range_slope(eta, model.low, model.high)
+    pose = tuple(float(value) for value in truth[0, :3])
+    status, _, cov, warm = settled_belief(
+        model, eta, (prior[0] / slope) ** 2, float(prior[1]), pose, float(truth[0, at.V_X])
+    )
+    variances = np.empty((len(truth), LENGTH))
+    seen = np.isfinite(z[:, :CHANNELS])
+    done = _bound(np.ascontiguousarray(truth), cov, warm, inputs, seen, (model, float(prior[1])), variances)
+    if status >= SUNK or done < len(truth):
+        raise SolverFailure(f"no contact solution along the truth at t = {done * model.dt:.2f} s")
+    return np.sqrt(variances[:, ETA]) * slope, np.sqrt(variances)

@@ -1,0 +1,79 @@
+"""The controllers of the tasks do what the soil allows, and what the belief says changes what they do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from agents.arms import ArmSettings, make_arm
+from agents.benchmark.runner import Draw, run_jobs
+from agents.capability import soil_capability
+from agents.speed_control import gentle_target
+from offroad_env.env import OffroadBekkerEnv
+from offroad_env.soils import SOILS
+from offroad_env.vehicles import VEHICLES
+
+
+@pytest.fixture(scope="module")
+def loam():
+    return soil_capability(VEHICLES["mrzr"], SOILS["sandy_loam"], (0.3, 1.1))
+
+
+def drive(scenario, name, n, settings=None, seed=5):
+    arm = make_arm(name, scenario=scenario, settings=settings or ArmSettings())
+    return run_jobs(scenario, {"arm": arm}, [Draw(seed, n)], n_jobs=1)["arm"].episodes[0]
+
+
+def test_the_best_slip_falls_with_n_and_is_the_slip_of_the_largest_pull(loam):
+    slips = [loam.best_slip(n, n) for n in (0.3, 0.5, 0.8, 1.1)]
+    assert slips == sorted(slips, reverse=True)
+    for n, slip in zip((0.3, 0.5, 0.8, 1.1), slips, strict=True):
+        row = loam.pull[int(np.argmin(np.abs(loam.grid - n)))]
+        assert loam.slips[int(np.argmax(row))] == pytest.approx(slip, abs=0.021)
+
+
+def test_who_does_not_know_n_takes_the_slip_with_the_least_regret(loam):
+    slip = loam.best_slip(0.3, 1.1)
+    assert loam.best_slip(1.1, 1.1) < slip < loam.best_slip(0.3, 0.3)
+    regret = (loam.pull.max(axis=1, keepdims=True) - loam.pull).max(axis=0)
+    assert regret[int(np.argmin(np.abs(loam.slips - slip)))] == regret.min()
+
+
+def test_on_the_hill_who_knows_the_firm_soil_gets_further_than_who_fears_the_soft_one():
+    knowing, fearing = (drive("climb", name, 0.35).progress for name in ("oracle", "conservative"))
+    assert knowing > fearing + 3.0
+
+
+@pytest.mark.parametrize("n", [0.4, 1.0])
+def test_the_line_is_reached_and_not_crossed(n):
+    episode = drive("brake", "oracle", n, ArmSettings(brake_share=0.9))
+    assert episode.success
+    assert episode.time < drive("brake", "oracle", n, ArmSettings(brake_share=0.3)).time
+
+
+def test_who_believes_in_twice_the_brakes_crosses_the_line():
+    assert drive("brake", "nominal", 0.3, ArmSettings(brake_share=2.0, n=1.0)).failure == "overran"
+
+
+def test_a_driver_who_knows_nothing_slows_down_before_a_line_only():
+    assert gentle_target(8.0, 3.0, 0.0) == 8.0
+    speeds = [gentle_target(8.0, distance, 3.0) for distance in (1.0, 5.0, 20.0, 80.0)]
+    assert speeds[0] == 0.0
+    assert speeds == sorted(speeds)
+    assert speeds[-1] == 8.0
+
+
+def test_on_rough_ground_feeling_alone_keeps_the_limit():
+    settings = ArmSettings(ride_speed=8.0, ride_feel=1.0, ride_share=0.6)
+    assert drive("ride", "nominal", 0.4, settings).success
+    assert drive("ride", "nominal", 0.4, replace(settings, ride_feel=0.0)).failure == "too_rough"
+
+
+@pytest.mark.parametrize("scenario", ["climb", "brake", "ride"])
+def test_the_briefing_says_what_the_task_demands(scenario):
+    briefing = OffroadBekkerEnv(scenario=scenario).briefing
+    assert (briefing.stop_zone > 0.0) == (scenario == "brake")
+    assert np.isfinite(briefing.shake_limit) == (scenario == "ride")
+    assert briefing.time_limit == (40.0 if scenario == "brake" else 120.0)
