@@ -30,6 +30,8 @@ __all__ = ["DiagnosisStudy", "run_unit", "wilson"]
 #: Seeds of the report; tuning used those below 1000.
 _FIRST_SEED = 1000
 MULTIPLES = (0.5, 1.0, 2.0, 4.0)
+#: Effects that cannot be negative.
+_ONE_SIDED = ("steer_delay", "steer_lag", "aero_drag")
 #: Size of the forces without a name [share of the weight].
 _STRANGE = 0.03
 #: An explanation that copies this share of the removed effect's trace is no wrong name.
