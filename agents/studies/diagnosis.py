@@ -56,9 +56,7 @@ def run_unit(kind: str, name: str, multiple: float, seed: int) -> dict:
             return _diagnosed(case, None, white=kind == "white")
         if kind == "stranger":
             return _diagnosed(case, STRANGERS[name](_STRANGE))
-        sign = (
-            1.0 if EFFECTS[name].size.low > -0.05 or np.random.default_rng([seed, 3]).random() < 0.5 else -1.0
-        )
+        sign = 1.0 if name in _ONE_SIDED else float(np.random.default_rng([seed, 3]).choice((-1.0, 1.0)))
         limit, alike = _limit(case, name)
         size = sign * multiple * limit
         library = [other for other in EFFECTS if other != name] if kind == "removed" else None
@@ -101,9 +99,7 @@ def _summary(diagnosis: Diagnosis, case: Case) -> dict:
         "rest": {rest.equation: rest.chance for rest in diagnosis.rest},
         "converged": diagnosis.checks.get("converged"),
         "n_true": case.n,
-        "n_fit": float(found.nominal.runs[0].setup.plant.soil.n + found.extended.nuisances[0])
-        if found
-        else None,
+        "n_fit": SOILS[case.soil].n + float(found.extended.nuisances[0]) if found else None,
     }
 
 

@@ -22,7 +22,6 @@ from offroad_env.physics.contact import SUNK
 from offroad_env.physics.full_model import full_advance
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.records import SoilMap
-from offroad_env.physics.sensor_kernels import CHANNELS, GNSS, OFFSET, sense
 from offroad_env.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
 from offroad_env.simulator import Plant, make_plant, settled_state
 from offroad_env.soils import SOILS, make_soil
@@ -66,7 +65,7 @@ class Hidden:
     )  #: what acts, from all logged commands so far, one a tick
     step: Callable[[np.ndarray, np.ndarray, Plant], Plant] | None = None  #: state, readings -> plant
     feel: Callable[[np.ndarray, np.ndarray, Plant], None] | None = None  #: adds to the readings after a step
-    errors: Callable[[np.ndarray], None] = field(default=lambda errors: None)  #: of the sensors, in place
+    sample: Callable[[np.ndarray], None] = field(default=lambda sample: None)  #: what sensors say, in place
 
 
 def draw_case(seed: int, **fixed) -> Case:
@@ -153,20 +152,18 @@ def hidden_log(case: Case, hidden: Hidden | None = None, name: str = "run") -> L
         gnss=GnssConfig() if case.gnss else None,
     )
     sensors.reset(rng)
-    errors = sensors.errors
-    hidden.errors(errors)
     config = config_of(believed, sensors, StartSpec(v_x=3.0))
     recorder = Recorder(replace(config, terrain=terrain), period=_TICK * _SAMPLE)
-    _drive(case, truth, hidden, (_Driver(rng, case), sensors, errors, recorder))
+    _drive(case, truth, hidden, (_Driver(rng, case), sensors, recorder))
     return recorder.log(name)
 
 
 def _drive(case: Case, plant: Plant, hidden: Hidden, parts: tuple) -> None:
-    driver, sensors, errors, recorder = parts
+    driver, sensors, recorder = parts
     x, warm = settled_state(plant, v_x=3.0)
     readings, past = np.zeros(at.READINGS_SIZE), []
     full_advance(x, warm, (0.0, 0.0, 0.0), plant, _TICK, 0, readings)
-    recorder.start(_sample(x, readings, sensors, errors)[0])
+    recorder.start(_sample(x, readings, sensors, hidden))
     command, pending = (0.0, 0.0, 0.0), []
     for tick in range(round(case.duration / _TICK)):
         if tick % _COMMAND == 0:
@@ -182,17 +179,14 @@ def _drive(case: Case, plant: Plant, hidden: Hidden, parts: tuple) -> None:
         if status >= SUNK:
             raise SolverFailure(f"the hidden run {case.seed} drowns at {tick * _TICK:.2f} s")
         if (tick + 1) % _SAMPLE == 0:
-            pending.append(_sample(x, readings, sensors, errors)[0])
+            pending.append(_sample(x, readings, sensors, hidden))
     recorder.hold(command, np.array(pending))
 
 
-def _sample(x, readings, sensors: SensorSuite, errors: np.ndarray) -> np.ndarray:
-    noise, due = sensors.draw(1)
-    out = np.empty((1, CHANNELS))
-    sense(x, readings, sensors.mount, errors, noise[0], (bool(due[0, 0]), bool(due[0, 1])), out[0])
-    if sensors.gnss is None:
-        out[0, GNSS] = np.nan
-    return out
+def _sample(x, readings, sensors: SensorSuite, hidden: Hidden) -> np.ndarray:
+    sample = np.concatenate(sensors.sample(x, readings)[:3])
+    hidden.sample(sample)
+    return sample
 
 
 # ------------------------------------------------------------------ what can be hidden
@@ -297,10 +291,10 @@ def _bordered(step: float) -> Hidden:
 
 def _biased(channel: int) -> Callable[[float], Hidden]:
     def make(bias: float) -> Hidden:
-        def errors(errors: np.ndarray) -> None:
-            errors[OFFSET, channel] += bias
+        def sample(sample: np.ndarray) -> None:
+            sample[channel] += bias
 
-        return Hidden(errors=errors)
+        return Hidden(sample=sample)
 
     return make
 
