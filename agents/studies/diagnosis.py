@@ -24,6 +24,7 @@ from estimators.discrepancy.screen import candidates_for, screen
 from estimators.discrepancy.windows import FIT
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
+from offroad_env.soils import SOILS
 
 __all__ = ["DiagnosisStudy", "run_unit", "wilson"]
 
