@@ -385,6 +385,9 @@ def fit_runs(runs: Sequence[RunModel], *, white: bool = False) -> Fit:
     fit = Fit(runs)
     fit.begin()
     first_noise(fit)
+    fit.descend()
+    # Once more from the starts that the fitted ground leads to: no sensor may have told the speed.
+    fit.begin()
     settle(fit, white=white)
     return fit
 

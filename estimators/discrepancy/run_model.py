@@ -40,7 +40,7 @@ _OTHER = ("speed", "course")
 #: States that are free at the start of a window, with what is believed of them beforehand: generous,
 #: only so that what a log does not show stays finite [m, rad, m/s, rad/s; rims in m/s].
 _FREE = {
-    at.X: 3.0, at.Y: 3.0, at.YAW: 0.5, at.Z: 0.05, at.PITCH: 0.05, at.V_X: 1.0, at.V_Y: 0.5, at.V_Z: 0.3,
+    at.X: 3.0, at.Y: 3.0, at.YAW: 0.5, at.Z: 0.05, at.PITCH: 0.05, at.V_X: 2.0, at.V_Y: 0.5, at.V_Z: 0.3,
     at.PITCH_RATE: 0.3, at.YAW_RATE: 0.5, at.OMEGA_F: 1.0, at.OMEGA_R: 1.0,
 }  # fmt: skip
 

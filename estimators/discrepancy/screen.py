@@ -13,8 +13,8 @@ from offroad_env.physics import state as at
 
 __all__ = ["Screen", "candidates_for", "chance_threshold", "screen"]
 
-#: Smallest information that counts as any, relative to that of a plausible size.
-_NOTHING = 1e-8
+#: An effect whose largest plausible size would move its score by less than this is no candidate at all.
+_NOTHING = 0.4
 #: Draws of the largest score under chance.
 _DRAWS = 20_000
 #: Size that is found with 90 % power among about 36 effects at 5 % family-wise, in standard deviations.
@@ -119,7 +119,7 @@ def screened(fit: Fit, candidates: Sequence[Candidate], residual: np.ndarray, co
     information, score = projected(joint, joint_score, own - len(NUISANCES))
     vehicle = fit.runs[0].setup.plant.vehicle
     plausible = np.array([EFFECTS[c.effect].plausible(vehicle) for c in candidates])
-    seen = np.diag(information) * plausible**2 > _NOTHING
+    seen = np.diag(information) * plausible**2 > _NOTHING**2
     information = np.where(np.outer(seen, seen), 0.5 * (information + information.T), 0.0)
     deviation = 1.0 / np.sqrt(np.where(seen, np.diag(information), 1.0))
     return Screen(
