@@ -53,8 +53,9 @@ class InputChain:
         _, drive, brake = self._at(middle)
         if inputs.steer_lag > 0.0:
             before = steer if self._steer is None else self._steer
-            self._steer = steer + (before - steer) * math.exp(-dt / inputs.steer_lag)
-            steer = 0.5 * (before + self._steer)
+            share = dt / inputs.steer_lag
+            self._steer = steer + (before - steer) * math.exp(-share)
+            steer += (before - steer) * (1.0 - math.exp(-share)) / share
         return steer, inputs.drive_scale * drive, inputs.drive_scale * brake
 
 

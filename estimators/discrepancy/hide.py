@@ -282,7 +282,7 @@ def _bordered(step: float) -> Hidden:
     """Half of the world is a disc so large that its rim is a straight border."""
 
     def plant(plant: Plant) -> Plant:
-        radius, border = 2000.0, 60.0
+        radius, border = 2000.0, 35.0
         disc = np.array([[border + radius, 0.0, radius, plant.soil.n + step]])
         return plant._replace(soil_map=SoilMap(1.0, disc))
 

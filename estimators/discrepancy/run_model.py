@@ -112,7 +112,8 @@ class RunModel:
         self.setup = Setup(plant=plant, mount=imu.mount())
         self._rims = np.empty((0, 2)) if self.driven else self._measured_rims()
         self.channels = self._find_channels()
-        self.y = np.concatenate([self.log.samples(c.name)[1][self._kept[c.name]] for c in self.channels])
+        data = [self.log.samples(c.name)[1][self._kept[c.name]] for c in self.channels]
+        self.y = np.concatenate(data) if data else np.empty(0)
         self.free = tuple(_FREE) if full and self.driven else tuple(i for i in _FREE if i < at.OMEGA_F)
         r = plant.vehicle.r
         self.spread = np.array([_FREE[i] / (r if i >= at.OMEGA_F else 1.0) for i in self.free])
@@ -135,8 +136,11 @@ class RunModel:
     # ------------------------------------------------------------------ data
 
     def _find_channels(self) -> tuple[Channel, ...]:
+        self._kept: dict[str, np.ndarray] = {}
+        if len(self.windows) == 0:
+            return ()
         known = [*_IMU, *(_RIMS if self.driven else ()), *_STATES, *_OTHER]
-        channels, start, self._kept = [], 0, {}
+        channels, start = [], 0
         for name in known:
             if name not in self.log.channels:
                 continue

@@ -14,6 +14,8 @@ FIT, SELECT, REPORT = 0, 1, 2
 #: Shares of the time, and the least time between them [s].
 _SHARES = (0.6, 0.2, 0.2)
 _APART = 5.0
+#: A shorter run is all for the search: nothing is left to check it on [s].
+_SHORTEST = 20.0
 #: Length that windows aim at [s]: long enough for a wrong force to show in the speed.
 _LENGTH = 4.0
 #: What the actuators did before the first row is not known: so long it can matter [s].
@@ -59,6 +61,8 @@ def cut(steps: int, step: float, whole: int | None = None) -> Windows:
         the search gets the first part, then the gate, then the report, with 5 s left out between.
     """
     lead = round(_LEAD_IN / step)
+    if whole is None and steps * step < _SHORTEST:
+        whole = FIT
     if whole is not None:
         blocks = [(lead, steps, whole)]
     else:

@@ -19,8 +19,8 @@ def test_noise_of_known_colour_is_whitened_and_its_memory_found():
     rng = np.random.default_rng(1)
     pieces = [_coloured(rng, 400) for _ in range(20)]
     noise = ChannelNoise.fitted(pieces, freedom=0.0)
-    assert 2 <= noise.order <= 4
-    assert noise.predictors[noise.order][:2] == pytest.approx([1.5, -0.7], abs=0.05)
+    assert noise.order >= 2
+    assert noise.predictors[2] == pytest.approx([1.5, -0.7], abs=0.05)
     white = np.concatenate([noise.whiten(piece) for piece in pieces])
     assert white.std() == pytest.approx(1.0, abs=0.03)
     assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.03

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from offroad_env.soils import SOILS
 from offroad_env.terrain import paper_terrain
 from offroad_env.vehicles import VEHICLES
 
-_ROUTE = np.column_stack([np.linspace(0.0, 40.0, 50), np.linspace(0.0, 3.0, 50)])
+_ROUTE = np.column_stack([np.linspace(0.0, 4.0, 50), np.linspace(0.0, 0.3, 50)])
 
 
 def _setup(model: str = "full") -> Setup:
@@ -120,9 +121,7 @@ def test_air_drag_as_an_effect_is_the_air_drag_of_the_vehicles_record():
 
 def test_wrong_use_is_refused_with_the_reason():
     setup = _setup()
-    hard = Setup(
-        plant=make_plant(VEHICLES["mrzr"], SOILS["hard_ground"], paper_terrain(0.1)), mount=setup.mount
-    )
+    hard = replace(setup, plant=make_plant(VEHICLES["mrzr"], SOILS["hard_ground"], paper_terrain(0.1)))
     for start, effects, message in (
         (setup, [("no_such", {})], "no effect 'no_such'"),
         (setup, [("payload", {"mass": 3.0})], "payload takes share"),
