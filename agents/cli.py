@@ -33,6 +33,7 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
         "does knowing the soil pay? arms on the same episodes",
     ),
     "compare": ("compare", "Compare", "an agent of your own against the arms, on the same episodes"),
+    "diagnose": ("diagnose", "Diagnose", "what the simulation gets wrong in measured runs, and why"),
     "data": ("data", "Data", "list measured data sets, or get one from its publisher"),
     "train": ("train", "Train", "train a policy by PPO (needs the extra rl)"),
 }

@@ -285,7 +285,7 @@ def _conclude(memory, assumed, nav, imu, points, predicted, status):
 def _believed(assumed, map_):
     """(packed plant, mount of the inertial unit), ``map_`` = (waves, patches)."""
     mount = ImuMount(assumed.lever[:], assumed.rotation[:], assumed.mount[0], assumed.mount[1])
-    return PackedPlant(assumed.plant[:], map_[0], map_[1]), mount
+    return PackedPlant(assumed.plant[:], map_[0], map_[1], None), mount
 
 
 @kernel

@@ -56,6 +56,7 @@ def plant_with_exponent(plant, n):
         plant.half_car,
         plant.v_eps,
         plant.fine,
+        plant.effects,
     )
 
 

@@ -14,7 +14,9 @@ from estimators.carried import KINDS, OnBoard, make_estimator
 from estimators.embedded import EmbeddedParameterUKF
 from estimators.navigation import NavigationFilter
 from estimators.protocol import Estimate, Estimator
+from offroad_env.effects import Extension, read_extension
 from offroad_env.errors import InvalidParameter, SolverFailure
+from offroad_env.extended import ExtendedTruth
 from offroad_env.memory import LAST_ROW, NOISE_ROWS, Memory
 from offroad_env.observation import PREVIEW, Layout
 from offroad_env.period import (
@@ -163,7 +165,8 @@ class OffroadBekkerEnv(gym.Env):
     ## Arguments
     scenario : "track", "speed", "climb", "brake", "ride" or "patches" (`offroad_env.SCENARIOS`)
     terrain_info : "none", "estimate" or "truth"
-    model : "full" (wheel spin, slopes) or "paper" (Buzhardt & Tallapragada, ACC 2021)
+    model : "full" (wheel spin, slopes) or "paper" (Buzhardt & Tallapragada, ACC 2021), or the file of an
+        extended model that ``offroad diagnose`` has written: the truth then has its effects
     vehicle_model : "half_car" or "bicycle"
     estimator : "parameter", "joint", "bank" or "none"; None runs the parameter UKF when
         ``terrain_info="estimate"``. An `estimators.carried.OnBoard` also says at what rate, and which
@@ -200,6 +203,8 @@ class OffroadBekkerEnv(gym.Env):
         self.scenario: Scenario = find_scenario(scenario)
         if estimator is None:
             estimator = "parameter" if terrain_info == "estimate" else "none"
+        self.extension: Extension | None = read_extension(model) if model.endswith(".json") else None
+        model = model if self.extension is None else self.extension.model
         for name, value, allowed in (
             ("terrain_info", terrain_info, TERRAIN_INFO),
             ("model", model, MODELS),
@@ -231,6 +236,7 @@ class OffroadBekkerEnv(gym.Env):
         #: "parameter" runs inside the compiled period; whatever else is carried stands beside it.
         self._choice = OnBoard(kind=estimator) if estimator in ("joint", "bank") else estimator
         self.estimator: Estimator | None = None
+        self._extended: ExtendedTruth | None = None  # drives where the compiled period knows no effects
         self._layout = Layout(self.vehicle.steer_max, terrain=terrain_info != "none")
         self._renderer: Any = None
         self._learner: EmbeddedParameterUKF | None = None  # the estimator that the compiled period carries
@@ -306,6 +312,9 @@ class OffroadBekkerEnv(gym.Env):
         self.plant = make_plant(vehicle, truth, self.course.ground, soil_map=self._soil_map(), **kinds)
         X, Y, yaw = (float(value) for value in self.course.path.nodes[0, :3])
         start = self.scenario.start_speed
+        if self.extension is not None:
+            self._extended = ExtendedTruth(self.extension, self.plant, self.sensors.mount)
+            self.plant = self._extended.setup.plant
         self.state[:], self.warm[:] = settled_state(self.plant, x=X, y=Y, yaw=yaw, v_x=start)
         self._start(X, Y, start)
         self._navigation.reset(X, Y, yaw, start)
@@ -364,6 +373,8 @@ class OffroadBekkerEnv(gym.Env):
             ("ending", 0),
         ):
             episode[name] = value
+        if self._extended is not None:
+            episode["errors"] = self._extended.imperfect(self.sensors.errors)
         self.sensors.draw_noise(self._memory.noise[self._row, -1:])
         self._actions[:] = 0.0
 
@@ -479,11 +490,17 @@ class OffroadBekkerEnv(gym.Env):
 
     def _advance(self) -> None:
         """Move on by one period: the truth, everything that watches it, and what is reported of it."""
+        phases = _EVERYTHING
+        if self._extended is not None:
+            self._extended.drive(
+                self._episode, self._actions, lambda: self.command, self._memory.noise[self._row]
+            )
+            phases = BELIEVE | REPORT
         if self.is_compiled:
-            self._run(_EVERYTHING)
+            self._run(phases)
             return
         self._memory.rules["learns"] = 0
-        self._run(DRIVE | BELIEVE)
+        self._run(phases & ~REPORT)
         self.ask_estimator()
         self._run(REPORT)
 

@@ -182,7 +182,7 @@ def announce_compilation() -> None:
 def _plant(e, table):
     """The true plant of an episode."""
     waves, patches = table[e.path_end : e.waves_end], table[e.waves_end : e.patches_end]
-    return unpack(PackedPlant(e.plant[:], waves, patches))
+    return unpack(PackedPlant(e.plant[:], waves, patches, None))
 
 
 @inline_kernel

@@ -109,6 +109,8 @@ class OffroadBekkerVectorEnv(VectorEnv):
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.envs = [OffroadBekkerEnv(**options) for _ in range(self.num_envs)]
         first = self.envs[0]
+        if first.extension is not None:
+            raise InvalidParameter("an extended model runs in single environments only: use gym.make")
         self.max_episode_steps = int(max_episode_steps)
         self._time_limit = first.scenario.time_limit
         self.metadata = {**first.metadata, "autoreset_mode": self.autoreset_mode}

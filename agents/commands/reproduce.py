@@ -18,5 +18,6 @@ STUDIES: dict[str, tuple[str, str, str]] = {
     "prediction": ("prediction", "Prediction", "position error after 10 s with prior, estimated and true n"),
     "carried": ("carried", "Carried", "the estimators that the environment can carry: error, band, cost"),
     "sensors": ("sensors", "Sensors", "what wheel speeds and satellite fixes add to the inertial unit"),
+    "diagnosis": ("diagnosis", "DiagnosisStudy", "hide and find: false alarms, power, sets, wrong names"),
     "mismatch": ("mismatch", "Mismatches", "filters whose model is wrong: error, coverage, validity flag"),
 }

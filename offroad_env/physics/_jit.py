@@ -25,6 +25,8 @@ F = TypeVar("F", bound=Callable)
 
 _ROOT = Path(__file__).resolve().parents[2]
 _PACKAGES = ("offroad_env", "estimators", "agents")
+#: A module that calls kernels of packages which it may not import names them in a tuple of this name.
+LATE = "LATE_IMPORTS"
 
 
 def _source(module: str) -> Path | None:
@@ -37,13 +39,17 @@ def _source(module: str) -> Path | None:
 
 @cache
 def _imports(module: str) -> frozenset[str]:
-    """Our modules that ``module`` imports at its top level."""
+    """Our modules whose code ``module`` may call: imported at its top level, or named in `LATE`."""
     found: set[str] = set()
     for node in ast.parse(_source(module).read_bytes()).body:
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
             found.update((node.module, *(f"{node.module}.{alias.name}" for alias in node.names)))
+        elif isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == LATE:
+            for package in ast.literal_eval(node.value):
+                folder = _source(package).parent
+                found.update((package, *(f"{package}.{file.stem}" for file in folder.glob("*.py"))))
     return frozenset(name for name in found if _source(name))
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
 from offroad_env.physics.contact import NO_ROOT
+from offroad_env.physics.hooks import change_body_forces, change_load
 from offroad_env.physics.numerics import AIR_DENSITY, all_finite, sin_cos
 from offroad_env.physics.records import Wheel
 from offroad_env.physics.vehicle_model import (
@@ -68,13 +69,14 @@ def _full_axle(plant, x, angles, arm, suspension, warm, readings):
         z = x[at.Z] + arm * sin
         z_dot = x[at.V_Z] + arm * cos * pitch_rate
         N_0, inertia = suspension_load(N_static, k, c, v.m_w, (z, z_dot, H, H_dot, H_ddot))
+        N_0 = change_load(plant.effects, N_0, (z - H, z_dot - H_dot), (N_static, k, c))
     else:
         k = 0.0
     q_l = math.sqrt(1.0 + g_l * g_l)
     v_l = u_l * q_l + g_l * g_c * u_c / q_l
     v_c = u_c * math.sqrt(q_l * q_l + g_c * g_c) / q_l
     status, F_l, F_c, V, _ = axle_contact(
-        plant, (v.r * omega, v_l, v_c), (wx, wy, H, g_l, g_c), (N_0, k), warm, readings
+        plant, (v.r * omega, v_l, v_c), (wx, wy, H, g_l, g_c, arm), (N_0, k), warm, readings
     )
     F_s = suspension_force(V, N_static, inertia)
     return status, F_l * cos_d - F_c * sin_d, F_l * sin_d + F_c * cos_d, F_s, V, reach
@@ -160,12 +162,14 @@ def full_derivative(x, command, plant, warm, d, readings):
     v_x, v_y, yaw_rate = x[at.V_X], x[at.V_Y], x[at.YAW_RATE]
     speed = math.sqrt(v_x * v_x + v_y * v_y)
     drag = 0.5 * AIR_DENSITY * v.drag_area * speed
-    a_x, a_y = (traction - drag * v_x) / v.m, (side - drag * v_y) / v.m
+    forces = (traction - drag * v_x, side - drag * v_y, yawing)
+    F_x, F_y, M_z = change_body_forces(plant.effects, forces, x, v)
+    a_x, a_y = F_x / v.m, F_y / v.m
     a_z = pitch_acc = 0.0
     if plant.half_car > 0.5:
         a_z = lift / v.m
         pitch_acc = (pitching + traction * v.h_cg) * pitch[1] / v.I_y
-    yaw_acc = yawing / v.I_z
+    yaw_acc = M_z / v.I_z
 
     d[at.X] = v_x * yaw[1] - v_y * yaw[0]
     d[at.Y] = v_x * yaw[0] + v_y * yaw[1]

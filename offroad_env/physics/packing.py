@@ -26,6 +26,7 @@ class PackedPlant(NamedTuple):
     numbers: np.ndarray  #: (70 or so,) every float of the plant, in the order of its records
     waves: np.ndarray
     patches: np.ndarray
+    effects: np.ndarray | None
 
 
 def pack(plant: Plant) -> PackedPlant:
@@ -33,7 +34,8 @@ def pack(plant: Plant) -> PackedPlant:
     ground, soil_map = plant.ground, plant.soil_map
     rest = (ground.H_0, ground.S_x, ground.S_y, soil_map.edge)
     rest += (plant.slip, plant.resultant, plant.half_car, plant.v_eps, float(plant.fine))
-    return PackedPlant(np.array([*plant.vehicle, *plant.soil, *rest]), ground.waves, soil_map.patches)
+    numbers = np.array([*plant.vehicle, *plant.soil, *rest])
+    return PackedPlant(numbers, ground.waves, soil_map.patches, plant.effects)
 
 
 @inline_kernel
@@ -58,4 +60,5 @@ def unpack(packed):
         g[6],
         g[7],
         g[8] > 0.5,
+        packed.effects,
     )

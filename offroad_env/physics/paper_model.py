@@ -15,6 +15,7 @@ import numpy as np
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel, merged_kernel
 from offroad_env.physics.contact import NO_ROOT, SUNK
+from offroad_env.physics.hooks import change_body_forces, change_load
 from offroad_env.physics.numerics import all_finite, lane_rows, sin_cos
 from offroad_env.physics.vehicle_model import (
     axle_contact,
@@ -48,12 +49,13 @@ def _paper_axle(plant, x, angles, arm, suspension, warm, readings):
     if plant.half_car > 0.5:
         z, z_dot = x[at.Z] + arm * sin, x[at.V_Z] + arm * cos * x[at.PITCH_RATE]
         N_0, inertia = suspension_load(N_static, k, c, m_w, (z, z_dot, H, H_dot, H_ddot))
+        N_0 = change_load(plant.effects, N_0, (z - H, z_dot - H_dot), (N_static, k, c))
     else:
         k = 0.0
     # r omega from the constant slip: the paper's s when driving, referred to v when braking.
     rim = u_l / (1.0 - plant.slip) if plant.slip >= 0.0 else u_l * (1.0 + plant.slip)
     status, F_l, F_c, V, _ = axle_contact(
-        plant, (rim, u_l, u_c), (wx, wy, H, 0.0, 0.0), (N_0, k), warm, readings
+        plant, (rim, u_l, u_c), (wx, wy, H, 0.0, 0.0, arm), (N_0, k), warm, readings
     )
     F_s = suspension_force(V, N_static, inertia)
     return status, F_l * cos_d - F_c * sin_d, F_l * sin_d + F_c * cos_d, F_s
@@ -84,12 +86,13 @@ def paper_derivative(x, inputs, plant, warm, d, readings):
         lift += F_s
         pitching += F_s * arm
         yawing += F_y * arm
-    a_x, a_y = (force_x + F_u) / v.m, force_y / v.m
+    F_x, F_y, M_z = change_body_forces(plant.effects, (force_x + F_u, force_y, yawing), x, v)
+    a_x, a_y = F_x / v.m, F_y / v.m
     a_z = pitch_acc = 0.0
     if plant.half_car > 0.5:
         a_z = lift / v.m
         pitch_acc = pitching * pitch[1] / v.I_y
-    yaw_acc = yawing / v.I_z
+    yaw_acc = M_z / v.I_z
 
     v_x, v_y, v_z, yaw_rate = x[at.V_X], x[at.V_Y], x[at.V_Z], x[at.YAW_RATE]
     d[at.X] = v_x * yaw[1] - v_y * yaw[0]

@@ -20,23 +20,24 @@ __all__ = ["settle"]
 
 
 @merged_kernel
-def _rest(plant, motion, rim, N_0, warm, readings):
-    """(status, soil torque) of an axle that carries ``N_0`` [N] at rim speed ``rim`` [m/s].
+def _rest(plant, motion, place, N_0, warm, readings):
+    """(status, soil torque) of an axle that carries ``N_0`` [N]; ``place`` = (arm [m], rim speed [m/s]).
 
     The paper's model knows no slopes.
     """
     wx, wy, H, _, _, u_l, u_c, g_l, g_c = motion
+    arm, rim = place
     if plant.resultant < 0.5:
         g_l = g_c = 0.0
     status, _, _, _, torque = axle_contact(
-        plant, (rim, u_l, u_c), (wx, wy, H, g_l, g_c), (N_0, 0.0), warm, readings
+        plant, (rim, u_l, u_c), (wx, wy, H, g_l, g_c, arm), (N_0, 0.0), warm, readings
     )
     return status, torque
 
 
 @merged_kernel
-def _rolling_rim(plant, motion, N_0, warm, readings):
-    """Rim speed [m/s] of an axle whose soil torque is zero; 0 at rest.
+def _rolling_rim(plant, motion, arm, N_0, warm, readings):
+    """Rim speed [m/s] of an axle ``arm`` [m] ahead of the CG whose soil torque is zero; 0 at rest.
 
     Regula falsi with halving (Illinois) between 0.5 and 1.5 of the travel speed.
     """
@@ -46,7 +47,7 @@ def _rolling_rim(plant, motion, N_0, warm, readings):
     low, high, T_low, T_high = 0.5 * u_l, 1.5 * u_l, math.nan, math.nan
     rim, side = low, 0.0
     for _ in range(80):
-        _, T = _rest(plant, motion, rim, N_0, warm, readings)
+        _, T = _rest(plant, motion, (arm, rim), N_0, warm, readings)
         if math.isnan(T_low):
             T_low, rim = T, high
             continue
@@ -88,10 +89,10 @@ def settle(plant, pose, v_x, torque_free):
         _, _, H, H_dot, H_ddot, u_l, _, _, _ = motion
         N_0 = loads[i] + v.m_w * H_ddot
         if torque_free:
-            rim = _rolling_rim(plant, motion, N_0, warm[i], seen)
+            rim = _rolling_rim(plant, motion, arm, N_0, warm[i], seen)
         else:
             rim = u_l / (1.0 - plant.slip) if plant.slip >= 0.0 else u_l * (1.0 + plant.slip)
-        status, _ = _rest(plant, motion, rim, N_0, warm[i], seen)
+        status, _ = _rest(plant, motion, (arm, rim), N_0, warm[i], seen)
         worst = max(worst, status)
         x[at.OMEGA_F + i] = rim / v.r
         heights[i], rates[i] = H - seen[at.SINKAGE], H_dot

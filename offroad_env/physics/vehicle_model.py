@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, merged_kernel
 from offroad_env.physics.contact import slope_frame, solve_contact
 from offroad_env.physics.ground import ground_readings, sinkage_exponent
+from offroad_env.physics.hooks import change_soil, change_wheel_forces
 from offroad_env.physics.numerics import GRAVITY, smooth_step
 from offroad_env.physics.records import Ground, Soil, SoilMap, Vehicle, Wheel
 from offroad_env.physics.wheel_soil import slip_ratio
@@ -35,6 +38,7 @@ class Plant(NamedTuple):
     half_car: float  #: 1.0 = heave and pitch move, 0.0 = bicycle with static loads
     v_eps: float  #: low-speed regularisation [m/s]
     fine: bool  #: reference quadrature instead of the fast one
+    effects: np.ndarray | None = None  #: rows of `hooks`; None = the base model, without any trace of them
 
 
 @inline_kernel
@@ -136,13 +140,13 @@ def suspension_force(N, N_static, inertia):
 def axle_contact(plant, motion, place, support, warm, readings):
     """Solve one axle's contact and note it in ``readings``, the axle's part of the readings.
 
-    ``motion`` = (r omega, v_l, v_c), ``place`` = (x, y, H, g_l, g_c), ``support`` = (N_0, k).
+    ``motion`` = (r omega, v_l, v_c), ``place`` = (x, y, H, g_l, g_c, arm), ``support`` = (N_0, k).
     Returns (status, F_l, F_c, V, torque) in the wheel's horizontal axes: along, across, up.
     """
-    x, y, H, g_l, g_c = place
+    x, y, H, g_l, g_c, arm = place
     vehicle = plant.vehicle
     n = sinkage_exponent(plant.soil_map, plant.soil.n, x, y)
-    soil = with_exponent(plant.soil, n)
+    soil = change_soil(plant.effects, with_exponent(plant.soil, n), motion, (x, y, arm, plant.v_eps))
     frame = slope_frame(g_l, g_c)
     status, F_x, F_y, F_n, T, h = solve_contact(
         soil,
@@ -152,6 +156,9 @@ def axle_contact(plant, motion, place, support, warm, readings):
         (support[0], support[1], vehicle.wheels_per_axle),
         warm,
         (plant.v_eps, plant.resultant, plant.fine),
+    )
+    F_x, F_y, T = change_wheel_forces(
+        plant.effects, (F_x, F_y, T), motion, (F_n, h, arm, plant.v_eps), vehicle
     )
     l_x, l_z, c_x, c_y, c_z, n_x, n_y, n_z = frame
     V = F_x * l_z + F_y * c_z + F_n * n_z
@@ -164,7 +171,7 @@ def axle_contact(plant, motion, place, support, warm, readings):
     readings[at.R_OMEGA] = motion[0]
     readings[at.V_L] = motion[1]
     readings[at.V_C] = motion[2]
-    readings[at.EXPONENT] = n
+    readings[at.EXPONENT] = soil.n
     readings[at.WHEEL_X] = x
     readings[at.WHEEL_Y] = y
     readings[at.HEIGHT] = H

@@ -1,0 +1,59 @@
+"""``offroad diagnose``: what the simulation gets wrong in measured runs."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from agents.commands.output import Results, say, write_json
+from offroad_env.errors import DataError
+
+__all__ = ["Diagnose"]
+
+#: Stages of a diagnosis, for the progress bar.
+_STAGES = 7
+
+
+@dataclass(kw_only=True)
+class Diagnose(Results):
+    """Say what the simulation gets wrong in measured runs, name the cause, and measure the gain.
+
+    Writes diagnosis.json, and extended.json where causes were found: the environment takes it as
+    model="extended.json". Several logs are runs of one vehicle on one soil.
+    """
+
+    logs: Positional[tuple[Path, ...]]  #: logs: CSV or Parquet with a YAML of the same name, or ROS bags
+
+    def run(self) -> None:
+        """Read, diagnose, write, and say the verdict."""
+        from estimators.discrepancy.diagnosis import diagnose
+        from estimators.discrepancy.verdict import extension_of, lines_of, to_dict
+        from estimators.logs import read_logs
+        from offroad_env.effects import Extension
+
+        if not self.logs:
+            raise DataError("name at least one log")
+        logs = read_logs(self.logs)
+        if any(log.rig for log in logs):
+            raise DataError(f"{logs[0].name}: is a wheel-rig log; a diagnosis takes logs of a vehicle")
+        diagnosis = self._with_bar(lambda progress: diagnose(logs, progress=progress))
+        numbers = to_dict(diagnosis)
+        numbers["command"] = " ".join(["offroad", *sys.argv[1:]])
+        for line in lines_of(diagnosis):
+            say(line)
+        say(f"numbers: {write_json(self.out / 'diagnosis.json', numbers)}")
+        if diagnosis.causes:
+            extension = Extension(model=logs[0].config.model, effects=tuple(extension_of(diagnosis)))
+            say(f"extended model: {write_json(self.out / 'extended.json', extension.to_dict())}")
+        self.save_numbers(numbers)
+
+    def _with_bar(self, work):
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = (TextColumn("{task.description:<14}"), BarColumn(), TimeElapsedColumn())
+        with Progress(*columns, transient=True, disable=not sys.stderr.isatty()) as bar:
+            task = bar.add_task("", total=_STAGES)
+            return work(lambda stage: bar.update(task, description=stage, advance=1))

@@ -1,0 +1,204 @@
+"""The whole procedure on vehicle logs: from data quality to one verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from estimators.discrepancy.fit import Fit, fit_runs
+from estimators.discrepancy.gain import ChannelGain, Held, channel_gains, held_out
+from estimators.discrepancy.probe import Rest, probe
+from estimators.discrepancy.run_model import RunModel
+from estimators.discrepancy.search import Cause, Search, search
+from estimators.discrepancy.windows import FIT, REPORT, SELECT
+from estimators.logs.log import Log
+from estimators.logs.quality import Finding, quality
+from offroad_env.effects import EFFECTS
+from offroad_env.errors import OffroadError
+
+__all__ = ["VERDICTS", "Diagnosis", "diagnose"]
+
+VERDICTS = (
+    "DATA PROBLEM", "NUMERICS", "NOT TESTABLE", "UNEXPLAINED", "NAMED + UNEXPLAINED REST", "ONE OF", "NAMED",
+    "NO EFFECT",
+)  # fmt: skip
+
+#: Share of null logs in which the first screen may find something; the gate on other data lets through about
+#: one in four of these, so that with `REST_RATE` the whole stays near 3 %.
+SCREEN_RATE = 0.06
+#: The same for the unknown force of one equation of motion.
+REST_RATE = 0.002
+#: Share of what is wrong that must be left over before the causes found count as no explanation.
+_LEFT_OVER = 0.1
+#: An error of the solver moves scores by less than this, absolutely or as a share of the largest.
+_SOLVER, _SOLVER_SHARE = 1.0, 0.1
+#: A log can test the library if it would see this share of it at the largest plausible size.
+_TESTABLE = 0.5
+
+
+@dataclass(kw_only=True)
+class Diagnosis:
+    """Everything that was found; parts that were not reached are None or empty."""
+
+    verdict: str
+    causes: tuple[Cause, ...] = ()
+    rest: tuple[Rest, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    limits: dict[str, float] = field(default_factory=dict)  #: smallest size that would have been seen
+    not_testable: dict[str, float] = field(default_factory=dict)  #: the limits beyond all plausible sizes
+    missing: dict[str, str] = field(default_factory=dict)  #: effects that the log's channels cannot show
+    gains: tuple[ChannelGain, ...] = ()
+    checks: dict[str, object] = field(default_factory=dict)
+    search: Search | None = None
+    report: tuple[Held, Held] | None = None  #: nominal and extended model on the report split
+    logs: tuple[Log, ...] = ()
+
+    @property
+    def unexplained(self) -> tuple[Rest, ...]:
+        """Equations of motion in which a force without a name is left."""
+        return tuple(rest for rest in self.rest if rest.chance < REST_RATE)
+
+
+def diagnose(
+    logs: Sequence[Log],
+    *,
+    library: Sequence[str] | None = None,
+    white: bool = False,
+    progress: Callable[[str], None] = lambda stage: None,
+) -> Diagnosis:
+    """Say what the simulation gets wrong in these runs of one vehicle on one soil.
+
+    Parameters
+    ----------
+    library
+        Effects that may be named; default all.
+    white
+        Take all noise for white: only to show what that does.
+    progress
+        Called with the name of every stage that begins.
+
+    Raises
+    ------
+    DataError
+        If a log cannot be used at all.
+    SolverFailure
+        If the nominal model cannot be run.
+    """
+    library = tuple(EFFECTS) if library is None else tuple(library)
+    progress("data quality")
+    findings = tuple(finding for log in logs for finding in quality(log).problems)
+    if findings:
+        return Diagnosis(verdict="DATA PROBLEM", findings=findings, logs=tuple(logs))
+    parts = _split(logs)
+    progress("nominal model")
+    nominal = fit_runs(parts[FIT], white=white)
+    progress("search")
+    found = search(nominal, library, SCREEN_RATE, white=white)
+    progress("solver")
+    solver = _solver_error(found, library)
+    progress("what is left")
+    rest = probe(found.extended)
+    progress("gate")
+    causes, gate = _gated(found, parts[SELECT])
+    if causes is None:
+        causes, rest = (), probe(nominal)
+    limits = found.first.limits()
+    result = Diagnosis(
+        verdict="",
+        causes=causes,
+        rest=rest,
+        limits=limits,
+        not_testable=_not_testable(nominal, limits),
+        missing=_missing(nominal, library),
+        checks={"solver": solver, "gate": gate, "converged": nominal.converged, "threshold": found.threshold},
+        search=found,
+        logs=tuple(logs),
+    )
+    result.verdict = _verdict(result, solver)
+    progress("gain")
+    if causes and parts[REPORT]:
+        _report(result, parts[REPORT])
+    return result
+
+
+def _split(logs: Sequence[Log]) -> dict[int, list[RunModel]]:
+    """Windows by their use: by run where there are three runs or more, else by time."""
+    if len(logs) < 3:
+        return {use: _with_windows([RunModel(log, use=use) for log in logs]) for use in (FIT, SELECT, REPORT)}
+    first, second = round(0.6 * len(logs)), round(0.8 * len(logs))
+    parts = {FIT: logs[:first], SELECT: logs[first : max(second, first + 1)]}
+    parts[REPORT] = logs[max(second, first + 1) :]
+    return {use: [RunModel(log, whole=use) for log in own] for use, own in parts.items()}
+
+
+def _with_windows(runs: list[RunModel]) -> list[RunModel]:
+    kept = [run for run in runs if len(run.windows) and len(run.y)]
+    return kept
+
+
+def _solver_error(found: Search, library: Sequence[str]) -> float:
+    """How far half the step moves a score, at most [standard deviations]."""
+    fit = found.extended
+    fine = fit.branch()
+    fine.runs = tuple(run.refined() for run in fit.runs)
+    before = fit.residual()
+    try:
+        after = fine.residual()
+    except OffroadError:
+        return float("inf")
+    return float(np.abs(found.score_of(after - before)).max(initial=0.0))
+
+
+def _gated(found: Search, runs: list[RunModel]) -> tuple[tuple[Cause, ...] | None, float | None]:
+    """The causes if they also help on windows apart, else None; and by how much, in the log-likelihood."""
+    if not found.causes or not runs:
+        return found.causes, None
+    try:
+        gain = held_out(found.nominal, runs).cost - held_out(found.extended, runs).cost
+    except OffroadError:
+        return found.causes, None
+    return (found.causes if gain > 0.0 else None), float(gain)
+
+
+def _not_testable(fit: Fit, limits: dict[str, float]) -> dict[str, float]:
+    vehicle = fit.runs[0].setup.plant.vehicle
+    return {name: limit for name, limit in limits.items() if limit > EFFECTS[name].plausible(vehicle)}
+
+
+def _missing(fit: Fit, library: Sequence[str]) -> dict[str, str]:
+    channels = set().union(*(run.log.channels for run in fit.runs))
+    found = {}
+    for name in library:
+        for group in EFFECTS[name].needs:
+            if not channels & set(group) and EFFECTS[name].searched:
+                found[name] = " or ".join(group)
+    return found
+
+
+def _verdict(result: Diagnosis, solver: float) -> str:
+    causes, rest = result.causes, result.unexplained
+    strongest = float(np.abs(result.search.first.z).max(initial=0.0))
+    if solver > max(_SOLVER, _SOLVER_SHARE * strongest):
+        return "NUMERICS"
+    if rest:
+        explained = sum(cause.delta for cause in causes)
+        left = sum(one.excess for one in rest)
+        return "UNEXPLAINED" if left > _LEFT_OVER * (left + explained) else "NAMED + UNEXPLAINED REST"
+    if causes:
+        return "ONE OF" if any(len(cause.rivals) > 1 for cause in causes) else "NAMED"
+    seen = len(result.limits) - len(result.not_testable)
+    if seen < _TESTABLE * (len(result.limits) + len(result.missing)):
+        return "NOT TESTABLE"
+    return "NO EFFECT"
+
+
+def _report(result: Diagnosis, runs: list[RunModel]) -> None:
+    """Open the report split: once, after everything is decided."""
+    try:
+        pair = (held_out(result.search.nominal, runs), held_out(result.search.extended, runs))
+    except OffroadError:
+        return
+    result.report = pair
+    result.gains = channel_gains(*pair)

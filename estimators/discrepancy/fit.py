@@ -1,0 +1,416 @@
+"""The model fitted to a log by multiple shooting: window states, nuisances and sizes of effects together.
+
+Every window has its own start, which is eliminated window by window; what all windows share (n, the healthy
+imperfections of the sensors, the timing of the inputs within half a sample, sizes of effects) stays. The
+result is a small normal matrix with a score: all that screening and search need.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from estimators.discrepancy.noise import Whitener
+from estimators.discrepancy.run_model import RunModel
+from offroad_env.effects import EFFECTS, Setup, apply
+from offroad_env.errors import OffroadError, SolverFailure
+
+__all__ = ["NUISANCES", "Candidate", "Fit", "Nuisance", "Shares", "fit_runs", "settle"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Nuisance:
+    """Something common to all windows that is never exactly as stated, with what is believed of it."""
+
+    name: str
+    spread: float  #: standard deviation beforehand
+    step: float  #: of its finite difference
+    sensors_only: bool
+    channel: int = 0
+
+
+#: Beliefs about a healthy vehicle; a bias beyond them is an effect.
+NUISANCES = (
+    Nuisance(name="ground", spread=0.5, step=0.005, sensors_only=False),
+    Nuisance(name="shift", spread=1.0, step=0.25, sensors_only=False),
+    *(Nuisance(name=f"bias_{i}", spread=0.02, step=0.01, sensors_only=True, channel=i) for i in range(3)),
+    *(Nuisance(name=f"bias_{i}", spread=5e-4, step=1e-3, sensors_only=True, channel=i) for i in (3, 4)),
+    Nuisance(name="wheel", spread=0.002, step=0.002, sensors_only=True),
+)
+#: Finite differences: share of a state's spread, and of an effect's plausible size.
+_STATE_STEP, _SIZE_STEP = 0.02, 0.02
+_ROUNDS = 8
+#: Passes of descending and learning the noise; the gain of a pass that ends them, in the log-likelihood.
+_PASSES, _SETTLED = 6, 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """An effect at one place of the route, whose size is sought."""
+
+    effect: str
+    place: Mapping[str, float] = field(default_factory=dict)
+
+    def values(self, size: float) -> dict[str, float]:
+        """Parameters of the effect at this size, held within what the model bears."""
+        parameter = EFFECTS[self.effect].size
+        return {parameter.name: min(max(size, parameter.low), parameter.high), **self.place}
+
+
+@dataclass(kw_only=True)
+class Shares:
+    """What the windows share at one point, and the whitened normal equations about it."""
+
+    normal: np.ndarray  #: (g, g) Fisher information of nuisances, then columns of effects
+    score: np.ndarray  #: (g,)
+    cost: float  #: half the squared whitened residual that window states cannot take away
+
+
+class Fit:
+    """A point (nuisances, sizes, starts), and how the data hang on it.
+
+    Parameters
+    ----------
+    runs
+        Windows that are fitted together.
+    candidates
+        Effects in the model, with their sizes.
+    """
+
+    def __init__(self, runs: Sequence[RunModel]) -> None:
+        self.runs = tuple(runs)
+        self.offsets = np.concatenate([[0], np.cumsum([len(run.y) for run in runs])])
+        self.whitener = Whitener([(run.channels, int(o)) for run, o in zip(runs, self.offsets, strict=False)])
+        self.window = self._window_of_rows()
+        self.nuisances = np.zeros(len(NUISANCES))
+        self.candidates: tuple[Candidate, ...] = ()
+        self.sizes = np.empty(0)
+        self.starts: list[np.ndarray] = []
+        self.warm: list[np.ndarray] = []
+        self._states: np.ndarray | None = None
+
+    def branch(self) -> Fit:
+        """A copy that may go elsewhere."""
+        other = copy.copy(self)
+        other.nuisances, other.sizes = self.nuisances.copy(), self.sizes.copy()
+        other.starts = [start.copy() for start in self.starts]
+        other.whitener = copy.copy(self.whitener)
+        other.whitener.noise = dict(self.whitener.noise)
+        return other
+
+    def with_effects(self, candidates: Sequence[Candidate], sizes: Sequence[float]) -> Fit:
+        """A copy with these effects, and no others, in the model."""
+        other = self.branch()
+        other.candidates = tuple(candidates)
+        other.sizes = other._bounded(np.array(sizes, dtype=np.float64))
+        return other
+
+    def _window_of_rows(self) -> np.ndarray:
+        """Number of the window of every row of data, over all runs."""
+        parts, before = [], 0
+        for run in self.runs:
+            own = np.empty(len(run.y), dtype=np.int64)
+            for channel in run.channels:
+                own[channel.rows] = channel.window + before
+            parts.append(own)
+            before += len(run.windows)
+        return np.concatenate(parts)
+
+    # ------------------------------------------------------------------ the model at a point
+
+    def setup(self, run: RunModel, nuisances: np.ndarray, sizes: np.ndarray) -> Setup:
+        """The vehicle, soil, inputs and sensors at a point."""
+        setup, errors = run.setup, run.setup.errors
+        soil, period = setup.plant.soil, run.step
+        for nuisance, value in zip(NUISANCES, nuisances, strict=True):
+            if nuisance.name == "ground" and soil.rigid > 0.5:
+                setup = setup.with_soil(C_alpha=soil.C_alpha * float(np.exp(value)))
+            elif nuisance.name == "ground":
+                setup = setup.with_soil(n=max(soil.n + float(value), 0.05))
+            elif nuisance.name == "shift":
+                # Half a sample of the inputs either way is nobody's fault.
+                shift = 0.5 * period / np.sqrt(3.0) * float(value)
+                setup = replace(setup, inputs=replace(setup.inputs, delay=setup.inputs.delay + shift))
+            elif nuisance.name == "wheel":
+                errors = replace(errors, wheel_scale=errors.wheel_scale + float(value))
+            else:
+                errors = errors.shifted(nuisance.channel, float(value))
+        setup = replace(setup, errors=errors)
+        pairs = zip(self.candidates, sizes, strict=True)
+        return apply(setup, [(c.effect, c.values(float(size))) for c, size in pairs])
+
+    def _predict(self, setups: Sequence[Setup], starts: Sequence[np.ndarray], kept: list | None = None):
+        """Predicted data of all runs; ``kept`` holds records to reuse, or receives them."""
+        parts = []
+        for i, run in enumerate(self.runs):
+            if kept is not None and len(kept) > i:
+                records = kept[i]
+            else:
+                records = run.simulate(setups[i], starts[i], self.warm[i], run.windows)
+                if kept is not None:
+                    kept.append(records)
+            parts.append(run.predict(setups[i], records))
+        return np.concatenate(parts)
+
+    def _setups(self, nuisances: np.ndarray | None = None, sizes: np.ndarray | None = None) -> list[Setup]:
+        nuisances = self.nuisances if nuisances is None else nuisances
+        sizes = self.sizes if sizes is None else sizes
+        return [self.setup(run, nuisances, sizes) for run in self.runs]
+
+    def _residual(self, prediction: np.ndarray) -> np.ndarray:
+        pairs = zip(self.runs, self.offsets, strict=False)
+        return np.concatenate([run.residual(prediction[o : o + len(run.y)]) for run, o in pairs])
+
+    def begin(self) -> None:
+        """Starts of all windows from the sensors, at the present point.
+
+        Raises
+        ------
+        SolverFailure
+            When the model cannot be run at all.
+        """
+        pairs = [run.first_starts(setup) for run, setup in zip(self.runs, self._setups(), strict=True)]
+        self.starts, self.warm = [p[0] for p in pairs], [p[1] for p in pairs]
+        self._centre = [start.copy() for start in self.starts]
+        self._states = None
+
+    # ------------------------------------------------------------------ derivatives
+
+    def residual(self) -> np.ndarray:
+        """Measured less predicted at the present point, (M,)."""
+        self._records: list = []
+        self._prediction = self._predict(self._setups(), self.starts, self._records)
+        return self._residual(self._prediction)
+
+    def _difference(self, prediction: np.ndarray, step: float) -> np.ndarray:
+        return (self._residual(self._prediction) - self._residual(prediction)) / step
+
+    def state_columns(self) -> np.ndarray:
+        """Derivatives of the data by the free states of their own window, (M, S)."""
+        setups, columns = self._setups(), []
+        for j in range(len(self.runs[0].free)):
+            starts = [start.copy() for start in self.starts]
+            steps = [_STATE_STEP * run.spread[j] for run in self.runs]
+            for start, run, step in zip(starts, self.runs, steps, strict=True):
+                start[:, run.free[j]] += step
+            columns.append(self._difference(self._predict(setups, starts), steps[0]))
+        return np.stack(columns, axis=1)
+
+    def nuisance_columns(self) -> np.ndarray:
+        """Derivatives of the data by the nuisances, (M, len(NUISANCES))."""
+        columns = []
+        for i, nuisance in enumerate(NUISANCES):
+            point = self.nuisances.copy()
+            point[i] += nuisance.step
+            kept = self._records if nuisance.sensors_only else None
+            columns.append(
+                self._difference(self._predict(self._setups(point), self.starts, kept), nuisance.step)
+            )
+        return np.stack(columns, axis=1)
+
+    def effect_column(self, candidate: Candidate, size: float | None = None) -> np.ndarray | None:
+        """Derivative of the data by the size of an effect, (M,); None where the model breaks down.
+
+        Parameters
+        ----------
+        size
+            Where; None: an effect that is not in the model, at its off-value.
+        """
+        effect = EFFECTS[candidate.effect]
+        vehicle = self.runs[0].setup.plant.vehicle
+        step = _SIZE_STEP * effect.plausible(vehicle)
+        kept = self._records if effect.sensors_only else None
+        before, sizes = self.candidates, self.sizes
+        try:
+            if size is None:
+                self.candidates, self.sizes = (*before, candidate), np.append(sizes, effect.size.off + step)
+            else:
+                self.sizes = sizes.copy()
+                self.sizes[before.index(candidate)] += step
+            return self._difference(self._predict(self._setups(), self.starts, kept), step)
+        except OffroadError:
+            return None
+        finally:
+            self.candidates, self.sizes = before, sizes
+
+    def columns(self) -> np.ndarray:
+        """Derivatives by the nuisances and the sizes of the effects in the model, (M, g)."""
+        own = []
+        for candidate, size in zip(self.candidates, self.sizes, strict=True):
+            column = self.effect_column(candidate, size)
+            if column is None:
+                raise SolverFailure(f"the model breaks down near {candidate.effect} = {size:.3g}")
+            own.append(column)
+        return np.column_stack([self.nuisance_columns(), *own])
+
+    # ------------------------------------------------------------------ normal equations
+
+    def reduce(self, residual: np.ndarray, states: np.ndarray, shared: np.ndarray) -> tuple[Shares, list]:
+        """Normal equations of the shared columns with the window states eliminated.
+
+        Arguments are whitened. Also returns, per window, what gives its states' change from that of the
+        shared parameters: (offset (S,), slope (S, g)).
+        """
+        g = shared.shape[1]
+        prior, value = np.zeros(g), np.zeros(g)
+        if g:
+            prior[: len(NUISANCES)] = [1.0 / nuisance.spread**2 for nuisance in NUISANCES]
+            value[: len(NUISANCES)] = self.nuisances
+        normal, score = np.diag(prior), -prior * value
+        spread = np.array([nuisance.spread for nuisance in NUISANCES])
+        cost = 0.5 * float(np.sum((self.nuisances / spread) ** 2))
+        back = []
+        order = np.argsort(self.window, kind="stable")
+        edges = np.searchsorted(self.window[order], np.arange(self.window[order][-1] + 2))
+        starts = np.concatenate([s[:, run.free] for s, run in zip(self.starts, self.runs, strict=True)])
+        centre = np.concatenate([s[:, run.free] for s, run in zip(self._centre, self.runs, strict=True)])
+        weight = 1.0 / self.runs[0].spread ** 2
+        for w in range(len(starts)):
+            rows = order[edges[w] : edges[w + 1]]
+            A, G, r = states[rows], shared[rows], residual[rows]
+            away = centre[w] - starts[w]
+            inner = A.T @ A + np.diag(weight)
+            cross, gradient = A.T @ G, A.T @ r + weight * away
+            solved = np.linalg.solve(inner, np.column_stack([gradient, cross]))
+            normal += G.T @ G - cross.T @ solved[:, 1:]
+            score += G.T @ r - cross.T @ solved[:, 0]
+            cost += 0.5 * float(r @ r + away @ (weight * away) - gradient @ solved[:, 0])
+            back.append((solved[:, 0], solved[:, 1:]))
+        return Shares(normal=normal, score=score, cost=cost), back
+
+    def _moved(self, change: np.ndarray, back: list, share: float) -> tuple[np.ndarray, np.ndarray, list]:
+        count, w = len(NUISANCES), 0
+        starts = []
+        for run, start in zip(self.runs, self.starts, strict=True):
+            moved = start.copy()
+            for i in range(len(start)):
+                offset, slope = back[w]
+                moved[i, list(run.free)] += share * (offset - slope @ change)
+                w += 1
+            starts.append(moved)
+        if not len(change):
+            return self.nuisances, self.sizes, starts
+        nuisances = self.nuisances + share * change[:count]
+        return nuisances, self._bounded(self.sizes + share * change[count:]), starts
+
+    def _bounded(self, sizes: np.ndarray) -> np.ndarray:
+        low = [EFFECTS[c.effect].size.low for c in self.candidates]
+        high = [EFFECTS[c.effect].size.high for c in self.candidates]
+        return np.clip(sizes, low, high) if len(sizes) else sizes
+
+    def cost_of(self, residual: np.ndarray) -> float:
+        """Half the squared whitened residual, with what the beliefs about starts and nuisances add."""
+        white = self.whitener(residual)
+        away = sum(
+            float(np.sum(((s - c)[:, run.free] / run.spread) ** 2))
+            for s, c, run in zip(self.starts, self._centre, self.runs, strict=True)
+        )
+        spread = np.array([nuisance.spread for nuisance in NUISANCES])
+        return 0.5 * (float(white @ white) + away + float(np.sum((self.nuisances / spread) ** 2)))
+
+    def descend(self, rounds: int = _ROUNDS, *, fresh: bool = True, held: bool = False) -> float:
+        """Gauss-Newton with derivatives taken once; returns the cost. Noise must be known.
+
+        ``fresh`` takes the derivatives by the states anew; ``held`` moves the starts of the windows alone.
+        """
+        residual = self.residual()
+        cost = self.first_cost = self.cost_of(residual)
+        if fresh or self._states is None:
+            self._states = self.state_columns()
+        shared = np.empty((len(residual), 0)) if held else self.columns()
+        white_states, white_shared = self.whitener(self._states), self.whitener(shared)
+        for _ in range(rounds):
+            shares, back = self.reduce(self.whitener(residual), white_states, white_shared)
+            change = np.linalg.solve(shares.normal, shares.score)
+            # What is still to gain is not worth a simulation.
+            if cost - shares.cost + 0.5 * float(shares.score @ change) < 0.05:
+                break
+            trial = self._try(change, back, cost)
+            if trial is None:
+                break
+            gain, residual = cost - trial[0], trial[1]
+            cost = trial[0]
+            if gain < 0.05:
+                break
+        self.shares = shares
+        return cost
+
+    def _try(self, change: np.ndarray, back: list, cost: float) -> tuple[float, np.ndarray] | None:
+        """Go as far along the step as it pays; None if it does not."""
+        point = (self.nuisances, self.sizes, self.starts)
+        for share in (1.0, 0.5, 0.2, 0.05):
+            self.nuisances, self.sizes, self.starts = self._moved(change, back, share)
+            try:
+                residual = self.residual()
+            except OffroadError:
+                residual = None
+            if residual is not None and (reached := self.cost_of(residual)) < cost:
+                return reached, residual
+            self.nuisances, self.sizes, self.starts = point
+        self.residual()
+        return None
+
+    # ------------------------------------------------------------------ noise
+
+    def freedom(self, states: np.ndarray) -> dict[str, float]:
+        """How many parameters each channel has paid for: the trace of the window states' hat matrix."""
+        white = self.whitener(states)
+        leverage = np.zeros(len(white))
+        weight = np.diag(1.0 / self.runs[0].spread ** 2)
+        for w in range(int(self.window.max()) + 1):
+            rows = np.flatnonzero(self.window == w)
+            A = white[rows]
+            leverage[rows] = np.einsum("ij,ji->i", A, np.linalg.solve(A.T @ A + weight, A.T))
+        return {
+            name: float(sum(leverage[piece].sum() for piece in pieces))
+            for name, pieces in self.whitener.pieces.items()
+        }
+
+    def deviations(self) -> np.ndarray:
+        """Standard deviations of nuisances and sizes, of the last `descend`."""
+        return np.sqrt(np.diag(np.linalg.inv(self.shares.normal)))
+
+    def learn_noise(self, *, white: bool = False) -> None:
+        """Set the whitening from the residuals at the present point."""
+        residual = self.residual()
+        freedom = self.freedom(self._states) if self._states is not None and self.whitener.noise else {}
+        self.whitener.learn(residual, freedom, white=white)
+
+
+def fit_runs(runs: Sequence[RunModel], *, white: bool = False) -> Fit:
+    """The nominal model fitted: starts, nuisances and the colour of the noise."""
+    fit = Fit(runs)
+    fit.begin()
+    first_noise(fit)
+    fit.descend()
+    # Once more from the starts that the fitted ground leads to: no sensor may have told the speed.
+    fit.begin()
+    settle(fit, white=white)
+    return fit
+
+
+def settle(fit: Fit, *, white: bool = False) -> None:
+    """Descend and learn the noise in turn, until neither changes much."""
+    fit.converged = False
+    for i in range(_PASSES):
+        reached = fit.descend()
+        if i > 0 and fit.first_cost - reached < _SETTLED:
+            fit.converged = True
+            break
+        fit.learn_noise(white=white)
+    fit.learn_noise(white=white)
+    fit.descend(fresh=False)
+
+
+def first_noise(fit: Fit) -> None:
+    """White noise as small as the second differences of every channel say."""
+    from estimators.discrepancy.noise import ChannelNoise
+
+    y = np.concatenate([run.y for run in fit.runs])
+    for name, pieces in fit.whitener.pieces.items():
+        bends = np.concatenate([np.diff(y[piece], 2) for piece in pieces if piece.stop - piece.start > 2])
+        spread = 1.4826 * float(np.median(np.abs(bends))) / np.sqrt(6.0) if len(bends) else 0.0
+        fit.whitener.noise[name] = ChannelNoise.white(max(spread, 1e-6))

@@ -1,0 +1,126 @@
+"""Simulation of all windows of a run in one compiled call."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from offroad_env.physics import state as at
+from offroad_env.physics._jit import kernel
+from offroad_env.physics.contact import SUNK
+from offroad_env.physics.full_model import full_advance
+from offroad_env.physics.paper_model import paper_advance
+from offroad_env.physics.sensor_kernels import imu_reading
+
+__all__ = ["actuator_states", "imu_rows", "run_full", "run_paper"]
+
+
+@kernel
+def run_full(starts, spans, commands, rims, plant, timing, out):
+    """Run every window of the full model; returns the worst contact status of each, (W,).
+
+    Parameters
+    ----------
+    starts : (states (W, 15), warm starts (W, 2, 3), actuators (K + 1, 3)); the actuators' states are
+        a run of their own, because nothing acts back on them
+    spans : (W, 2) first instant and number of steps
+    commands : (K, 3) held over each step of the grid, see `full_derivative`
+    rims : (K + 1, 2) wheel speeds [rad/s] that hold instead of the balance of torques, or (0, 2)
+    timing : (dt [s], steps of dt in a step of the grid)
+    out : (states (R, 15), readings (R, 32)); what follows a failure is NaN
+    """
+    first_states, first_warm, actuators = starts
+    states, readings = out
+    dt, steps = timing
+    worst = np.zeros(spans.shape[0])
+    x, warm = np.empty(at.STATE_SIZE), np.empty((2, 3))
+    row = 0
+    for w in range(spans.shape[0]):
+        first, count = spans[w, 0], spans[w, 1]
+        x[:] = first_states[w]
+        warm[:] = first_warm[w]
+        x[at.STEER :] = actuators[first]
+        for i in range(count + 1):
+            if worst[w] >= SUNK:
+                states[row], readings[row] = math.nan, math.nan
+            else:
+                if rims.shape[0] > 0:
+                    x[at.OMEGA_F], x[at.OMEGA_R] = (
+                        rims[first + max(i - 1, 0), 0],
+                        rims[first + max(i - 1, 0), 1],
+                    )
+                k = first + max(i - 1, 0)
+                command = (commands[k, 0], commands[k, 1], commands[k, 2])
+                status = full_advance(x, warm, command, plant, dt, steps if i > 0 else 0, readings[row])
+                worst[w] = max(worst[w], status)
+                states[row] = x
+            row += 1
+    return worst
+
+
+@kernel
+def run_paper(starts, spans, commands, plant, timing, out):
+    """`run_full` for the paper's model; ``commands`` see `paper_derivative`."""
+    first_states, first_warm = starts
+    states, readings = out
+    dt, steps = timing
+    worst = np.zeros(spans.shape[0])
+    x, warm = np.empty(at.STATE_SIZE), np.empty((2, 3))
+    row = 0
+    for w in range(spans.shape[0]):
+        first, count = spans[w, 0], spans[w, 1]
+        x[:] = first_states[w]
+        warm[:] = first_warm[w]
+        for i in range(count + 1):
+            if worst[w] >= SUNK:
+                states[row], readings[row] = math.nan, math.nan
+            else:
+                k = max(first + i - 1, 0)
+                command = (commands[k, 0], commands[k, 1], commands[k, 2])
+                status = paper_advance(x, warm, command, plant, dt, steps if i > 0 else 0, readings[row])
+                worst[w] = max(worst[w], status)
+                states[row] = x
+            row += 1
+    return worst
+
+
+@kernel
+def actuator_states(vehicle, commands, dt, steps):
+    """Steering [rad], drive and brake torque [N m] of the full model's actuators, (K + 1, 3).
+
+    Heun's method with the model's own step, which is what its Rosenbrock method is without a Jacobian.
+    The first command is taken to have held for long.
+    """
+    out = np.empty((commands.shape[0] + 1, 3))
+    x, slope = np.empty(3), np.empty((2, 3))
+    x[:] = commands[0]
+    out[0] = x
+    reach = max(vehicle.steer_lag, 0.005) * vehicle.steer_rate
+    lag = max(vehicle.torque_lag, 0.005)
+    for k in range(commands.shape[0]):
+        for _ in range(steps):
+            for stage in range(2):
+                for i in range(3):
+                    value = x[i] + (dt * slope[0, i] if stage == 1 else 0.0)
+                    if i == 0:
+                        slope[stage, 0] = vehicle.steer_rate * math.tanh((commands[k, 0] - value) / reach)
+                    else:
+                        slope[stage, i] = (commands[k, i] - value) / lag
+            for i in range(3):
+                x[i] += 0.5 * dt * (slope[0, i] + slope[1, i])
+        out[k + 1] = x
+    return out
+
+
+@kernel
+def imu_rows(states, readings, mount):
+    """What the IMU should read at every record: a_x, a_y, a_z, pitch_rate, yaw_rate, (R, 5)."""
+    out = np.empty((states.shape[0], 5))
+    for i in range(states.shape[0]):
+        x, r = states[i], readings[i]
+        acceleration = (r[at.A_X], r[at.A_Y], r[at.A_Z])
+        out[i] = imu_reading(
+            acceleration, x[at.YAW_RATE], x[at.PITCH_RATE], r[at.YAW_ACC], r[at.PITCH_ACC], x[at.PITCH], mount
+        )
+    return out

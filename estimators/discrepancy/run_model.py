@@ -1,0 +1,335 @@
+"""One run as the simulator sees it: windows, inputs, predicted samples."""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from estimators.discrepancy.kernels import actuator_states, imu_rows, run_full, run_paper
+from estimators.discrepancy.windows import Windows, cut
+from estimators.logs.log import Log
+from estimators.logs.runs import plant_of
+from offroad_env.effects.protocol import Inputs, Setup
+from offroad_env.errors import DataError, SolverFailure
+from offroad_env.physics import state as at
+from offroad_env.physics.contact import SUNK
+from offroad_env.sensors import ImuConfig
+from offroad_env.simulator import FULL_STEP, settled_state
+
+__all__ = ["Channel", "Records", "RunModel"]
+
+#: Step of the paper's model [s].
+PAPER_STEP = 0.01
+#: Limits of the grid's step [s].
+_FINEST, _COARSEST = 0.005, 0.02
+#: Below this speed the course of a satellite receiver means nothing [m/s].
+_COURSE_SPEED = 1.0
+#: Half width of the mean that starts a window [s].
+_NEAR = 0.15
+
+_IMU = ("a_x", "a_y", "a_z", "pitch_rate", "yaw_rate")
+_ANGLES = ("course", "yaw")
+_STATES = {"x": at.X, "y": at.Y, "yaw": at.YAW, "pitch": at.PITCH, "v_x": at.V_X, "v_y": at.V_Y}
+_RIMS = {"omega_f": at.R_OMEGA, "omega_r": at.AXLE + at.R_OMEGA}
+_OTHER = ("speed", "course")
+
+#: States that are free at the start of a window, with what is believed of them beforehand: generous,
+#: only so that what a log does not show stays finite [m, rad, m/s, rad/s; rims in m/s].
+_FREE = {
+    at.X: 3.0, at.Y: 3.0, at.YAW: 0.5, at.Z: 0.05, at.PITCH: 0.05, at.V_X: 2.0, at.V_Y: 0.5, at.V_Z: 0.3,
+    at.PITCH_RATE: 0.3, at.YAW_RATE: 0.5, at.OMEGA_F: 1.0, at.OMEGA_R: 1.0,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Channel:
+    """Samples of one sensor that lie in windows; they stand at ``rows`` of the run's data."""
+
+    name: str
+    rows: slice
+    t: np.ndarray  #: (M,) [s]
+    window: np.ndarray  #: (M,)
+    record: np.ndarray  #: (M,) the record before the sample
+    weight: np.ndarray  #: (M,) share of the record after it [-]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Records:
+    """Simulated windows, one record an instant of the grid."""
+
+    states: np.ndarray  #: (R, 15)
+    readings: np.ndarray  #: (R, 32)
+
+
+class RunModel:
+    """What a simulation needs of one log, made once.
+
+    Parameters
+    ----------
+    log
+        The run.
+    use
+        FIT, SELECT or REPORT: only those windows; None takes all.
+    whole
+        See `cut`.
+
+    Raises
+    ------
+    DataError
+        If the log is too short, or says nothing of the drive.
+    """
+
+    def __init__(self, log: Log, *, use: int | None = None, whole: int | None = None) -> None:
+        self.log = log
+        plant = plant_of(log)
+        full = log.config.model == "full"
+        imu = ImuConfig(
+            lever_arm=log.config.imu.position,
+            kind="kinematic" if log.config.imu.kinematic else "specific_force",
+            body_axes=full,
+        )
+        times = log.samples("a_x")[0]
+        self.t_0 = float(times[0])
+        self.step = round(float(np.clip(np.median(np.diff(times)), _FINEST, _COARSEST)), 6)
+        self.steps = max(math.ceil(self.step / (FULL_STEP if full else PAPER_STEP) - 1e-6), 1)
+        self.dt = self.step / self.steps
+        count = math.floor((times[-1] - self.t_0) / self.step + 1e-6)
+        if count * self.step < 3.0:
+            raise DataError(f"{log.name}: lasts {count * self.step:.1f} s; a diagnosis needs 3 s at least")
+        self.count = count
+        windows = cut(count, self.step, whole)
+        self.windows: Windows = windows if use is None else windows.only(use)
+        self.driven = "drive_force" in log.channels if not full else self._has_torque()
+        if not full and not self.driven:
+            raise DataError(f"{log.name}: the paper's model needs drive_force")
+        if not self.driven:
+            # The wheels turn as measured: a spin inertia that nothing moves.
+            plant = plant._replace(vehicle=plant.vehicle._replace(I_w=1e9))
+        self.setup = Setup(plant=plant, mount=imu.mount())
+        self._rims = np.empty((0, 2)) if self.driven else self._measured_rims()
+        self.channels = self._find_channels()
+        data = [self.log.samples(c.name)[1][self._kept[c.name]] for c in self.channels]
+        self.y = np.concatenate(data) if data else np.empty(0)
+        self.free = tuple(_FREE) if full and self.driven else tuple(i for i in _FREE if i < at.OMEGA_F)
+        r = plant.vehicle.r
+        self.spread = np.array([_FREE[i] / (r if i >= at.OMEGA_F else 1.0) for i in self.free])
+
+    def refined(self) -> RunModel:
+        """The same with half the step of the solver."""
+        other = copy.copy(self)
+        other.steps, other.dt = 2 * self.steps, 0.5 * self.dt
+        return other
+
+    def _has_torque(self) -> bool:
+        return any(name in self.log.channels for name in ("torque_f", "torque_r"))
+
+    def _measured_rims(self) -> np.ndarray:
+        grid = self.t_0 + self.step * np.arange(self.count + 1)
+        names = [name for name in _RIMS if name in self.log.channels]
+        columns = [np.interp(grid, *self.log.samples(name)) for name in names]
+        return np.ascontiguousarray(np.stack(columns * (3 - len(columns)), axis=1)[:, :2])
+
+    # ------------------------------------------------------------------ data
+
+    def _find_channels(self) -> tuple[Channel, ...]:
+        self._kept: dict[str, np.ndarray] = {}
+        if len(self.windows) == 0:
+            return ()
+        known = [*_IMU, *(_RIMS if self.driven else ()), *_STATES, *_OTHER]
+        channels, start = [], 0
+        for name in known:
+            if name not in self.log.channels:
+                continue
+            channel = self._channel(name, start)
+            if channel is not None:
+                channels.append(channel)
+                start = channel.rows.stop
+        return tuple(channels)
+
+    def _channel(self, name: str, start: int) -> Channel | None:
+        t, _ = self.log.samples(name)
+        place = (t - self.t_0) / self.step
+        whole = np.round(place)
+        place = np.where(np.abs(place - whole) < 1e-4, whole, place)
+        first, count, begin = self.windows.first, self.windows.count, self.windows.begin
+        window = np.searchsorted(first, place, side="right") - 1
+        inside = (window >= 0) & (place < (first + count)[np.maximum(window, 0)])
+        if name == "course":
+            inside &= np.interp(t, *self.log.samples("speed")) > _COURSE_SPEED if self._has("speed") else True
+        if not inside.any():
+            return None
+        self._kept[name] = inside
+        place, window = place[inside], window[inside]
+        before = np.floor(place).astype(int)
+        return Channel(
+            name=name,
+            rows=slice(start, start + len(place)),
+            t=t[inside],
+            window=window,
+            record=begin[window] + before - first[window],
+            weight=place - before,
+        )
+
+    def _has(self, name: str) -> bool:
+        return name in self.log.channels
+
+    # ------------------------------------------------------------------ inputs
+
+    def commands(self, inputs: Inputs) -> np.ndarray:
+        """What acts over each step of the grid, (K, 3) as the model's kernels take it."""
+        steer = self._steering(inputs)
+        if self.log.config.model == "paper":
+            force = inputs.drive_scale * self._mean("drive_force", inputs.delay)
+            return np.column_stack([steer, force, np.full(self.count, math.nan)])
+        if not self.driven:
+            return np.column_stack([steer, np.zeros((self.count, 2))])
+        names = [name for name in ("torque_f", "torque_r") if self._has(name)]
+        total = inputs.drive_scale * sum(self._mean(name, inputs.delay) for name in names)
+        return np.column_stack([steer, np.maximum(total, 0.0), np.maximum(-total, 0.0)])
+
+    def _steering(self, inputs: Inputs) -> np.ndarray:
+        steer = self._mean("steer", inputs.delay + inputs.steer_delay)
+        steer = inputs.steer_gain * steer + inputs.steer_offset
+        if inputs.steer_lag <= 0.0:
+            return steer
+        # A first-order lag under an input that holds over each step: its mean over the step.
+        share = self.step / inputs.steer_lag
+        decay = math.exp(-share)
+        state, _ = lfilter([1.0 - decay], [1.0, -decay], steer, zi=[steer[0] * decay])
+        before = np.concatenate([[steer[0]], state[:-1]])
+        return steer + (before - steer) * (1.0 - decay) / share
+
+    def _mean(self, name: str, delay: float) -> np.ndarray:
+        """Mean of an input over every step of the grid [its unit], ``delay`` [s] late."""
+        t, values = self.log.samples(name)
+        edges = self.t_0 - delay + self.step * np.arange(self.count + 1)
+        t = np.concatenate([[min(t[0], edges[0]) - 1.0], t, [max(t[-1], edges[-1]) + 1.0]])
+        if self.log.config.hold == "linear":
+            values = np.concatenate([values[:1], values, values[-1:]])
+            middle = 0.5 * (edges[1:] + edges[:-1])
+            ends = np.interp(edges, t, values)
+            return (ends[1:] + 4.0 * np.interp(middle, t, values) + ends[:-1]) / 6.0
+        held = np.concatenate([values[:1], values])
+        integral = np.concatenate([[0.0], np.cumsum(held * np.diff(t))])
+        return np.diff(np.interp(edges, t, integral)) / self.step
+
+    # ------------------------------------------------------------------ simulation
+
+    def simulate(self, setup: Setup, starts: np.ndarray, warm: np.ndarray, windows: Windows) -> Records:
+        """All ``windows`` from their ``starts`` (W, 15) and warm starts (W, 2, 3).
+
+        Raises
+        ------
+        SolverFailure
+            When a contact has no solution.
+        """
+        records = int(windows.begin[-1])
+        out = (np.empty((records, at.STATE_SIZE)), np.zeros((records, at.READINGS_SIZE)))
+        spans = np.stack([windows.first, windows.count], axis=1)
+        commands, timing = self.commands(setup.inputs), (self.dt, self.steps)
+        if setup.model == "full":
+            actuators = actuator_states(setup.plant.vehicle, commands, self.dt, self.steps)
+            worst = run_full((starts, warm, actuators), spans, commands, self._rims, setup.plant, timing, out)
+        else:
+            worst = run_paper((starts, warm), spans, commands, setup.plant, timing, out)
+        if worst.max() >= SUNK:
+            t = self.t_0 + self.step * windows.first[int(worst.argmax())]
+            raise SolverFailure(f"{self.log.name}: the simulation fails in the window from {t:.1f} s")
+        return Records(states=out[0], readings=out[1])
+
+    def predict(self, setup: Setup, records: Records) -> np.ndarray:
+        """What the sensors should have said, (M,) like ``y``."""
+        imu = imu_rows(records.states, records.readings, setup.mount)
+        out = np.empty(len(self.y))
+        for channel in self.channels:
+            signal = self._signal(channel.name, setup, records, imu)
+            before = signal[channel.record]
+            out[channel.rows] = before + channel.weight * (signal[channel.record + 1] - before)
+        return out
+
+    def _signal(self, name: str, setup: Setup, records: Records, imu: np.ndarray) -> np.ndarray:
+        states = records.states
+        if name in _IMU:
+            i = _IMU.index(name)
+            scale = setup.errors.accel_scale if i < 3 else 1.0
+            return scale * imu[:, i] + setup.errors.offset[i]
+        if name in _RIMS:
+            return setup.errors.wheel_scale * records.readings[:, _RIMS[name]] / setup.plant.vehicle.r
+        if name == "speed":
+            return np.hypot(states[:, at.V_X], states[:, at.V_Y])
+        if name == "course":
+            return np.unwrap(states[:, at.YAW] + np.arctan2(states[:, at.V_Y], states[:, at.V_X]))
+        return states[:, _STATES[name]]
+
+    def residual(self, prediction: np.ndarray) -> np.ndarray:
+        """Measured less predicted, angles within half a turn."""
+        r = self.y - prediction
+        for channel in self.channels:
+            if channel.name in _ANGLES:
+                r[channel.rows] = np.remainder(r[channel.rows] + math.pi, 2.0 * math.pi) - math.pi
+        return r
+
+    # ------------------------------------------------------------------ start of the windows
+
+    def first_starts(self, setup: Setup) -> tuple[np.ndarray, np.ndarray]:
+        """Where every window may begin: where the one before ended, mended by the sensors.
+
+        Raises
+        ------
+        SolverFailure
+            When the soil does not carry the vehicle, or a contact has no solution.
+        """
+        spec, windows = self.log.config.start, self.windows
+        x, warm = settled_state(setup.plant, x=spec.x, y=spec.y, yaw=spec.yaw, v_x=max(spec.v_x, 0.0))
+        for name, value in spec.state:
+            x[at.STATE_NAMES.index(name.upper() if name in ("x", "y") else name)] = value
+        starts, warms = np.empty((len(windows), at.STATE_SIZE)), np.empty((len(windows), 2, 3))
+        instant = 0
+        for w in range(len(windows)):
+            first = int(windows.first[w])
+            if first > instant:
+                piece = Windows(
+                    first=np.array([instant]), count=np.array([first - instant]), use=np.zeros(1, int)
+                )
+                x = self.simulate(setup, x[None], warm[None], piece).states[-1].copy()
+            if w > 0 or not self.log.config.start.state:
+                self._mend(x, self.t_0 + self.step * first)
+            starts[w], warms[w], instant = x, warm, first
+        return starts, warms
+
+    def _mend(self, x: np.ndarray, t: float) -> None:
+        r = self.setup.plant.vehicle.r
+        speed = self._near("v_x", t) or self._near("speed", t)
+        rims = [self._near(name, t) for name in _RIMS]
+        if speed is None and any(rim is not None for rim in rims):
+            speed = r * np.mean([rim for rim in rims if rim is not None])
+        if speed is not None:
+            x[at.V_X] = speed
+        for i, rim in enumerate(rims):
+            if rim is not None and self.driven:
+                x[at.OMEGA_F + i] = rim
+        if (rate := self._near("yaw_rate", t)) is not None:
+            x[at.YAW_RATE] = rate
+        course = self._near("yaw", t)
+        if course is None and speed is not None and speed > _COURSE_SPEED:
+            course = self._near("course", t)
+            course = None if course is None else course - math.atan2(x[at.V_Y], x[at.V_X])
+        if course is not None:
+            x[at.YAW] += math.remainder(course - x[at.YAW], 2.0 * math.pi)
+        for name, i in (("x", at.X), ("y", at.Y)):
+            if (place := self._near(name, t)) is not None:
+                x[i] = place
+
+    def _near(self, name: str, t: float) -> float | None:
+        """Mean of the samples about ``t`` [s], or None."""
+        if not self._has(name):
+            return None
+        times, values = self.log.samples(name)
+        values = values[np.abs(times - t) <= _NEAR]
+        if len(values) == 0:
+            return None
+        return float(np.unwrap(values).mean() if name in _ANGLES else values.mean())

@@ -1,0 +1,205 @@
+"""Which effects the residuals ask for: their scores, and how large chance alone makes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.discrepancy.fit import NUISANCES, Candidate, Fit
+from estimators.discrepancy.run_model import RunModel
+from offroad_env.effects import EFFECTS
+from offroad_env.physics import state as at
+
+__all__ = ["Screen", "candidates_for", "chance_threshold", "screen"]
+
+#: An effect whose largest plausible size would move its score by less than this is no candidate at all.
+_NOTHING = 0.4
+#: Blocks of time whose scores are compared where one disturbance reaches all channels [s].
+_BLOCK = 0.5
+#: Draws of the largest score under chance.
+_DRAWS = 20_000
+#: Size that is found with 90 % power among about 36 effects at 5 % family-wise, in standard deviations.
+DETECTABLE = 4.42
+
+
+@dataclass(frozen=True, kw_only=True)
+class Screen:
+    """Scores of candidates at one point of the fit."""
+
+    candidates: tuple[Candidate, ...]
+    z: np.ndarray  #: (C,) score over its standard deviation; 0 where the log says nothing
+    information: np.ndarray  #: (C, C) Fisher information of the sizes, nuisances projected out
+    size: np.ndarray  #: (C,) size that one step of the fit would give
+    columns: np.ndarray  #: (M, C) derivatives of the data by the sizes, not whitened
+    joint: np.ndarray  #: (E + C, E + C) the same with the E effects in the model, before the candidates
+    white: np.ndarray  #: (M, g + C) whitened derivatives by what is in the model and by the candidates
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """(C,) standard deviation of each size if it were alone; infinite where the log says nothing."""
+        own = np.diag(self.information)
+        with np.errstate(divide="ignore"):
+            return np.where(own > 0.0, 1.0 / np.sqrt(np.maximum(own, 1e-300)), np.inf)
+
+    def scores(self, fit: Fit, residual: np.ndarray) -> np.ndarray:
+        """Scores (C,) that residuals (M,) would have at this point of the fit."""
+        shares, _ = fit.reduce(fit.whitener(residual), fit.whitener(fit._states), self.white)
+        prior = _prior_score(fit, self.white.shape[1])
+        inside = len(shares.score) - len(self.candidates)
+        _, score = projected(shares.normal, shares.score - prior, inside)
+        return np.where(np.diag(self.information) > 0.0, score * np.minimum(self.deviation, 1e300), 0.0)
+
+    def limits(self) -> dict[str, float]:
+        """Smallest size of every effect that would have been seen, in the size's unit."""
+        found: dict[str, float] = {}
+        for candidate, deviation in zip(self.candidates, self.deviation, strict=True):
+            found[candidate.effect] = min(found.get(candidate.effect, np.inf), DETECTABLE * deviation)
+        return found
+
+    def cosines(self) -> np.ndarray:
+        """(C, C) how alike two effects look to this log, -1 ... 1."""
+        own = np.sqrt(np.maximum(np.diag(self.information), 1e-300))
+        return self.information / np.outer(own, own)
+
+
+def route_of(fit: Fit) -> np.ndarray:
+    """Where the vehicle went, by the model at the present point, (T, 2) [m]."""
+    fit.residual()
+    return np.concatenate([records.states[::10, [at.X, at.Y]] for records in fit._records])
+
+
+def candidates_for(fit: Fit, library: Sequence[str]) -> list[Candidate]:
+    """Candidates of the effects that mean something for these runs.
+
+    An effect that needs a channel which no run has is left out: see `missing`.
+    """
+    run, route, found = fit.runs[0], None, []
+    for name in library:
+        effect = EFFECTS[name]
+        if not effect.searched or run.setup.model not in effect.models:
+            continue
+        if effect.soil_only and run.setup.plant.soil.rigid > 0.5:
+            continue
+        if not all(any(channel in run.log.channels for channel in group) for group in effect.needs):
+            continue
+        if effect.places is None:
+            found.append(Candidate(effect=name))
+            continue
+        route = route_of(fit) if route is None else route
+        found.extend(Candidate(effect=name, place=place) for place in effect.places(route))
+    return found
+
+
+def screen(fit: Fit, candidates: Sequence[Candidate], known: Screen | None = None) -> Screen:
+    """Scores of ``candidates``, none of which is in the model, at the present point of ``fit``.
+
+    ``known`` lends its derivatives: they change little from one model to the next, and what stands out
+    is refitted anyway.
+    """
+    residual = fit.residual()
+    columns = np.zeros((len(residual), len(candidates)))
+    for i, candidate in enumerate(candidates):
+        if known is not None and candidate in known.candidates:
+            columns[:, i] = known.columns[:, known.candidates.index(candidate)]
+            continue
+        column = fit.effect_column(candidate)
+        if column is not None and np.isfinite(column).all():
+            columns[:, i] = column
+    return screened(fit, candidates, residual, columns)
+
+
+def screened(fit: Fit, candidates: Sequence[Candidate], residual: np.ndarray, columns: np.ndarray) -> Screen:
+    """Scores from residuals (M,) and derivatives (M, C)."""
+    held = fit.columns()
+    if fit._states is None:
+        fit._states = fit.state_columns()
+    white = fit.whitener(np.column_stack([held, columns]))
+    shares, _ = fit.reduce(fit.whitener(residual), fit.whitener(fit._states), white)
+    own = held.shape[1]
+    joint, joint_score = projected(shares.normal, shares.score, len(NUISANCES))
+    information, score = projected(joint, joint_score, own - len(NUISANCES))
+    vehicle = fit.runs[0].setup.plant.vehicle
+    plausible = np.array([EFFECTS[c.effect].plausible(vehicle) for c in candidates])
+    seen = np.diag(information) * plausible**2 > _NOTHING**2
+    information = np.where(np.outer(seen, seen), 0.5 * (information + information.T), 0.0)
+    deviation = 1.0 / np.sqrt(np.where(seen, np.diag(information), 1.0))
+    if any(run.log.config.terrain.kind == "unknown" for run in fit.runs):
+        # One bump shakes every channel at once, and whitening knows each channel alone.
+        widening = _widening(fit, fit.whitener(residual), white, own)
+        information = information / np.sqrt(np.outer(widening, widening))
+        joint = joint.copy()
+        inner = np.concatenate([np.ones(own - len(NUISANCES)), widening])
+        joint /= np.sqrt(np.outer(inner, inner))
+        score = score / widening
+        deviation = deviation * np.sqrt(widening)
+    return Screen(
+        candidates=tuple(candidates),
+        z=np.where(seen, score * deviation, 0.0),
+        information=information,
+        size=np.where(seen, score * deviation**2, 0.0),
+        columns=columns,
+        joint=joint,
+        white=white,
+    )
+
+
+def _prior_score(fit: Fit, size: int) -> np.ndarray:
+    """What the beliefs add to a score: not part of an answer to residuals alone."""
+    prior = np.zeros(size)
+    spread = np.array([nuisance.spread for nuisance in NUISANCES])
+    prior[: len(spread)] = -fit.nuisances / spread**2
+    return prior
+
+
+def _widening(fit: Fit, residual: np.ndarray, white: np.ndarray, own: int) -> np.ndarray:
+    """How much more each score scatters from block to block than independent channels would, at least 1."""
+    states = fit.whitener(fit._states)
+    weight = np.diag(1.0 / fit.runs[0].spread ** 2)
+    table = np.column_stack([residual, white])
+    for w in range(int(fit.window.max()) + 1):
+        rows = np.flatnonzero(fit.window == w)
+        A = states[rows]
+        table[rows] -= A @ np.linalg.solve(A.T @ A + weight, A.T @ table[rows])
+    held, columns = table[:, 1 : own + 1], table[:, own + 1 :]
+    columns = columns - held @ np.linalg.lstsq(held, columns, rcond=None)[0]
+    blocks = np.concatenate([_block_numbers(run) for run in fit.runs])
+    for i in range(1, len(fit.runs)):
+        blocks[fit.offsets[i] :] += blocks[: fit.offsets[i]].max() + 1
+    pushes = np.zeros((blocks.max() + 1, columns.shape[1]))
+    np.add.at(pushes, blocks, columns * table[:, :1])
+    expected = np.sum(columns**2, axis=0)
+    pushes -= pushes.mean(axis=0)
+    found = np.sum(pushes**2, axis=0) / np.maximum(expected, 1e-300)
+    return np.maximum(found, 1.0)
+
+
+def _block_numbers(run: RunModel) -> np.ndarray:
+    """Number of the block of time of every row of data."""
+    numbers = np.empty(len(run.y), dtype=np.int64)
+    for channel in run.channels:
+        numbers[channel.rows] = ((channel.t - run.t_0) / _BLOCK).astype(np.int64)
+    return numbers
+
+
+def projected(normal: np.ndarray, score: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Normal equations with the first ``count`` parameters eliminated."""
+    solved = np.linalg.solve(normal[:count, :count], np.column_stack([normal[:count, count:], score[:count]]))
+    cross = normal[count:, :count]
+    return normal[count:, count:] - cross @ solved[:, :-1], score[count:] - cross @ solved[:, -1]
+
+
+def chance_threshold(result: Screen, rate: float) -> float:
+    """Largest score that chance exceeds in a share ``rate`` of logs with nothing wrong.
+
+    Drawn with the correlations of this log's own scores, always from the same numbers.
+    """
+    seen = np.diag(result.information) > 0.0
+    if not seen.any():
+        return np.inf
+    cosines = result.cosines()[np.ix_(seen, seen)]
+    values, vectors = np.linalg.eigh(cosines)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    draws = np.random.default_rng(2004).standard_normal((_DRAWS, len(root))) @ root.T
+    return float(np.quantile(np.abs(draws).max(axis=1), 1.0 - rate))

@@ -1,0 +1,77 @@
+"""Pieces of a run that are simulated one by one, and which of them decide what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+__all__ = ["FIT", "REPORT", "SELECT", "Windows", "cut"]
+
+#: What a window is for: search, gate, and the report that is opened once.
+FIT, SELECT, REPORT = 0, 1, 2
+#: Shares of the time, and the least time between them [s].
+_SHARES = (0.6, 0.2, 0.2)
+_APART = 5.0
+#: A shorter run is all for the search: nothing is left to check it on [s].
+_SHORTEST = 20.0
+#: Length that windows aim at [s]: long enough for a wrong force to show in the speed.
+_LENGTH = 4.0
+#: What the actuators did before the first row is not known: so long it can matter [s].
+_LEAD_IN = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Windows:
+    """Windows of one run on its grid of instants; row i of the records of window w is instant first + i."""
+
+    first: np.ndarray  #: (W,) index of the first instant
+    count: np.ndarray  #: (W,) steps of the grid
+    use: np.ndarray  #: (W,) FIT, SELECT or REPORT
+
+    @property
+    def begin(self) -> np.ndarray:
+        """(W + 1,) first record of every window, and the number of records."""
+        return np.concatenate([[0], np.cumsum(self.count + 1)])
+
+    def only(self, use: int) -> Windows:
+        """The windows for one use."""
+        keep = self.use == use
+        return Windows(first=self.first[keep], count=self.count[keep], use=self.use[keep])
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+
+def _pieces(start: int, stop: int, step: float) -> list[tuple[int, int]]:
+    """``start ... stop`` in equal windows as near to the wanted length as they divide it."""
+    count = max(round((stop - start) * step / _LENGTH), 1)
+    edges = np.linspace(start, stop, count + 1).round().astype(int)
+    return list(pairwise(edges))
+
+
+def cut(steps: int, step: float, whole: int | None = None) -> Windows:
+    """Windows over a run of ``steps`` steps of ``step`` [s].
+
+    Parameters
+    ----------
+    whole
+        What the whole run is for, where several runs share the work; else it is divided by time:
+        the search gets the first part, then the gate, then the report, with 5 s left out between.
+    """
+    lead = round(_LEAD_IN / step)
+    if whole is None and steps * step < _SHORTEST:
+        whole = FIT
+    if whole is not None:
+        blocks = [(lead, steps, whole)]
+    else:
+        gap = round(_APART / step)
+        usable = max(steps - lead - 2 * gap, 0)
+        ends = np.round(usable * np.cumsum(_SHARES)).astype(int)
+        starts = lead + np.array([0, ends[0] + gap, ends[1] + 2 * gap])
+        lengths = np.diff(np.concatenate([[0], ends]))
+        blocks = [(int(a), int(a + n), use) for use, (a, n) in enumerate(zip(starts, lengths, strict=True))]
+    rows = [(a, b - a, use) for start, stop, use in blocks for a, b in _pieces(start, stop, step) if b > a]
+    table = np.array(rows, dtype=np.int64).reshape(-1, 3)
+    return Windows(first=table[:, 0], count=table[:, 1], use=table[:, 2])

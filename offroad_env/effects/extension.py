@@ -1,0 +1,67 @@
+"""The file that carries an extended model from a diagnosis to the environment and the filters."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from offroad_env.effects.library import find_effect
+from offroad_env.errors import DataError, InvalidParameter
+from offroad_env.simulator import MODELS
+
+__all__ = ["Extension", "read_extension"]
+
+_FORMAT = "offroad-extension-1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extension:
+    """A preset of the vehicle model and the effects that it lacks."""
+
+    model: str  #: "full" or "paper"
+    effects: tuple[tuple[str, dict[str, float]], ...]  #: (effect, its parameters)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the file holds."""
+        return {
+            "format": _FORMAT,
+            "model": self.model,
+            "effects": [{"id": name, "parameters": dict(values)} for name, values in self.effects],
+        }
+
+
+def read_extension(path: str | Path) -> Extension:
+    """Read and check a file that `offroad diagnose` has written.
+
+    Raises
+    ------
+    DataError
+        If the file is missing, is no such file, or names an effect or parameter that does not exist.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except ValueError as error:
+        raise DataError(f"{path}: is not JSON: {error}") from None
+    if not isinstance(content, dict) or content.get("format") != _FORMAT:
+        raise DataError(f"{path}: is no extended model; its format must be {_FORMAT!r}")
+    if content.get("model") not in MODELS:
+        raise DataError(f"{path}: model must be one of {', '.join(MODELS)}, got {content.get('model')!r}")
+    try:
+        effects = tuple(_effect(entry) for entry in content["effects"])
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise DataError(f"{path}: effects must be a list of id and parameters: {error}") from None
+    return Extension(model=content["model"], effects=effects)
+
+
+def _effect(entry: dict[str, Any]) -> tuple[str, dict[str, float]]:
+    effect = find_effect(entry["id"])
+    values = {str(name): float(value) for name, value in entry["parameters"].items()}
+    names = {parameter.name for parameter in effect.parameters}
+    if set(values) != names or not all(map(math.isfinite, values.values())):
+        raise InvalidParameter(f"{effect.id} takes {', '.join(sorted(names))}, each a number")
+    return effect.id, values

@@ -1,0 +1,119 @@
+"""The truth of an episode with effects of an extended model: drives where the compiled period cannot.
+
+The compiled period knows the base model alone, so that nothing of the effects is left in it; here the same
+step is taken call by call. It costs some ten times as much.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from offroad_env.effects import Extension, Setup, apply
+from offroad_env.effects.protocol import Inputs
+from offroad_env.period import CONTROL_PERIOD, SAMPLES
+from offroad_env.physics.contact import NO_ROOT, SUNK
+from offroad_env.physics.full_model import full_advance
+from offroad_env.physics.paper_model import paper_advance
+from offroad_env.physics.sensor_kernels import IMU, OFFSET, SCALE, WHEEL, ImuMount, sense
+from offroad_env.simulator import FULL_STEP, Plant
+
+__all__ = ["ExtendedTruth", "InputChain"]
+
+_ACCELEROMETERS = slice(0, 3)
+
+
+class InputChain:
+    """What becomes of commands (steering [rad], drive, brake) on their way to the vehicle, step by step."""
+
+    def __init__(self, inputs: Inputs) -> None:
+        self.inputs = inputs
+        self._stamps: list[float] = []
+        self._commands: list[tuple[float, float, float]] = []
+        self._steer: float | None = None  # state of the lag [rad]
+
+    def push(self, t: float, command: tuple[float, float, float]) -> None:
+        """From ``t`` [s] on this is commanded."""
+        self._stamps.append(t)
+        self._commands.append(command)
+        longest = self.inputs.delay + self.inputs.steer_delay
+        while len(self._stamps) > 2 and self._stamps[1] < t - longest - 1.0:
+            del self._stamps[0], self._commands[0]
+
+    def _at(self, t: float) -> tuple[float, float, float]:
+        i = int(np.searchsorted(self._stamps, t, side="right")) - 1
+        return self._commands[max(i, 0)]
+
+    def acting(self, t: float, dt: float) -> tuple[float, float, float]:
+        """What acts from ``t`` to ``t + dt`` [s]; called in the order of time."""
+        inputs, middle = self.inputs, t + 0.5 * dt - self.inputs.delay
+        steer = inputs.steer_gain * self._at(middle - inputs.steer_delay)[0] + inputs.steer_offset
+        _, drive, brake = self._at(middle)
+        if inputs.steer_lag > 0.0:
+            before = steer if self._steer is None else self._steer
+            share = dt / inputs.steer_lag
+            self._steer = steer + (before - steer) * math.exp(-share)
+            steer += (before - steer) * (1.0 - math.exp(-share)) / share
+        return steer, inputs.drive_scale * drive, inputs.drive_scale * brake
+
+
+class ExtendedTruth:
+    """Effects on one episode: its plant, its inputs, its sensors.
+
+    Parameters
+    ----------
+    extension
+        The extended model.
+    plant, mount
+        The base model's truth.
+    """
+
+    def __init__(self, extension: Extension, plant: Plant, mount: ImuMount) -> None:
+        self.setup: Setup = apply(Setup(plant=plant, mount=mount), extension.effects)
+        self.chain = InputChain(self.setup.inputs)
+        self._advance = full_advance if extension.model == "full" else paper_advance
+
+    def imperfect(self, errors: np.ndarray) -> np.ndarray:
+        """Errors (3, CHANNELS) of the sensors with those of the effects."""
+        errors, extra = errors.copy(), self.setup.errors
+        errors[OFFSET, IMU] += extra.offset
+        errors[SCALE, _ACCELEROMETERS] += extra.accel_scale - 1.0
+        errors[SCALE, WHEEL] += extra.wheel_scale - 1.0
+        return errors
+
+    def drive(self, e: Any, action: np.ndarray, command: Any, noise: np.ndarray) -> None:
+        """What the compiled period does under DRIVE, for the record ``e`` of an episode."""
+        action = np.clip(action, -1.0, 1.0)
+        e["change"] = float(np.sum((action - e["action"]) ** 2))
+        e["action"] = action
+        t, span = float(e["time"]), CONTROL_PERIOD / SAMPLES
+        self.chain.push(t, command())
+        e["samples"], e["status"] = 0.0, 0.0
+        for i in range(int(e["count"])):
+            acting = self.chain.acting(t + i * span, span)
+            status = self._advance(
+                e["state"], e["warm"], acting, self.setup.plant, FULL_STEP, int(e["steps"]), e["readings"]
+            )
+            e["status"] = max(float(e["status"]), status)
+            if e["status"] >= SUNK:
+                break
+            self._sense(e, noise, i)
+        self._keep_sound(e)
+
+    def _sense(self, e: Any, noise: np.ndarray, i: int) -> None:
+        due = tuple(every > 0 and e["tick"] % max(every, 1) == 0 for every in e["every"].tolist())
+        mount = self.setup.mount
+        sense(e["state"], e["readings"], mount, e["errors"], noise[e["noise_row"]], due, e["samples"][i])
+        e["tick"] += 1
+        e["noise_row"] += 1
+        if due[0]:
+            e["rims"] = e["samples"][i][WHEEL]
+
+    @staticmethod
+    def _keep_sound(e: Any) -> None:
+        if e["status"] >= NO_ROOT:
+            e["state"], e["readings"] = e["sound_state"], e["sound_readings"]
+        else:
+            e["sound_state"], e["sound_readings"] = e["state"], e["readings"]

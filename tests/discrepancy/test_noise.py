@@ -1,0 +1,71 @@
+"""Whitening: coloured noise becomes white, whatever gaps the samples have."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from estimators.discrepancy.noise import ChannelNoise, stretches
+from estimators.discrepancy.run_model import Channel
+from estimators.discrepancy.windows import FIT, REPORT, SELECT, cut
+
+
+def _coloured(rng: np.random.Generator, count: int) -> np.ndarray:
+    return lfilter([1.0], [1.0, -1.5, 0.7], rng.standard_normal(count + 200))[200:]
+
+
+def test_noise_of_known_colour_is_whitened_and_its_memory_found():
+    rng = np.random.default_rng(1)
+    pieces = [_coloured(rng, 400) for _ in range(20)]
+    noise = ChannelNoise.fitted(pieces, freedom=0.0)
+    assert noise.order >= 2
+    assert noise.predictors[2] == pytest.approx([1.5, -0.7], abs=0.05)
+    white = np.concatenate([noise.whiten(piece) for piece in pieces])
+    assert white.std() == pytest.approx(1.0, abs=0.03)
+    assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.03
+
+
+def test_the_first_samples_of_a_stretch_count_as_much_as_the_others():
+    rng = np.random.default_rng(2)
+    noise = ChannelNoise.fitted([_coloured(rng, 400) for _ in range(20)], freedom=0.0)
+    first = np.array([noise.whiten(_coloured(rng, 30))[:2] for _ in range(3000)])
+    assert first.std(axis=0) == pytest.approx([1.0, 1.0], abs=0.06)
+
+
+def test_whitening_is_linear_and_treats_columns_alike():
+    rng = np.random.default_rng(3)
+    noise = ChannelNoise.fitted([_coloured(rng, 300)], freedom=0.0)
+    a, b = rng.standard_normal((2, 50))
+    together = noise.whiten(np.column_stack([a, b]))
+    assert np.allclose(together[:, 0], noise.whiten(a))
+    assert np.allclose(noise.whiten(2.0 * a - b), 2.0 * together[:, 0] - together[:, 1])
+
+
+def test_parameters_that_a_fit_has_spent_widen_the_noise():
+    rng = np.random.default_rng(4)
+    pieces = [rng.standard_normal(100)]
+    assert ChannelNoise.fitted(pieces, freedom=50.0, order=0).deviation[0] == pytest.approx(
+        ChannelNoise.fitted(pieces, freedom=0.0, order=0).deviation[0] * np.sqrt(2.0)
+    )
+
+
+def test_a_gap_and_the_end_of_a_window_begin_a_new_stretch():
+    t = np.concatenate([np.arange(10), np.arange(15, 30)]) * 0.1
+    window = (t >= 2.0).astype(int)
+    channel = Channel(
+        name="a_x", rows=slice(5, 30), t=t, window=window, record=np.zeros(25, int), weight=np.zeros(25)
+    )
+    assert stretches(channel, offset=100) == [slice(105, 115), slice(115, 120), slice(120, 130)]
+
+
+def test_the_parts_of_a_run_lie_apart_and_take_their_shares():
+    windows = cut(6000, 0.01)
+    last = {use: (windows.first + windows.count)[windows.use == use].max() for use in (FIT, SELECT)}
+    begin = {use: windows.first[windows.use == use].min() for use in (SELECT, REPORT)}
+    assert begin[SELECT] - last[FIT] >= 500
+    assert begin[REPORT] - last[SELECT] >= 500
+    length = [windows.count[windows.use == use].sum() for use in (FIT, SELECT, REPORT)]
+    assert np.allclose(length / np.sum(length), [0.6, 0.2, 0.2], atol=0.01)
+    assert (windows.count >= 300).all()
+    assert (windows.count <= 500).all()
