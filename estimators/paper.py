@@ -73,7 +73,7 @@ CHOICES: dict[str, Choice] = {
     ),
     "noise_acceleration": Choice(0.2, "m/s^2", "the paper's, per sample"),
     "noise_rate": Choice(0.0175, "rad/s", "the paper's (printed in rad/s^2), per sample"),
-    "n_prior_sd": Choice(0.2, "-", "the paper prints the first guess only; 0.1 and 0.4 give the same rows"),
+    "n_prior_sd": Choice(0.2, "-", "the paper prints the first guess only; 0.1 and 0.4 reach the same rows"),
     "n_low": Choice(
         0.3,
         "-",
@@ -87,7 +87,7 @@ CHOICES: dict[str, Choice] = {
         4.0,
         "m/s^2",
         "noise that the filter assumes in a_z: the size of what the ground itself causes, since the "
-        "propagated position drifts and with it the phase of the terrain; 2 ... 6 give the same rows",
+        "propagated position drifts and with it the phase of the terrain; 2 ... 6 reach the same rows",
     ),
     "filter_pitch_rate": Choice(0.35, "rad/s", "the same for the pitch rate"),
 }

@@ -41,9 +41,7 @@ def mismatch_figure(summaries: Sequence[MismatchSummary], bars: Mapping[str, flo
     panels[0].set_title("While the filter vouches for its estimate", loc="left", fontsize=11)
     panels[1].set(ylim=(0.0, 109.0), ylabel="95 % interval holds the truth [%]")
     panels[2].set(ylim=(0.0, 109.0), ylabel="flag up, of excited time [%]")
-    labels = [
-        MISMATCHES[name].title.replace(" and ", "\nand ").replace(" error", "\nerror") for name in names
-    ]
+    labels = [fill(MISMATCHES[name].title, 14) for name in names]
     panels[2].set_xticks(np.arange(len(names)), labels, fontsize=9)
     panels[0].legend(
         frameon=False, fontsize=9, ncols=len(filters) + 1, loc="lower left", bbox_to_anchor=(0.35, 1.0)

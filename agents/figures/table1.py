@@ -58,7 +58,8 @@ def estimates_figure(series: Mapping[tuple, Mapping[str, Sequence[float]]]) -> F
         axes.axhline(SOILS[row.soil].n, color="0.1", lw=1.0, ls="--", label="true n")
         steering = "straight"
         if row.steer_amplitude > 0.0:
-            steering = f"{row.steer_amplitude:g} sin {row.steer_frequency:g} t"
+            frequency = "" if row.steer_frequency == 1.0 else f"{row.steer_frequency:g} "
+            steering = f"{row.steer_amplitude:g} sin {frequency}t"
         axes.set_title(
             f"{row.number}: {row.soil.replace('_', ' ')}, {row.H0:g} m, {steering}", loc="left", fontsize=10
         )
