@@ -180,7 +180,7 @@ def _missing(fit: Fit, library: Sequence[str]) -> dict[str, str]:
 def _verdict(result: Diagnosis, solver: float) -> str:
     causes, rest = result.causes, result.unexplained
     strongest = float(np.abs(result.search.first.z).max(initial=0.0))
-    if solver > max(_SOLVER, _SOLVER_SHARE * strongest):
+    if solver > max(_SOLVER, _SOLVER_SHARE * strongest) or not result.checks["converged"]:
         return "NUMERICS"
     if rest:
         explained = sum(cause.delta for cause in causes)

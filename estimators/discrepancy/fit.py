@@ -45,6 +45,8 @@ _STATE_STEP, _SIZE_STEP = 0.02, 0.02
 _ROUNDS = 8
 #: Passes of descending and learning the noise; the gain of a pass that ends them, in the log-likelihood.
 _PASSES, _SETTLED = 6, 1.0
+#: What a step promises and does not keep, above which the point is no minimum.
+_STALLED = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -318,6 +320,7 @@ class Fit:
         """
         residual = self.residual()
         cost = self.first_cost = self.cost_of(residual)
+        self.stalled = False
         if fresh or self._states is None:
             self._states = self.state_columns()
         shared = np.empty((len(residual), 0)) if held else self.columns()
@@ -325,11 +328,13 @@ class Fit:
         for _ in range(rounds):
             shares, back = self.reduce(self.whitener(residual), white_states, white_shared)
             change = np.linalg.solve(shares.normal, shares.score)
+            expected = cost - shares.cost + 0.5 * float(shares.score @ change)
             # What is still to gain is not worth a simulation.
-            if cost - shares.cost + 0.5 * float(shares.score @ change) < 0.05:
+            if expected < 0.05:
                 break
             trial = self._try(change, back, cost)
             if trial is None:
+                self.stalled = expected > _STALLED
                 break
             gain, residual = cost - trial[0], trial[1]
             cost = trial[0]
@@ -398,7 +403,7 @@ def settle(fit: Fit, *, white: bool = False) -> None:
     for i in range(_PASSES):
         reached = fit.descend()
         if i > 0 and fit.first_cost - reached < _SETTLED:
-            fit.converged = True
+            fit.converged = not fit.stalled
             break
         fit.learn_noise(white=white)
     fit.learn_noise(white=white)

@@ -1,0 +1,52 @@
+"""The environment drives an extended model."""
+
+from __future__ import annotations
+
+import json
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from offroad_env.effects import Extension
+from offroad_env.errors import InvalidParameter
+from offroad_env.vector_env import OffroadBekkerVectorEnv
+
+
+def _file(folder, *effects):
+    path = folder / "extended.json"
+    path.write_text(json.dumps(Extension(model="full", effects=effects).to_dict()))
+    return str(path)
+
+
+def _drive(model: str) -> tuple[np.ndarray, np.ndarray]:
+    """States and IMU of a short drive that begins with a step of the steering."""
+    env = gym.make("offroad_env:OffroadBekker-v0", model=model)
+    env.reset(seed=3, options={"n": 0.9})
+    rows = []
+    for _ in range(20):
+        observation, *_ = env.step(np.array([0.3, 0.4]))
+        rows.append(np.concatenate([env.unwrapped.state, observation["imu"]]))
+    env.close()
+    return np.array(rows)
+
+
+def test_an_extended_model_without_effects_is_the_base_model_bit_for_bit(tmp_path):
+    assert np.array_equal(_drive(_file(tmp_path)), _drive("full"))
+
+
+def test_effects_of_the_file_act_on_inputs_forces_and_sensors(tmp_path):
+    base = _drive("full")
+    late = _drive(_file(tmp_path, ("steer_delay", {"delay": 0.1})))
+    assert np.max(np.abs(late[:5, 12])) == 0.0
+    assert base[4, 12] > 0.0
+    assert np.array_equal(_drive(_file(tmp_path, ("gyro_bias_yaw", {"bias": 0.25})))[:, :15], base[:, :15])
+    biased = _drive(_file(tmp_path, ("gyro_bias_yaw", {"bias": 0.25})))
+    assert np.allclose(biased[:, 19] - base[:, 19], 0.25, atol=1e-5)
+    braked = _drive(_file(tmp_path, ("rolling_resistance", {"share": 0.1})))
+    assert braked[-1, 5] < base[-1, 5]
+
+
+def test_vectorised_environments_say_that_they_take_no_extended_model(tmp_path):
+    with pytest.raises(InvalidParameter, match="single environments"):
+        OffroadBekkerVectorEnv(2, model=_file(tmp_path))
