@@ -351,27 +351,27 @@ def _stages(x, warm, command, plant, dt, work):
 
 
 @kernel
-def _step(x, warm, command, plant, dt, modes, arrays):
+def _step(x, warm, command, plant, dt, known, onward, arrays):
     """A step from the slope work[0] at ``x``, in place; returns the worst contact status on the way.
 
-    ``modes`` = (known, onward): ``known`` takes the Jacobian of the step before, in work[5];
-    ``onward`` leaves in work[0] and ``after`` the slope and readings of the state reached.
+    ``known`` takes the Jacobian of the step before, in work[5]; ``onward`` leaves in work[0] and
+    ``after`` the slope and readings of the state reached. Both are 0.0 or 1.0: for literal bools
+    numba would compile every pair.
     ``arrays`` = (work, readings at ``x``, after). See `full_step`.
     """
-    known, onward = modes
     work, seen, after = arrays
     k_1, k_2 = work[1], work[2]
     part, left, worst = dt, dt, 0.0
     while True:
-        if not known:
+        if known < 0.5:
             _stiffness(plant, x, seen, work[5])
         while True:
             status, error = _stages(x, warm, command, plant, part, work)
-            if not (error > _SPIN_ERROR * plant.v_eps and (known or part > _SHORTEST * dt)):
+            if not (error > _SPIN_ERROR * plant.v_eps and (known > 0.5 or part > _SHORTEST * dt)):
                 break
-            if known:
+            if known > 0.5:
                 _stiffness(plant, x, seen, work[5])
-                known = False
+                known = 0.0
             else:
                 part *= 0.5
         worst = max(worst, status)
@@ -379,7 +379,7 @@ def _step(x, warm, command, plant, dt, modes, arrays):
             x[i] += part * (1.5 * k_1[i] + 0.5 * k_2[i])
         left -= part
         finished = left < 1e-9 * dt
-        if onward or not finished:
+        if onward > 0.5 or not finished:
             full_derivative(x, command, plant, warm, work[0], after)
             worst = max(worst, after[at.STATUS])
             seen = after
@@ -400,7 +400,7 @@ def full_step(x, warm, command, plant, dt, work, readings):
     READINGS_SIZE).
     """
     full_derivative(x, command, plant, warm, work[0], readings)
-    status = _step(x, warm, command, plant, dt, (False, False), (work, readings, work[6]))
+    status = _step(x, warm, command, plant, dt, 0.0, 0.0, (work, readings, work[6]))
     return max(status, readings[at.STATUS])
 
 
@@ -416,8 +416,8 @@ def full_continue(x, warm, command, plant, timing, work, readings):
     worst = readings[at.STATUS]
     _actuators(plant.vehicle, x, command, work[0])
     for i in range(steps):
-        modes = (i % 2 == 1, True)
-        worst = max(worst, _step(x, warm, command, plant, dt, modes, (work, readings, readings)))
+        arrays = (work, readings, readings)
+        worst = max(worst, _step(x, warm, command, plant, dt, float(i % 2), 1.0, arrays))
         if worst >= NO_ROOT or not all_finite(x):
             return NO_ROOT
     return worst
