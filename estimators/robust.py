@@ -17,8 +17,7 @@ itself the two would turn against each other as n moves, and a linearised filter
 turn for information that it does not have.
 
 *When does it vouch?* While straight ahead on a map that is wrong, only the vertical motion tells n,
-and what the map lacks looks like another soil: on clay the bank then loses its way to another root
-of the force. There it must be three times as sure.
+and what the map lacks looks like another soil. The flag then stays down.
 """
 
 from __future__ import annotations
@@ -83,7 +82,6 @@ class RobustSettings:
 
     sure: float = 0.99  #: weight that the largest mode must have for a valid estimate
     widest: float = 0.15  #: largest standard deviation of n for a valid estimate, as a share of n
-    narrow: float = 0.05  #: the same, where only the vertical motion tells n on a map that is wrong
     trusted: float = 0.002  #: bumps up to which the map counts as right [m]
     sideways: float = 0.4  #: rms of v yaw_rate above which a bend tells n on any map [m/s^2]
     bend_time: float = 10.0  #: over this time [s]
@@ -103,7 +101,7 @@ class RobustSettings:
             raise InvalidParameter(f"bumps must be sizes in (0, 0.5) m, got {self.bumps} - in mm or cm?")
         if not 0.0 < self.drop < 0.1:
             raise InvalidParameter(f"drop must be in (0, 0.1), got {self.drop}")
-        fields = ("n_prior_sd", "overlap", "merge", "widest", "narrow", "trusted", "sideways", "bend_time")
+        fields = ("n_prior_sd", "overlap", "merge", "widest", "trusted", "sideways", "bend_time")
         for name in (*fields, "watch_time", "surprise", "renew"):
             if not getattr(self, name) > 0.0:
                 raise InvalidParameter(f"{name} must be > 0, got {getattr(self, name)}")
@@ -290,14 +288,13 @@ def _run(state, slopes, inputs, z, rules, fan, result):
 def _vouches(
     bank: BankRun, means: np.ndarray, bump: np.ndarray, settings: RobustSettings, dt: float
 ) -> np.ndarray:
-    """Where sd(n) is small relative to n: smaller where neither the map is right nor a bend tells n."""
+    """Where n is narrow relative to itself, and the map is right or a bend tells n on any map."""
     square = np.square(means[:, at.V_X] * means[:, at.YAW_RATE])
     total = np.concatenate([[0.0], np.cumsum(square)])
     last = np.arange(1, len(total))
     first = np.maximum(last - max(round(settings.bend_time / dt), 1), 0)
     bends = (total[last] - total[first]) / (last - first) >= settings.sideways**2
-    widest = np.where(bends | (bump <= settings.trusted), settings.widest, settings.narrow)
-    return bank.sd <= widest * bank.n
+    return (bank.sd <= settings.widest * bank.n) & (bends | (bump <= settings.trusted))
 
 
 def run_robust_bank(
