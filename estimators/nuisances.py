@@ -217,6 +217,7 @@ def _believed(point, model):
         plant.half_car,
         plant.v_eps,
         plant.fine,
+        plant.effects,
     )
 
 
