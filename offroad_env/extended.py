@@ -14,8 +14,9 @@ import numpy as np
 from offroad_env.effects import Extension, Setup, apply
 from offroad_env.effects.protocol import Inputs
 from offroad_env.period import CONTROL_PERIOD, SAMPLES
+from offroad_env.physics import state as at
 from offroad_env.physics.contact import NO_ROOT, SUNK
-from offroad_env.physics.full_model import full_advance
+from offroad_env.physics.full_model import WORK_ROWS, full_continue, full_derivative
 from offroad_env.physics.paper_model import paper_advance
 from offroad_env.physics.sensor_kernels import IMU, OFFSET, SCALE, WHEEL, ImuMount, sense
 from offroad_env.simulator import FULL_STEP, Plant
@@ -73,7 +74,8 @@ class ExtendedTruth:
     def __init__(self, extension: Extension, plant: Plant, mount: ImuMount) -> None:
         self.setup: Setup = apply(Setup(plant=plant, mount=mount), extension.effects)
         self.chain = InputChain(self.setup.inputs)
-        self._advance = full_advance if extension.model == "full" else paper_advance
+        self._full = extension.model == "full"
+        self._work = np.empty((WORK_ROWS, at.READINGS_SIZE))
 
     def imperfect(self, errors: np.ndarray) -> np.ndarray:
         """Errors (3, CHANNELS) of the sensors with those of the effects."""
@@ -92,15 +94,22 @@ class ExtendedTruth:
         self.chain.push(t, command())
         e["samples"], e["status"] = 0.0, 0.0
         for i in range(int(e["count"])):
-            acting = self.chain.acting(t + i * span, span)
-            status = self._advance(
-                e["state"], e["warm"], acting, self.setup.plant, FULL_STEP, int(e["steps"]), e["readings"]
-            )
+            status = self._advance(e, self.chain.acting(t + i * span, span), first=i == 0)
             e["status"] = max(float(e["status"]), status)
             if e["status"] >= SUNK:
                 break
             self._sense(e, noise, i)
         self._keep_sound(e)
+
+    def _advance(self, e: Any, acting: tuple[float, float, float], *, first: bool) -> float:
+        """To the next sample; returns the worst contact status."""
+        x, warm, readings, steps = e["state"], e["warm"], e["readings"], int(e["steps"])
+        plant = self.setup.plant
+        if not self._full:
+            return paper_advance(x, warm, acting, plant, FULL_STEP, steps, readings)
+        if first:  # the later samples of a period go on from the slope of the sample before
+            full_derivative(x, acting, plant, warm, self._work[0], readings)
+        return full_continue(x, warm, acting, plant, (FULL_STEP, steps), self._work, readings)
 
     def _sense(self, e: Any, noise: np.ndarray, i: int) -> None:
         due = tuple(every > 0 and e["tick"] % max(every, 1) == 0 for every in e["every"].tolist())

@@ -51,12 +51,12 @@ class FleetRun:
 
 
 def make_fleet(plants: Sequence[Plant]) -> Fleet:
-    """Plants that share model, ground and soil map, as a fleet.
+    """Plants that share model, ground, soil map and effects, as a fleet.
 
     Raises
     ------
     InvalidParameter
-        When there is none, or when they differ in model, ground or soil map.
+        When there is none, or when they differ in model, ground, soil map or effects.
     """
     if not plants:
         raise InvalidParameter("a fleet needs at least one plant")
@@ -65,11 +65,13 @@ def make_fleet(plants: Sequence[Plant]) -> Fleet:
     for other in packed[1:]:
         if not (np.array_equal(other.waves, first.waves) and np.array_equal(other.patches, first.patches)):
             raise InvalidParameter("the plants of a fleet must share ground waves and soil map")
+        if not np.array_equal(other.effects, first.effects):
+            raise InvalidParameter("the plants of a fleet must share their effects")
     models = {plant_model(plant) for plant in plants}
     if len(models) > 1:
         raise InvalidParameter("the plants of a fleet must be all full or all paper")
     numbers = np.stack([one.numbers for one in packed])
-    return Fleet(packed=PackedPlant(numbers, first.waves, first.patches), model=models.pop())
+    return Fleet(packed=first._replace(numbers=numbers), model=models.pop())
 
 
 def vary(plant: Plant, columns: Mapping[str, np.ndarray]) -> Fleet:
@@ -102,7 +104,7 @@ def vary(plant: Plant, columns: Mapping[str, np.ndarray]) -> Fleet:
     numbers = np.tile(packed.numbers, (next(iter(shapes))[0], 1))
     for name, column in values.items():
         numbers[:, _COLUMNS[name]] = column
-    return Fleet(packed=PackedPlant(numbers, packed.waves, packed.patches), model=plant_model(plant))
+    return Fleet(packed=packed._replace(numbers=numbers), model=plant_model(plant))
 
 
 def _rows(name: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

@@ -40,7 +40,7 @@ def full_rows(fleet, start, commands, timing, rows, found):
     boundaries = kept.shape[0]
     work, seen = np.empty((WORK_ROWS, at.READINGS_SIZE)), np.empty(at.READINGS_SIZE)
     for i in range(rows[0], rows[1]):
-        plant = unpack(PackedPlant(fleet.numbers[i], fleet.waves, fleet.patches))
+        plant = unpack(PackedPlant(fleet.numbers[i], fleet.waves, fleet.patches, fleet.effects))
         held = commands[i if commands.shape[0] > 1 else 0]
         x, warm = states[i], warms[i]
         kept[0, i] = x
@@ -67,7 +67,7 @@ def paper_rows(fleet, start, inputs, dt, rows, found):
     boundaries = kept.shape[0]
     work = np.empty((3, at.STATE_SIZE))
     for i in range(rows[0], rows[1]):
-        plant = unpack(PackedPlant(fleet.numbers[i], fleet.waves, fleet.patches))
+        plant = unpack(PackedPlant(fleet.numbers[i], fleet.waves, fleet.patches, fleet.effects))
         given = inputs[i if inputs.shape[0] > 1 else 0]
         x, warm = states[i], warms[i]
         kept[0, i] = x
