@@ -29,7 +29,7 @@ demo: $(VENV)/.installed-demo  ## set up, run the main job and write its page in
 
 test: lint  ## set up, check style and floors, run the tests
 	@echo "== running the tests"
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile $(PYTEST_ARGS)
 
 lint: $(VENV)/.installed-test  ## check style, format and the floors of imports
 	@echo "== checking style and the floors of imports"
