@@ -204,10 +204,8 @@ def test_while_a_change_is_followed_the_flag_is_down_or_the_band_holds_the_truth
     for truth, estimates in edges:
         begin = int(np.argmax(truth != truth[0]))
         # Half a second passes before it can be noticed: then, until it has been followed.
-        after = range(begin + 120, begin + 300)
-        honest = [
-            not e.valid or abs(e.mean - truth[k]) < 1.96 * e.sd for k, e in ((k, estimates[k]) for k in after)
-        ]
+        after = zip(estimates[begin + 120 : begin + 300], truth[begin + 120 : begin + 300], strict=True)
+        honest = [not e.valid or abs(e.mean - n) < 1.96 * e.sd for e, n in after]
         assert np.mean(honest) > 0.9
         assert not all(estimates[k].valid for k in range(begin, begin + 150))
 
