@@ -24,6 +24,11 @@ variance 2 s^2 tau/dt per sample. `EmbeddedSettings.error` holds s per channel.
 tenfold while the copies still settle, at readings that belong to no soil. The share of the variance
 that an update may remove is therefore bounded (`settle_time`), and below a smallest share nothing is
 learnt at all (`least_information`): the estimate holds and its standard deviation grows.
+
+*How it notices another soil.* A belief of a minute would follow a step of n in ten seconds and stay
+narrow meanwhile. But a step shows in all innovations of half a second at once, along their
+sensitivity to n; noise does not. When that score leaves its band, the belief is widened by the
+change that explains it and the flag is down until the copies have followed (`_notice`).
 """
 
 from __future__ import annotations
@@ -78,6 +83,10 @@ MEMORY = np.dtype(
         ("mean_innovation", "f8", 3),
         ("nis", "f8"),
         ("surprise", "f8"),
+        ("change", "f8", 2),  # score of eta and its information in a fading window
+        ("watched", "f8"),  # how long that window has been open [s]
+        ("unsettled", "f8"),  # time for which a change still holds the flag down [s]
+        ("changes", "f8"),  # how many were noticed
         ("repairs", "f8"),
         ("held", "f8"),
         ("awake", "f8"),
@@ -103,6 +112,9 @@ ASSUMPTIONS = np.dtype(
         ("settle_time", "f8"),
         ("drift", "f8"),
         ("surprise", "f8"),
+        ("change_time", "f8"),
+        ("change_level", "f8"),
+        ("change_settle", "f8"),
         ("dt", "f8"),
     ]
 )
@@ -112,6 +124,10 @@ _MEAN_TIME = 2.0
 #: The filter's range is wider than the user's by this share on both sides: a bound is endlessly far
 #: away on the scale of eta, so a soil close to one would be approached too slowly.
 _MARGIN = 0.15
+#: Settings of the test for a change.
+_CHANGE = ("change_time", "change_level", "change_settle")
+#: Variance of eta up to which a change widens the belief: a fifth of the range of n, as wide as a prior.
+_WIDEST = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,9 +149,15 @@ class EmbeddedSettings:
     least_information: float = 0.02  #: smallest share of the variance that a second must remove [1/s]
     surprise: float = 25.0  #: largest chi-square (3 channels) of the mean innovation for a valid estimate
 
+    change_time: float = 0.5  #: fading window of the test for a change of n [s]
+    #: Deviation at which n has changed [standard deviations]. They are those of errors that last, far
+    #: wider than what a window shows on a constant soil: of 0.7 to 2 the least with no alarm there.
+    change_level: float = 1.25
+    change_settle: float = 1.0  #: how long the flag stays down after a change: two `settle_time` [s]
+
     def __post_init__(self) -> None:
         check_alpha(self.alpha)
-        for name in ("drift", "error_time", "settle_time", "hold_speed", "surprise"):
+        for name in ("drift", "error_time", "settle_time", "hold_speed", "surprise", *_CHANGE):
             if not getattr(self, name) > 0.0:
                 raise InvalidParameter(f"{name} must be > 0, got {getattr(self, name)}")
 
@@ -168,6 +190,8 @@ def _wake(memory, assumed, nav, plant, torque_free):
         x[at.V_Y], x[at.STEER :] = nav[V_SIDE], copies[i, at.STEER :]
         copies[i] = x
     memory.last[:] = math.nan
+    memory.change[:] = 0.0
+    memory.watched = 0.0
     memory.awake = 1.0
 
 
@@ -208,6 +232,38 @@ def _watch(predicted, z, R, weights, mean_innovation, dt):
         mean_innovation[j] += dt / _MEAN_TIME * (z[j] - expected - mean_innovation[j])
         total += mean_innovation[j] ** 2 / (R[j, j] * dt / (2.0 * _MEAN_TIME) + spread)
     return total
+
+
+@kernel
+def _notice(memory, assumed, points, predicted, z):
+    """Test whether n has changed, and if so widen the belief by as much.
+
+    With the innovation e and the sensitivity h of a channel to eta, S = sum h e/R is the score of a
+    fading window and I = sum h^2/R its information. S/I is the change that explains the window best,
+    S^2/(I (1 + P I)) its square in standard deviations. Called after the update of the belief.
+    """
+    change, belief, R, w = memory.change[:], memory.belief[:], assumed.R[:], assumed.weights
+    kept = 1.0 - assumed.dt / assumed.change_time
+    score, information = kept * change[0], kept * change[1]
+    span = points[1, 0] - points[2, 0]
+    for j in range(z.shape[0]):
+        expected = w[0] * predicted[0, j] + w[2] * (predicted[1, j] + predicted[2, j])
+        slope = (predicted[1, j] - predicted[2, j]) / span
+        score += slope * (z[j] - expected) / R[j, j]
+        information += slope * slope / R[j, j]
+    score -= information * (belief[0] - points[0, 0])  # the window's innovations against the new mean
+    memory.watched += assumed.dt
+    memory.unsettled = max(memory.unsettled - assumed.dt, 0.0)
+    limit = assumed.change_level * assumed.change_level * information * (1.0 + belief[1] * information)
+    # Copies that have just been settled on a wide belief say nothing about a change yet.
+    if memory.watched > assumed.change_time and information > 0.0 and score * score > limit:
+        # A new belief has a new window: what is left of the change shows itself there.
+        wider = belief[1] + (score / information) ** 2
+        belief[1] = max(belief[1], min(wider, _WIDEST))
+        memory.unsettled = assumed.change_settle
+        memory.changes += 1.0
+        score = information = 0.0
+    change[0], change[1] = score, information
 
 
 @kernel
@@ -269,6 +325,7 @@ def _compare(memory, assumed, nav, imu, points, predicted):
         shares = (assumed.least_information * dt, dt / assumed.settle_time)
         memory.surprise = _watch(channels, last, R, weights, memory.mean_innovation[:], dt)
         _learn(memory, points, channels, last, R, weights, shares)
+        _notice(memory, assumed, points, channels, last)
     last[0], last[1], last[2] = imu[0], imu[1], imu[4]
 
 
@@ -327,7 +384,8 @@ def learn_paper(memory, assumed, map_, nav, imu, command):
 def summary(memory, assumed):
     """(mean, sd, nis, valid 0/1, repairs): the `Estimate` as numbers."""
     mean, sd = moments(memory.belief[0], memory.belief[1], assumed.bounds[0], assumed.bounds[1])
-    valid = 1.0 if math.isfinite(sd) and memory.surprise < assumed.surprise else 0.0
+    settled = math.isfinite(sd) and memory.unsettled <= 0.0
+    valid = 1.0 if settled and memory.surprise < assumed.surprise else 0.0
     return min(max(mean, assumed.low), assumed.high), sd, memory.nis, valid, memory.repairs
 
 
@@ -416,7 +474,7 @@ class EmbeddedParameterUKF:
         assumed["weights"] = merwe_weights(1.0, float(s.alpha), 0.0)
         assumed["R"] = np.diag(sensor**2 + np.square(s.error) * 2.0 * s.error_time / self.dt)
         assumed["gains"] = s.position_gain, s.speed_gain, s.side_gain, s.yaw_rate_gain, s.pitch_rate_gain
-        for name in ("hold_speed", "least_information", "settle_time", "drift", "surprise"):
+        for name in ("hold_speed", "least_information", "settle_time", "drift", "surprise", *_CHANGE):
             assumed[name] = getattr(s, name)
         assumed["dt"] = self.dt
 
@@ -493,6 +551,11 @@ class EmbeddedParameterUKF:
     def held(self) -> bool:
         """Whether the last sample taught nothing about n."""
         return bool(self.memory["held"][0] > 0.5)
+
+    @property
+    def changes(self) -> int:
+        """How many changes of n it has noticed since the reset."""
+        return int(self.memory["changes"][0])
 
     @property
     def pose(self) -> Pose:

@@ -9,11 +9,11 @@ import pytest
 
 from offroad_env.physics import state as at
 from offroad_env.physics.full_model import full_advance
-from offroad_env.physics.records import Ground
+from offroad_env.physics.records import Ground, SoilMap
 from offroad_env.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
 from offroad_env.simulator import make_plant, settled_state
 from offroad_env.soils import make_soil
-from offroad_env.terrain import rough_terrain
+from offroad_env.terrain import rough_terrain, soil_map
 from offroad_env.vehicles import VEHICLES
 
 PERIOD = 0.01  # of a sensor sample [s]
@@ -64,6 +64,7 @@ def record(
     driver=None,
     ground: Ground | None = None,
     imu: ImuConfig | None = None,
+    soils: SoilMap | None = None,
 ) -> Drive:
     """Drive the full model on rough ground (class B unless given) and record what the sensors say."""
     rng = np.random.default_rng(seed)
@@ -71,7 +72,7 @@ def record(
     driver = driver or Driver(rng, duration)
     sensors = SensorSuite(imu=imu or ImuConfig(), wheel=WheelSpeedConfig(), gnss=GnssConfig())
     sensors.reset(rng)
-    plant = make_plant(VEHICLES["mrzr"], make_soil(soil, n=n), ground)
+    plant = make_plant(VEHICLES["mrzr"], make_soil(soil, n=n), ground, soil_map=soils or soil_map())
     state, warm = settled_state(plant, v_x=3.0)
     readings, command = np.zeros(at.READINGS_SIZE), (0.0, 0.0, 0.0)
     rows = []

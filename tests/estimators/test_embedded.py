@@ -13,10 +13,11 @@ from estimators.paper import ROWS, noisy_imu, row_truth
 from estimators.protocol import Estimator, Pose
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
+from offroad_env.physics.ground import sinkage_exponent
 from offroad_env.sensors import ImuConfig
 from offroad_env.simulator import make_plant
 from offroad_env.soils import make_soil
-from offroad_env.terrain import flat, grade, paper_terrain
+from offroad_env.terrain import flat, grade, paper_terrain, soil_map
 from offroad_env.vehicles import VEHICLES, make_vehicle
 
 N_RANGE = (0.3, 1.1)
@@ -170,6 +171,50 @@ def test_a_copy_goes_its_own_way(drive, duplicate):
     here = [estimator.update(*sample) for sample in samples[100:]]
     there = [twin.update(*sample) for sample in samples[100:]]
     assert repr(here) == repr(there)
+
+
+#: Exponents before and after the edge of a soil, which the random driver reaches after some 10 s.
+EDGES = ((0.8, 1.0), (0.8, 0.5), (0.5, 0.8), (1.0, 0.7))
+
+
+def over_an_edge(drive, before, after, seed):
+    """(true n under the centre of gravity, estimates) of a drive from one soil into another."""
+    beyond = soil_map([(1040.0, 0.0, 1000.0, after)], 0.3)
+    recorded = drive(before, seed=seed, duration=20.0, soils=beyond)
+    truth = np.array([sinkage_exponent(beyond, before, x[at.X], x[at.Y]) for x in recorded.states[1:]])
+    return truth, estimates_of(recorded, estimator_on_board())
+
+
+@pytest.fixture(scope="module")
+def edges(drive):
+    return [over_an_edge(drive, *edge, seed) for seed, edge in enumerate(EDGES, start=500)]
+
+
+def test_another_soil_is_followed_within_three_seconds(edges):
+    for truth, estimates in edges:
+        begin = int(np.argmax(truth != truth[0]))
+        assert 300 < begin < len(truth) - 300
+        mean = np.array([estimate.mean for estimate in estimates])
+        half = np.abs(mean[begin : begin + 150] - truth[0]) > 0.5 * abs(truth[-1] - truth[0])
+        assert half.any()  # half way within 1.5 s
+        assert abs(mean[begin + 300] - truth[-1]) < 0.05 * truth[-1]
+
+
+def test_while_a_change_is_followed_the_flag_is_down_or_the_band_holds_the_truth(edges):
+    for truth, estimates in edges:
+        begin = int(np.argmax(truth != truth[0]))
+        # Half a second passes before it can be noticed: then, until it has been followed.
+        after = zip(estimates[begin + 120 : begin + 300], truth[begin + 120 : begin + 300], strict=True)
+        honest = [not e.valid or abs(e.mean - n) < 1.96 * e.sd for e, n in after]
+        assert np.mean(honest) > 0.9
+        assert not all(estimates[k].valid for k in range(begin, begin + 150))
+
+
+def test_no_change_is_noticed_where_there_is_none(drive):
+    for seed, n in ((510, 0.4), (511, 0.9)):
+        estimator = estimator_on_board()
+        estimates_of(drive(n, seed=seed, duration=20.0), estimator)
+        assert estimator.changes == 0
 
 
 def test_a_reset_forgets_everything(drive):
