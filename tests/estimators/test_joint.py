@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 
 import numpy as np
 import pytest
@@ -184,15 +183,6 @@ def test_a_soil_that_carries_no_vehicle_is_no_nan(model, twin):
     assert log_likelihood == -math.inf
     np.testing.assert_array_equal(mean, before[0])
     np.testing.assert_array_equal(cov, before[1])
-
-
-def test_ten_times_real_time_on_one_core(model, twin, run):
-    start = prior(model, SETTINGS, 0.5, 0.02, START, 5.0)
-    z = only_imu(twin.z[:, :5])
-    begin = time.process_time()
-    run_joint_filter(model, start, twin.inputs, z)
-    seconds = time.process_time() - begin
-    assert seconds < 0.1 * twin.t[-1]
 
 
 def test_wrong_arguments_are_refused(model, twin):
