@@ -40,6 +40,8 @@ NUISANCES = (
     *(Nuisance(name=f"bias_{i}", spread=5e-4, step=1e-3, sensors_only=True, channel=i) for i in (3, 4)),
     Nuisance(name="wheel", spread=0.002, step=0.002, sensors_only=True),
 )
+#: Belief about a size, in plausible sizes: loose enough to change no result.
+_LOOSE = 100.0
 #: Finite differences: share of a state's spread, and of an effect's plausible size.
 _STATE_STEP, _SIZE_STEP = 0.02, 0.02
 _ROUNDS = 8
@@ -327,6 +329,8 @@ class Fit:
         white_states, white_shared = self.whitener(self._states), self.whitener(shared)
         for _ in range(rounds):
             shares, back = self.reduce(self.whitener(residual), white_states, white_shared)
+            if not held:
+                self._loosely_bound(shares.normal)
             change = np.linalg.solve(shares.normal, shares.score)
             expected = cost - shares.cost + 0.5 * float(shares.score @ change)
             # What is still to gain is not worth a simulation.
@@ -342,6 +346,12 @@ class Fit:
                 break
         self.shares = shares
         return cost
+
+    def _loosely_bound(self, normal: np.ndarray) -> None:
+        """Sizes that the data do not show - a brake's in a run without brakes - must stay solvable."""
+        vehicle = self.runs[0].setup.plant.vehicle
+        for i, candidate in enumerate(self.candidates, len(NUISANCES)):
+            normal[i, i] += 1.0 / (_LOOSE * EFFECTS[candidate.effect].plausible(vehicle)) ** 2
 
     def _try(self, change: np.ndarray, back: list, cost: float) -> tuple[float, np.ndarray] | None:
         """Go as far along the step as it pays; None if it does not."""

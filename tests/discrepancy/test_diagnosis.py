@@ -46,10 +46,10 @@ with open(sys.argv[1] + "/sealed.json", "w") as file:
 """
 
 
-def test_an_effect_that_another_process_has_hidden_is_found(tmp_path):
-    """Truly hidden: drawn from no seed, and the answer is opened after the finder has spoken."""
+def _hide_and_seek(folder) -> str:
+    """Hide, find, and only then open the answer; returns what went wrong, or nothing."""
     done = subprocess.run(
-        [sys.executable, "-c", _HIDE, str(tmp_path)],
+        [sys.executable, "-c", _HIDE, str(folder)],
         capture_output=True,
         text=True,
         check=False,
@@ -57,19 +57,26 @@ def test_an_effect_that_another_process_has_hidden_is_found(tmp_path):
         env=os.environ | {"PYTHONPATH": str(REPOSITORY)},
     )
     assert done.returncode == 0, done.stderr
-    log = read_log(tmp_path / "run.csv")
-    log = replace(log, references={})
-    diagnosis = diagnose([log])
-    answer = json.loads((tmp_path / "sealed.json").read_text())
-    sets = [[rival.candidate.effect for rival in cause.rivals] for cause in diagnosis.causes]
-    assert any(answer["effect"] in members for members in sets), (answer, diagnosis.verdict, sets)
-    found = next(
-        rival
-        for cause in diagnosis.causes
-        for rival in cause.rivals
-        if rival.candidate.effect == answer["effect"]
-    )
-    assert found.size == pytest.approx(answer["size"], rel=0.3), answer
+    diagnosis = diagnose([replace(read_log(folder / "run.csv"), references={})])
+    answer = json.loads((folder / "sealed.json").read_text())
+    rivals = {rival.candidate.effect: rival for cause in diagnosis.causes for rival in cause.rivals}
+    if answer["effect"] not in rivals:
+        return f"{answer} not among {sorted(rivals)}, {diagnosis.verdict}"
+    size = rivals[answer["effect"]].size
+    return "" if size == pytest.approx(answer["size"], rel=0.3) else f"{answer} found with size {size}"
+
+
+def test_an_effect_that_another_process_has_hidden_is_found(tmp_path):
+    """Truly hidden: drawn from no seed.
+
+    Chance may hide one effect in a log that does not show it. A finder that misses one in twenty fails
+    here once in two hundred times; one that misses half of them, in three of eight.
+    """
+    folders = [tmp_path / name for name in ("first", "second", "third")]
+    for folder in folders:
+        folder.mkdir()
+    if missed := _hide_and_seek(folders[0]):
+        assert [_hide_and_seek(folder) for folder in folders[1:]] == ["", ""], missed
 
 
 @pytest.fixture(scope="module")
