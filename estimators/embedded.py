@@ -59,6 +59,7 @@ __all__ = [
     "MEMORY",
     "EmbeddedParameterUKF",
     "EmbeddedSettings",
+    "checked_range",
     "learn_full",
     "learn_paper",
     "summary",
@@ -404,6 +405,18 @@ def _learn_paper(memories, assumptions, waves, patches, nav, imu, command):
     learn_paper(memories[0], assumptions[0], (waves, patches), nav, imu, command)
 
 
+def checked_range(plant: Plant, n_range: tuple[float, float], dt: float) -> tuple[float, float]:
+    """Bounds of n for a filter on board; refuses what such a filter cannot work with."""
+    low, high = float(n_range[0]), float(n_range[1])
+    if not 0.05 < low < high <= 2.5:
+        raise InvalidParameter(f"n_range must be 0.05 < low < high <= 2.5, got {n_range}")
+    if plant.soil.rigid > 0.5:
+        raise InvalidParameter("the plant must stand on deformable soil: hard ground has no n")
+    if not 0.001 <= dt <= 0.02:
+        raise InvalidParameter(f"dt must be in [0.001, 0.02] s, got {dt} - in ms?")
+    return low, high
+
+
 class EmbeddedParameterUKF:
     """Estimate of the sinkage exponent from commands and sensors (an `estimators.protocol.Estimator`).
 
@@ -438,13 +451,7 @@ class EmbeddedParameterUKF:
         settings: EmbeddedSettings | None = None,
         navigation: NavigationFilter | None = None,
     ) -> None:
-        low, high = float(n_range[0]), float(n_range[1])
-        if not 0.05 < low < high <= 2.5:
-            raise InvalidParameter(f"n_range must be 0.05 < low < high <= 2.5, got {n_range}")
-        if plant.soil.rigid > 0.5:
-            raise InvalidParameter("the plant must stand on deformable soil: hard ground has no n")
-        if not 0.001 <= dt <= 0.02:
-            raise InvalidParameter(f"dt must be in [0.001, 0.02] s, got {dt} - in ms?")
+        low, high = checked_range(plant, n_range, dt)
         self.plant = plant
         self.n_range = (low, high)
         self.dt = float(dt)

@@ -42,9 +42,9 @@ from offroad_env.physics._jit import kernel
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.paper_model import paper_derivative
-from offroad_env.physics.records import Soil, Vehicle
+from offroad_env.physics.records import Vehicle
 from offroad_env.physics.settle import settle
-from offroad_env.physics.vehicle_model import Plant
+from offroad_env.physics.vehicle_model import Plant, with_pressure
 
 __all__ = [
     "BIAS",
@@ -166,27 +166,6 @@ def doubt_model(plant: Plant, dt: float, settings: JointSettings, doubt: Doubt) 
 
 
 @kernel
-def _soil(soil, n, factor):
-    """The same soil with another exponent and moduli ``factor`` times as large."""
-    return Soil(
-        soil.k_c * factor,
-        soil.k_phi * factor,
-        n,
-        soil.c,
-        soil.phi,
-        soil.k_x,
-        soil.k_y,
-        soil.a_0,
-        soil.a_1,
-        soil.b_0,
-        soil.b_1,
-        soil.rigid,
-        soil.mu,
-        soil.C_alpha,
-    )
-
-
-@kernel
 def _vehicle(v, factor):
     """The same vehicle with another mass; its moments of inertia stay."""
     return Vehicle(
@@ -209,7 +188,7 @@ def _believed(point, model):
     plant, n = model.plant, to_range(point[ETA], model.low, model.high)
     return Plant(
         _vehicle(plant.vehicle, math.exp(point[MASS])),
-        _soil(plant.soil, n, math.exp(point[STIFFNESS] - tie(n))),
+        with_pressure(plant.soil, n, math.exp(point[STIFFNESS] - tie(n))),
         plant.ground,
         plant.soil_map,
         plant.slip,

@@ -33,6 +33,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators.embedded import checked_range
 from estimators.models import plant_with_exponent, step_full_copies, step_paper_copies
 from estimators.navigation import V_SIDE, YAW, NavigationFilter, V, X, Y, navigate
 from estimators.protocol import Estimate, Pose
@@ -401,13 +402,7 @@ class OnBoardFilter:
         settings: OnBoardSettings | None = None,
         navigation: NavigationFilter | None = None,
     ) -> None:
-        low, high = float(n_range[0]), float(n_range[1])
-        if not 0.05 < low < high <= 2.5:
-            raise InvalidParameter(f"n_range must be 0.05 < low < high <= 2.5, got {n_range}")
-        if plant.soil.rigid > 0.5:
-            raise InvalidParameter("the plant must stand on deformable soil: hard ground has no n")
-        if not 0.001 <= dt <= 0.02:
-            raise InvalidParameter(f"dt must be in [0.001, 0.02] s, got {dt} - in ms?")
+        low, high = checked_range(plant, n_range, dt)
         self.plant, self.n_range, self.dt = plant, (low, high), float(dt)
         self.settings = settings or OnBoardSettings()
         self.navigation = navigation or NavigationFilter(plant.vehicle)

@@ -45,12 +45,9 @@ def run_full(starts, spans, commands, rims, plant, timing, out):
             if worst[w] >= SUNK:
                 states[row], readings[row] = math.nan, math.nan
             else:
-                if rims.shape[0] > 0:
-                    x[at.OMEGA_F], x[at.OMEGA_R] = (
-                        rims[first + max(i - 1, 0), 0],
-                        rims[first + max(i - 1, 0), 1],
-                    )
                 k = first + max(i - 1, 0)
+                if rims.shape[0] > 0:
+                    x[at.OMEGA_F], x[at.OMEGA_R] = rims[k, 0], rims[k, 1]
                 command = (commands[k, 0], commands[k, 1], commands[k, 2])
                 status = full_advance(x, warm, command, plant, dt, steps if i > 0 else 0, readings[row])
                 worst[w] = max(worst[w], status)

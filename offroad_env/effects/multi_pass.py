@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from offroad_env.effects.protocol import Effect, Parameter
-from offroad_env.effects.soils import stiffer
 from offroad_env.physics._jit import inline_kernel
+from offroad_env.physics.vehicle_model import with_pressure
 
 __all__ = ["EFFECT"]
 
@@ -13,7 +13,7 @@ __all__ = ["EFFECT"]
 def _law(soil, row, motion, where):
     if where[2] > 0.0:
         return soil
-    return stiffer(soil, 1.0 + row[0])
+    return with_pressure(soil, soil.n, 1.0 + row[0])
 
 
 EFFECT = Effect(

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 
 from offroad_env.effects.protocol import Effect, Parameter
-from offroad_env.effects.soils import stiffer
 from offroad_env.physics._jit import inline_kernel
+from offroad_env.physics.vehicle_model import with_pressure
 
 __all__ = ["EFFECT"]
 
 
 @inline_kernel
 def _law(soil, row, motion, where):
-    return stiffer(soil, max(1.0 + row[0] * math.sqrt(motion[1] * motion[1] + 1e-4), 0.1))
+    return with_pressure(soil, soil.n, max(1.0 + row[0] * math.sqrt(motion[1] * motion[1] + 1e-4), 0.1))
 
 
 EFFECT = Effect(

@@ -23,6 +23,7 @@ __all__ = [
     "suspension_force",
     "suspension_load",
     "with_exponent",
+    "with_pressure",
 ]
 
 
@@ -42,11 +43,11 @@ class Plant(NamedTuple):
 
 
 @inline_kernel
-def with_exponent(soil, n):
-    """The same soil with another sinkage exponent (numba knows no ``_replace``)."""
+def with_pressure(soil, n, factor):
+    """The same soil with exponent ``n`` and ``factor`` times the moduli (numba knows no ``_replace``)."""
     return Soil(
-        soil.k_c,
-        soil.k_phi,
+        factor * soil.k_c,
+        factor * soil.k_phi,
         n,
         soil.c,
         soil.phi,
@@ -60,6 +61,12 @@ def with_exponent(soil, n):
         soil.mu,
         soil.C_alpha,
     )
+
+
+@inline_kernel
+def with_exponent(soil, n):
+    """The same soil with another sinkage exponent."""
+    return with_pressure(soil, n, 1.0)
 
 
 @inline_kernel

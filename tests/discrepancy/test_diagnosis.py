@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 
 from estimators.discrepancy.diagnosis import VERDICTS, Diagnosis, diagnose
+from estimators.discrepancy.fit import Candidate
 from estimators.discrepancy.hide import HIDERS, draw_case, hidden_log
 from estimators.discrepancy.run_model import RunModel
+from estimators.discrepancy.search import refit
 from estimators.discrepancy.verdict import extension_of, lines_of, sentence_of, to_dict
 from estimators.discrepancy.windows import FIT
 from estimators.logs import read_log, write_log
@@ -86,14 +88,12 @@ def delayed():
     return case, diagnose([hidden_log(case, HIDERS["steer_delay"](0.1))])
 
 
-def test_a_steering_delay_is_found_with_its_size_and_n_is_mended(delayed):
+def test_a_steering_delay_is_found_with_its_size_and_n_comes_out_right(delayed):
     case, diagnosis = delayed
     assert diagnosis.causes[0].best.candidate.effect == "steer_delay"
     assert diagnosis.causes[0].best.size == pytest.approx(0.1, abs=0.01)
     numbers = to_dict(diagnosis)
-    before, after = numbers["n"]["before"]["value"], numbers["n"]["after"]["steer_delay"]["value"]
-    assert abs(after - case.n) < 0.003
-    assert abs(before - numbers["n"]["prior"]) > 0.0
+    assert abs(numbers["n"]["after"]["steer_delay"]["value"] - case.n) < 0.003
     gain = numbers["gain"]["yaw_rate"]
     assert gain["extended"] < 0.7 * gain["nominal"]
     assert gain["low"] > 0.0
@@ -108,6 +108,16 @@ def test_the_numbers_of_a_diagnosis_are_complete_and_plain(delayed):
     assert set(cause["parameters"]["delay"]) == {"value", "low", "high", "unit"}
     assert len(lines_of(delayed[1])) <= 25
     assert extension_of(delayed[1])[0][0] == "steer_delay"
+
+
+def test_a_fit_survives_an_effect_that_the_run_does_not_show(delayed):
+    nominal = delayed[1].search.nominal
+    far = Candidate(effect="n_step", place={"place": 1e5, "direction": 0.0})
+    done = refit(nominal, [far], [0.1])
+    assert done is not None
+    fit, cost = done
+    assert np.isfinite(cost)
+    assert fit.deviations()[-1] > EFFECTS["n_step"].plausible(nominal.runs[0].setup.plant.vehicle)
 
 
 def test_a_log_with_nothing_wrong_says_so_and_what_it_would_have_seen():

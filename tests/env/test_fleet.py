@@ -7,10 +7,12 @@ import math
 import numpy as np
 import pytest
 
+from offroad_env.effects import Setup, apply
 from offroad_env.errors import InvalidParameter
 from offroad_env.fleet import make_fleet, simulate_fleet, simulate_fleet_commands, vary
 from offroad_env.physics import state as at
 from offroad_env.physics.contact import SUNK
+from offroad_env.sensors import ImuConfig
 from offroad_env.simulator import make_plant, settled_state, simulate, simulate_commands
 from offroad_env.soils import SOILS, make_soil
 from offroad_env.terrain import flat, paper_terrain
@@ -25,6 +27,12 @@ def plants(model: str, ground=None) -> list:
     ground = paper_terrain(0.05) if ground is None else ground
     soils = [make_soil(SOILS["clay"], n=float(n)) for n in EXPONENTS]
     return [make_plant(CAR, soil, ground, model=model, slip=0.03) for soil in soils]
+
+
+def laden(plant):
+    """The same plant, held back by a force that the base model does not know."""
+    setup = Setup(plant=plant, mount=ImuConfig().mount())
+    return apply(setup, [("rolling_resistance", {"share": 0.05})]).plant
 
 
 def starts(some: list) -> tuple[np.ndarray, np.ndarray]:
@@ -123,6 +131,18 @@ def test_a_vehicle_of_a_fleet_takes_less_than_four_kilobytes():
     assert sum(array.nbytes for array in held) / len(fleet) < 4096
 
 
+def test_a_fleet_carries_effects():
+    some = [laden(plant) for plant in plants("full")[:2]]
+    states, warm = starts(some)
+    held = commands(len(some))
+    run = simulate_fleet_commands(make_fleet(some), states, warm, held, threads=1)
+    for i, plant in enumerate(some):
+        alone = simulate_commands(plant, states[i], warm[i], held[i])
+        np.testing.assert_allclose(run.states[:, i], alone.states, rtol=1e-9, atol=1e-10)
+    plain = simulate_fleet_commands(make_fleet(plants("full")[:2]), states, warm, held, threads=1)
+    assert np.max(np.abs(run.states - plain.states)) > 1e-3
+
+
 def test_impossible_fleets_are_refused_with_the_reason():
     some = plants("full")
     with pytest.raises(InvalidParameter, match="at least one plant"):
@@ -131,6 +151,8 @@ def test_impossible_fleets_are_refused_with_the_reason():
         make_fleet([some[0], plants("paper")[0]])
     with pytest.raises(InvalidParameter, match="share ground waves"):
         make_fleet([some[0], plants("full", flat())[0]])
+    with pytest.raises(InvalidParameter, match="share their effects"):
+        make_fleet([some[0], laden(some[1])])
     with pytest.raises(InvalidParameter, match="unknown fields: speed"):
         vary(some[0], {"speed": EXPONENTS})
     with pytest.raises(InvalidParameter, match="one N"):
