@@ -22,14 +22,17 @@ class Diagnose(Results):
     """Say what the simulation gets wrong in measured runs, name the cause, and measure the gain.
 
     Writes diagnosis.json, and extended.json where causes were found: the environment takes it as
-    model="extended.json". Several logs are runs of one vehicle on one soil.
+    model="extended.json". Several logs are runs of one vehicle on one soil. With --rig they are steady
+    trials of one wheel, and rig.png shows them.
     """
 
     logs: Positional[tuple[Path, ...]]  #: logs: CSV or Parquet with a YAML of the same name, or ROS bags
+    rig: bool = False  #: the logs are trials of a wheel rig
 
     def run(self) -> None:
         """Read, diagnose, write, and say the verdict."""
         from estimators.discrepancy.diagnosis import diagnose
+        from estimators.discrepancy.rig import diagnose_rig
         from estimators.discrepancy.verdict import extension_of, lines_of, to_dict
         from estimators.logs import read_logs
         from offroad_env.effects import Extension
@@ -37,16 +40,19 @@ class Diagnose(Results):
         if not self.logs:
             raise DataError("name at least one log")
         logs = read_logs(self.logs)
-        if any(log.rig for log in logs):
-            raise DataError(f"{logs[0].name}: is a wheel-rig log; a diagnosis takes logs of a vehicle")
-        diagnosis = self._with_bar(lambda progress: diagnose(logs, progress=progress))
+        if logs[0].rig != self.rig:
+            kind = "trials of a wheel rig: add --rig" if logs[0].rig else "a drive, not trials of a wheel rig"
+            raise DataError(f"{logs[0].name}: holds {kind}")
+        find = diagnose_rig if self.rig else diagnose
+        diagnosis = self._with_bar(lambda progress: find(logs, progress=progress))
         numbers = to_dict(diagnosis)
         numbers["command"] = " ".join(["offroad", *sys.argv[1:]])
         for line in lines_of(diagnosis):
             say(line)
         say(f"numbers: {write_json(self.out / 'diagnosis.json', numbers)}")
         if diagnosis.causes:
-            extension = Extension(model=logs[0].config.model, effects=tuple(extension_of(diagnosis)))
+            model = "rig" if self.rig else logs[0].config.model
+            extension = Extension(model=model, effects=tuple(extension_of(diagnosis)))
             say(f"extended model: {write_json(self.out / 'extended.json', extension.to_dict())}")
         self.save_numbers(numbers)
 

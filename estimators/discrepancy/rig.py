@@ -137,7 +137,7 @@ def _gate(found: Search, run: RigModel | None) -> float | None:
     if not found.causes or run is None:
         return None
     try:
-        return held_out_trials(found.nominal, run)[1] - held_out_trials(found.extended, run)[1]
+        return held_out_trials(found.nominal, run).cost - held_out_trials(found.extended, run).cost
     except OffroadError:
         return None
 
@@ -218,11 +218,10 @@ def _verdict(result: Diagnosis, solver: float, nominal: RigFit) -> str:
 def _report(result: Diagnosis, run: RigModel) -> None:
     """Open the report's conditions: once, after everything is decided."""
     try:
-        pair = [held_out_trials(fit, run) for fit in (result.search.nominal, result.search.extended)]
+        pair = tuple(held_out_trials(fit, run) for fit in (result.search.nominal, result.search.extended))
     except OffroadError:
         return
-    result.report = tuple(Held(fit=fit, residual=fit.residual(), cost=cost) for fit, cost in pair)
-    result.gains = rig_gains(*result.report)
+    result.report, result.gains = pair, rig_gains(*pair)
 
 
 def rig_gains(nominal: Held, extended: Held, seed: int = 0) -> tuple[ChannelGain, ...]:

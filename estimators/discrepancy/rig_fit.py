@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from estimators.discrepancy.fit import Fit, settle
+from estimators.discrepancy.gain import Held
 from estimators.discrepancy.rig_model import RigModel
 
 __all__ = ["RepeatNoise", "RigFit", "RigWhitener", "fit_rig", "held_out_trials"]
@@ -130,8 +131,11 @@ def fit_rig(run: RigModel, *, white: bool = False) -> RigFit:
     return fit
 
 
-def held_out_trials(fit: RigFit, run: RigModel) -> tuple[RigFit, float]:
-    """The model of ``fit`` on other trials, nothing fitted; and minus its log-likelihood there.
+def held_out_trials(fit: RigFit, run: RigModel) -> Held:
+    """The model of ``fit`` on other trials, with the noise that shows there.
+
+    An imperfect model errs more on conditions that it has not seen: with the noise of its own fit, the
+    better it was fitted the more surprised it would be.
 
     Raises
     ------
@@ -141,9 +145,6 @@ def held_out_trials(fit: RigFit, run: RigModel) -> tuple[RigFit, float]:
     other = RigFit([run])
     other.candidates, other.sizes, other.nuisances = fit.candidates, fit.sizes.copy(), fit.nuisances.copy()
     other.begin()
-    known = fit.whitener
-    other.whitener.noise = {name: known.noise[name] for name in other.whitener.pieces if name in known.noise}
-    for name in other.whitener.pieces.keys() - known.noise.keys():
-        del other.whitener.pieces[name], other.whitener.groups[name]
     residual = other.residual()
-    return other, other.cost_of(residual) + other.whitener.log_scale()
+    other.whitener.learn(residual, 0.0)
+    return Held(fit=other, residual=residual, cost=other.cost_of(residual) + other.whitener.log_scale())

@@ -190,7 +190,7 @@ class RigModel:
         # Trials are steady and have no speed of their own: nothing to regularise.
         self.setup = RigSetup(plant=plant._replace(v_eps=0.0), mount=ImuConfig().mount())
         self.motions = _motions(trials.slip, trials.slip_angle)
-        self.step = 0.0
+        self.step, self.fine = 0.0, False
         self.free: tuple[int, ...] = ()
         self.spread = np.empty(0)
         self.windows = Windows(first=np.zeros(1, int), count=np.zeros(1, int), use=np.zeros(1, int))
@@ -211,7 +211,9 @@ class RigModel:
         other.fine = True
         return other
 
-    fine = False
+    def coarse(self) -> RigModel:
+        """The same: a trial takes microseconds."""
+        return self
 
     def first_starts(self, setup: Setup) -> tuple[np.ndarray, np.ndarray]:
         """Trials have no start."""
