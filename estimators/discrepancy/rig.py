@@ -14,6 +14,7 @@ from estimators.discrepancy.probe import Rest, Shape
 from estimators.discrepancy.rig_fit import RigFit, fit_rig, held_out_trials
 from estimators.discrepancy.rig_model import RigModel, Trials
 from estimators.discrepancy.rig_search import search_rig
+from estimators.discrepancy.run_model import Channel
 from estimators.discrepancy.search import Search
 from estimators.discrepancy.windows import FIT, REPORT, SELECT
 from estimators.logs.log import Log
@@ -30,6 +31,8 @@ _LEFT_OVER = 1.0 / 3.0
 _SOLVER, _SOLVER_SHARE = 1.0, 0.1
 #: Trials can test the library if they would see this share of it at the largest plausible size.
 _TESTABLE = 0.5
+#: Units of the channels that are no forces.
+_UNITS = {"sinkage": "m", "torque": "N m"}
 #: Draws of whole conditions behind an interval.
 _DRAWS = 2000
 
@@ -90,7 +93,8 @@ def diagnose_rig(
     solver = _solver_error(found)
     gate = _gate(found, parts.get(SELECT))
     causes = found.causes if gate is None or gate > 0.0 else ()
-    limits = found.first.limits()
+    # What the causes leave is the noise that hides another effect, not what the nominal model leaves.
+    limits = (found.last if causes else found.first).limits()
     vehicle = parts[FIT].setup.plant.vehicle
     result = Diagnosis(
         verdict="",
@@ -143,60 +147,73 @@ def _gate(found: Search, run: RigModel | None) -> float | None:
 
 
 def lack_of_fit(fit: RigFit) -> tuple[RigRest, ...]:
-    """What the conditions' means keep beyond the scatter of their repeats, channel by channel."""
-    run, residual = fit.runs[0], fit.residual()
+    """What the conditions' means keep, channel by channel: how much, and whether it has a shape.
+
+    Soil that was prepared a little differently for each condition scatters the means, too. Something is
+    missing in the model only where they follow the settings, beyond what such scatter would.
+    """
     found = []
-    for channel in run.channels:
-        group, own = fit.whitener.groups[channel.name], residual[channel.rows]
+    for channel in fit.runs[0].channels:
+        group, own = fit.whitener.groups[channel.name], fit.residual()[channel.rows]
         count = np.bincount(group)
         mean = np.bincount(group, own) / count
-        spare = len(own) - len(count)
-        if spare < 1:
-            continue
-        scatter = float(np.sum((own - mean[group]) ** 2)) / spare
-        gain = float(np.sum(count * mean**2)) / max(scatter, 1e-300)
-        freedom = len(count)
+        scatter = fit.whitener.noise[channel.name].repeat ** 2
+        settings = _settings(fit.runs[0], channel, group)
         found.append(
             RigRest(
                 equation=channel.name,
-                gain=gain,
-                freedom=freedom,
-                chance=float(fisher.sf(gain / freedom, freedom, spare)),
+                gain=float(np.sum(count * mean**2)) / scatter,
+                freedom=len(count),
+                chance=_chance_of_shape(settings, mean, count),
                 force=mean,
                 deviation=np.sqrt(scatter / count),
-                shapes=_shapes(fit, channel, mean, count),
-                unit="m" if channel.name == "sinkage" else "N m" if channel.name == "torque" else "N",
+                shapes=_shapes(settings, mean, count),
+                unit=_UNITS.get(channel.name, "N"),
             )
         )
     return tuple(found)
 
 
-def _shapes(fit: RigFit, channel, mean: np.ndarray, weight: np.ndarray) -> tuple[Shape, ...]:
-    """Correlation of what is left with the settings."""
-    trials, group = fit.runs[0].trials, fit.whitener.groups[channel.name]
-    rows = channel.record
+def _settings(run: RigModel, channel: Channel, group: np.ndarray) -> dict[str, np.ndarray]:
+    """Means of the settings of every condition that a channel has."""
+    trials, rows, count = run.trials, channel.record, np.bincount(group)
     settings = {
-        "slip [-]": trials.slip[rows],
-        "size of the slip [-]": np.abs(trials.slip[rows]),
-        "slip angle [rad]": np.abs(trials.slip_angle[rows]),
-        "load [N]": trials.load[rows],
+        "slip [-]": trials.slip,
+        "size of the slip [-]": np.abs(trials.slip),
+        "slip angle [rad]": np.abs(trials.slip_angle),
+        "load [N]": trials.load,
     }
+    return {name: np.bincount(group, values[rows]) / count for name, values in settings.items()}
+
+
+def _chance_of_shape(settings: dict[str, np.ndarray], mean: np.ndarray, weight: np.ndarray) -> float:
+    """Share of scatters without any shape that follow a smooth surface over the settings as closely."""
+    table = np.stack(list(settings.values()), axis=1)
+    table = table[:, np.ptp(table, axis=0) > 1e-6]
+    table = (table - table.mean(axis=0)) / table.std(axis=0)
+    products = [table[:, i] * table[:, j] for i in range(table.shape[1]) for j in range(i + 1)]
+    root = np.sqrt(weight)
+    basis = root[:, None] * np.column_stack([np.ones(len(mean)), table, *products])
+    solution, _, rank, _ = np.linalg.lstsq(basis, root * mean, rcond=1e-6)
+    spare = len(mean) - rank
+    if spare < 4:
+        return 1.0
+    follows, keeps = np.sum((basis @ solution) ** 2), np.sum((root * mean - basis @ solution) ** 2)
+    return float(fisher.sf(follows / rank * spare / max(keeps, 1e-300), rank, spare))
+
+
+def _shapes(settings: dict[str, np.ndarray], mean: np.ndarray, weight: np.ndarray) -> tuple[Shape, ...]:
+    """Correlation of what is left with the settings, strongest first."""
     shapes = []
     away = mean - np.average(mean, weights=weight)
     for name, values in settings.items():
-        means = np.bincount(group, values) / np.bincount(group)
-        centred = means - np.average(means, weights=weight)
+        centred = values - np.average(values, weights=weight)
         own, theirs = np.sum(weight * away**2), np.sum(weight * centred**2)
         if own <= 0.0 or theirs <= 1e-9 * np.sum(weight):
             continue
         together = float(np.sum(weight * away * centred))
-        shapes.append(
-            Shape(
-                quantity=name,
-                correlation=together / float(np.sqrt(own * theirs)),
-                slope=together / float(theirs),
-            )
-        )
+        correlation = together / float(np.sqrt(own * theirs))
+        shapes.append(Shape(quantity=name, correlation=correlation, slope=together / float(theirs)))
     return tuple(sorted(shapes, key=lambda shape: -abs(shape.correlation)))
 
 
