@@ -41,6 +41,7 @@ _FIRST_SEED = 1000
 MULTIPLES = (0.5, 1.0, 2.0, 4.0)
 #: Size of what has no name [share of the load].
 _STRANGE = 0.1
+_CHANNELS = ("sinkage", "drawbar", "side_force")
 #: Slip angles of the measured trials that one diagnosis each leaves to its report.
 _ANGLES = 6
 
@@ -220,9 +221,6 @@ def _show(numbers: dict) -> None:
         console().print(table("soil bin: errors at a slip angle [deg] not used", heading, measured, texts=2))
     if numbers["failed"]:
         say(f"{numbers['failed']} rigs could not be diagnosed")
-
-
-_CHANNELS = ("sinkage", "drawbar", "side_force")
 
 
 def _less(gain: list[float]) -> str:
