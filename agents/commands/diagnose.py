@@ -54,6 +54,10 @@ class Diagnose(Results):
             model = "rig" if self.rig else logs[0].config.model
             extension = Extension(model=model, effects=tuple(extension_of(diagnosis)))
             say(f"extended model: {write_json(self.out / 'extended.json', extension.to_dict())}")
+        if self.rig and diagnosis.search is not None:
+            from agents.figures.rig import rig_figure
+
+            self.save_figure(rig_figure(diagnosis), "rig")
         self.save_numbers(numbers)
 
     def _with_bar(self, work):

@@ -268,10 +268,11 @@ class Fit:
         cost = 0.5 * float(np.sum((self.nuisances / spread) ** 2))
         back = []
         order = np.argsort(self.window, kind="stable")
-        edges = np.searchsorted(self.window[order], np.arange(self.window[order][-1] + 2))
         starts = np.concatenate([s[:, run.free] for s, run in zip(self.starts, self.runs, strict=True)])
         centre = np.concatenate([s[:, run.free] for s, run in zip(self._centre, self.runs, strict=True)])
         weight = 1.0 / self.runs[0].spread ** 2
+        # A window in a gap of the log has no rows.
+        edges = np.searchsorted(self.window[order], np.arange(len(starts) + 1))
         for w in range(len(starts)):
             rows = order[edges[w] : edges[w + 1]]
             A, G, r = states[rows], shared[rows], residual[rows]

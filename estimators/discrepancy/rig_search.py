@@ -74,7 +74,8 @@ def _with_one_more(
 
 def _exchanged(fit: RigFit, candidates: Sequence[Candidate]) -> RigFit:
     """The model after every exchange of one effect for another that explains clearly more."""
-    for _ in range(_SWAPS):
+    # A single effect has been chosen among all just now.
+    for _ in range(_SWAPS if len(fit.candidates) > 1 else 0):
         before = loss(fit)
         trials = []
         for k in range(len(fit.candidates)):
