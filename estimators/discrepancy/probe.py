@@ -105,7 +105,8 @@ def _columns(fit: Fit, equation: str) -> np.ndarray:
             run.predict(setup, _pushed(run, setup, records, warm, piece, equation))
             for run, setup, records, warm in zip(fit.runs, setups, fit._records, fit.warm, strict=True)
         ]
-        columns.append(fit._difference(np.concatenate(parts), _push_scale(fit.runs[0], equation)))
+        scale = _push_scale(fit.runs[0], equation)
+        columns.append(fit._difference(fit._prediction, np.concatenate(parts), scale))
     return np.stack(columns, axis=1)
 
 

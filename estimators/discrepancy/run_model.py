@@ -120,8 +120,15 @@ class RunModel:
 
     def refined(self) -> RunModel:
         """The same with half the step of the solver."""
+        return self._with_steps(2 * self.steps)
+
+    def coarse(self) -> RunModel:
+        """The same with twice the step of the solver, where the grid allows it: enough for derivatives."""
+        return self._with_steps(max(self.steps // 2, 1))
+
+    def _with_steps(self, steps: int) -> RunModel:
         other = copy.copy(self)
-        other.steps, other.dt = 2 * self.steps, 0.5 * self.dt
+        other.steps, other.dt = steps, self.step / steps
         return other
 
     def _has_torque(self) -> bool:
@@ -258,7 +265,9 @@ class RunModel:
             scale = setup.errors.accel_scale if i < 3 else 1.0
             return scale * imu[:, i] + setup.errors.offset[i]
         if name in _RIMS:
-            return setup.errors.wheel_scale * records.readings[:, _RIMS[name]] / setup.plant.vehicle.r
+            split = setup.errors.wheel_split if name == "omega_f" else -setup.errors.wheel_split
+            scale = (setup.errors.wheel_scale + split) / setup.plant.vehicle.r
+            return scale * records.readings[:, _RIMS[name]]
         if name == "speed":
             return np.hypot(states[:, at.V_X], states[:, at.V_Y])
         if name == "course":

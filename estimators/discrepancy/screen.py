@@ -92,22 +92,14 @@ def candidates_for(fit: Fit, library: Sequence[str]) -> list[Candidate]:
     return found
 
 
-def screen(fit: Fit, candidates: Sequence[Candidate], known: Screen | None = None) -> Screen:
+def screen(fit: Fit, candidates: Sequence[Candidate]) -> Screen:
     """Scores of ``candidates``, none of which is in the model, at the present point of ``fit``.
 
-    ``known`` lends its derivatives: they change little from one model to the next, and what stands out
-    is refitted anyway.
+    Derivatives change little from one model to the next, and what stands out is refitted anyway: those
+    that are known already serve again.
     """
     residual = fit.residual()
-    columns = np.zeros((len(residual), len(candidates)))
-    for i, candidate in enumerate(candidates):
-        if known is not None and candidate in known.candidates:
-            columns[:, i] = known.columns[:, known.candidates.index(candidate)]
-            continue
-        column = fit.effect_column(candidate)
-        if column is not None and np.isfinite(column).all():
-            columns[:, i] = column
-    return screened(fit, candidates, residual, columns)
+    return screened(fit, candidates, residual, np.column_stack([fit.column(c) for c in candidates]))
 
 
 def screened(fit: Fit, candidates: Sequence[Candidate], residual: np.ndarray, columns: np.ndarray) -> Screen:

@@ -170,7 +170,7 @@ def search(nominal: Fit, library: Sequence[str], rate: float, *, white: bool = F
         if {candidate.effect for candidate in larger.candidates} == names:
             break
         fit = larger
-        last = screen(fit, _outside(fit, candidates), known=first)
+        last = screen(fit, _outside(fit, candidates))
         bar = chance_threshold(last, rate)
     causes = []
     for k in range(len(fit.candidates)):

@@ -41,6 +41,7 @@ class SensorErrors:
     offset: tuple[float, ...] = (0.0,) * 5  #: of a_x, a_y, a_z [m/s^2], pitch_rate, yaw_rate [rad/s]
     accel_scale: float = 1.0  #: of the three accelerometers [-]
     wheel_scale: float = 1.0  #: of the wheel speeds [-]
+    wheel_split: float = 0.0  #: what the front wheel speeds have more of it, and the rear ones less [-]
 
     def shifted(self, channel: int, by: float) -> SensorErrors:
         """The same with another offset of one IMU channel."""
