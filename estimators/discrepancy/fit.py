@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimators.discrepancy.noise import Whitener
+from estimators.discrepancy.road import healthy_residuals, widening
 from estimators.discrepancy.run_model import RunModel
 from offroad_env.effects import EFFECTS, Setup, apply
 from offroad_env.errors import OffroadError, SolverFailure
@@ -109,6 +110,10 @@ class Fit:
         self._states: np.ndarray | None = None
         self._by_nuisances: np.ndarray | None = None
         self._by_sizes: dict[tuple, np.ndarray] = {}
+        # Residuals of runs with nothing wrong on an unknown road, plain and whitened.
+        self.drawn: np.ndarray | None = None
+        self._healthy: np.ndarray | None = None
+        self._widenings: np.ndarray | None = None
 
     def branch(self) -> Fit:
         """A copy that may go elsewhere."""
@@ -407,11 +412,11 @@ class Fit:
                 if new or expected < _STAKE:
                     break
             new, before = False, expected if trial else 0.0
-        self.shares = shares
+        self.shares, self._widenings = shares, None
         return cost
 
-    def _step(self, residual: np.ndarray, white: tuple, cost: float) -> tuple[Shares, list, np.ndarray, float]:
-        """Normal equations, the way back to the states, the step of the shared parameters, what it promises."""
+    def _step(self, residual: np.ndarray, white: tuple, cost: float) -> tuple:
+        """(normal equations, way back to the states, step of the shared parameters, what it promises)."""
         shares, back = self.reduce(self.whitener(residual), *white)
         if len(shares.score):
             self._loosely_bound(shares.normal)
@@ -445,6 +450,23 @@ class Fit:
 
     # ------------------------------------------------------------------ noise
 
+    def without_states(self, table: np.ndarray) -> np.ndarray:
+        """Whitened columns (M, k) less what the starts of the windows can take away."""
+        out, states = table.copy(), self.whitener(self._states)
+        weight = np.diag(1.0 / self.runs[0].spread ** 2)
+        for w in range(int(self.window.max()) + 1):
+            rows = np.flatnonzero(self.window == w)
+            A = states[rows]
+            out[rows] -= A @ np.linalg.solve(A.T @ A + weight, A.T @ table[rows])
+        return out
+
+    @property
+    def healthy(self) -> np.ndarray | None:
+        """Whitened residuals of runs with nothing wrong, (M, K), less what starts take away; see `road`."""
+        if self._healthy is None and self.drawn is not None:
+            self._healthy = self.without_states(self.whitener(self.drawn))
+        return self._healthy
+
     def freedom(self, states: np.ndarray) -> dict[str, float]:
         """How many parameters each channel has paid for: the trace of the window states' hat matrix."""
         white = self.whitener(states)
@@ -459,15 +481,26 @@ class Fit:
             for name, pieces in self.whitener.pieces.items()
         }
 
+    def widenings(self) -> np.ndarray:
+        """By how much an unknown road scatters each nuisance and size more than `shares` says, at least 1."""
+        if self._widenings is None:
+            white = self.whitener(self.columns())
+            parts = [np.delete(white, i, axis=1) for i in range(white.shape[1])]
+            pairs = zip(parts, white.T, strict=True)
+            self._widenings = np.concatenate([widening(self, held, own[:, None]) for held, own in pairs])
+        return self._widenings
+
     def deviations(self) -> np.ndarray:
         """Standard deviations of nuisances and sizes, of the last `descend`."""
-        return np.sqrt(np.diag(np.linalg.inv(self.shares.normal)))
+        own = np.diag(np.linalg.inv(self.shares.normal))
+        return np.sqrt(own if self.drawn is None else own * self.widenings())
 
     def learn_noise(self, *, white: bool = False) -> None:
         """Set the whitening from the residuals at the present point."""
         residual = self.residual()
         freedom = self.freedom(self._states) if self._states is not None and self.whitener.noise else {}
         self.whitener.learn(residual, freedom, white=white)
+        self._healthy = None
 
 
 def fit_runs(runs: Sequence[RunModel], *, white: bool = False) -> Fit:
@@ -479,6 +512,7 @@ def fit_runs(runs: Sequence[RunModel], *, white: bool = False) -> Fit:
     # Once more from the starts that the fitted ground leads to: no sensor may have told the speed.
     fit.begin()
     settle(fit, white=white)
+    fit.drawn = None if white else healthy_residuals(fit)
     return fit
 
 

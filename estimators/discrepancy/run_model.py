@@ -55,6 +55,7 @@ class Channel:
     window: np.ndarray  #: (M,)
     record: np.ndarray  #: (M,) the record before the sample
     weight: np.ndarray  #: (M,) share of the record after it [-]
+    lever: np.ndarray | None = None  #: (M,) factor of the residuals: the speed of a course [m/s]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,6 +173,7 @@ class RunModel:
         self._kept[name] = inside
         place, window = place[inside], window[inside]
         before = np.floor(place).astype(int)
+        known = name == "course" and self._has("speed")
         return Channel(
             name=name,
             rows=slice(start, start + len(place)),
@@ -179,6 +181,8 @@ class RunModel:
             window=window,
             record=begin[window] + before - first[window],
             weight=place - before,
+            # The slower, the less sure is a receiver's course; the velocity across is always as sure.
+            lever=np.interp(t[inside], *self.log.samples("speed")) if known else None,
         )
 
     def _has(self, name: str) -> bool:
@@ -275,11 +279,13 @@ class RunModel:
         return states[:, _STATES[name]]
 
     def residual(self, prediction: np.ndarray) -> np.ndarray:
-        """Measured less predicted, angles within half a turn."""
+        """Measured less predicted, angles within half a turn; a course as the velocity across it [m/s]."""
         r = self.y - prediction
         for channel in self.channels:
             if channel.name in _ANGLES:
                 r[channel.rows] = np.remainder(r[channel.rows] + math.pi, 2.0 * math.pi) - math.pi
+            if channel.lever is not None:
+                r[channel.rows] *= channel.lever
         return r
 
     # ------------------------------------------------------------------ start of the windows

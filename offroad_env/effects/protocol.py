@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from offroad_env.errors import InvalidParameter
-from offroad_env.physics.records import Vehicle
+from offroad_env.physics.records import Ground, Vehicle
 from offroad_env.physics.sensor_kernels import ImuMount
 from offroad_env.simulator import Plant, plant_model
 
@@ -67,6 +67,10 @@ class Setup:
     def with_vehicle(self, **changes: float) -> Setup:
         """The same with other values in the vehicle's record."""
         return replace(self, plant=self.plant._replace(vehicle=self.plant.vehicle._replace(**changes)))
+
+    def with_ground(self, ground: Ground) -> Setup:
+        """The same on other ground."""
+        return replace(self, plant=self.plant._replace(ground=ground))
 
     def with_soil(self, **changes: float) -> Setup:
         """The same with other values in the soil's record."""

@@ -189,7 +189,7 @@ def full_derivative(x, command, plant, warm, d, readings):
 
 @merged_kernel
 def _plain_reaction(plant, motion, readings):
-    """(F_l, torque) of an axle for ``motion`` by the base model's law, at the sinkage and load of ``readings``."""
+    """(F_l, torque) of an axle for ``motion`` by the base model's law, sinkage and load of ``readings``."""
     v = plant.vehicle
     if plant.soil.rigid > 0.5:
         force, _, torque = rigid_forces(plant.soil, v.r, readings[at.N], motion, plant.v_eps)
