@@ -91,9 +91,7 @@ def test_driving_narrows_the_belief(episodes):
 
 @pytest.fixture(scope="module", params=[OnBoardSettings(), BANK], ids=["joint", "bank"])
 def edges(request, edge_drives):
-    return [
-        (truth, estimates_of(drive, filter_for(settings=request.param))) for truth, drive in edge_drives
-    ]
+    return [(truth, estimates_of(drive, filter_for(settings=request.param))) for truth, drive in edge_drives]
 
 
 def test_another_soil_is_followed_within_three_seconds(edges):
