@@ -13,11 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from estimators.discrepancy.fit import Fit, settle
+from estimators.discrepancy.fit import NUISANCES, Fit, settle
 from estimators.discrepancy.gain import Held
 from estimators.discrepancy.rig_model import RigModel
 
 __all__ = ["RepeatNoise", "RigFit", "RigWhitener", "fit_rig", "held_out_trials"]
+
+#: Steps of a descent, and the gain of a step that ends it, in the log-likelihood.
+_ROUNDS, _ENOUGH = 12, 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,9 +116,34 @@ class RigFit(Fit):
         self.whitener = RigWhitener(self.runs[0])
         self.white = white
 
+    def branch(self) -> RigFit:
+        """A copy that may go elsewhere, with derivatives of its own: a rig's effects bend."""
+        other = super().branch()
+        other._by_sizes, other._by_nuisances = {}, None
+        return other
+
+    def descend(self, rounds: int = _ROUNDS, *, fresh: bool = True, held: bool = False) -> float:
+        """Gauss-Newton with new derivatives for every step, which cost nothing here; returns the cost."""
+        reached = super().descend(1, held=held)
+        first_cost = self.first_cost
+        for _ in range(rounds - 1):
+            before, reached = reached, super().descend(1, held=held)
+            if before - reached < _ENOUGH:
+                break
+        self.first_cost = first_cost
+        return reached
+
     def state_columns(self) -> np.ndarray:
         """No free state, (M, 0)."""
         return np.empty((len(self.runs[0].y), 0))
+
+    def nuisance_columns(self) -> np.ndarray:
+        """Derivatives of the data by the nuisances: by n; a rig has none of the others."""
+        columns = np.zeros((len(self.runs[0].y), len(NUISANCES)))
+        point, ground = self.nuisances.copy(), [nuisance.name for nuisance in NUISANCES].index("ground")
+        point[ground] += NUISANCES[ground].step
+        columns[:, ground] = self._derivative(self._setups(point), self.starts, NUISANCES[ground].step)
+        return columns
 
     def learn_noise(self, *, white: bool = False) -> None:
         """Set the noise from the residuals at the present point."""
