@@ -28,6 +28,7 @@ class Diagnose(Results):
 
     logs: Positional[tuple[Path, ...]]  #: logs: CSV or Parquet with a YAML of the same name, or ROS bags
     rig: bool = False  #: the logs are trials of a wheel rig
+    check: tuple[Path, ...] = ()  #: other runs of the vehicle: what the causes gain there, nothing is fitted
 
     def run(self) -> None:
         """Read, diagnose, write, and say the verdict."""
@@ -49,6 +50,8 @@ class Diagnose(Results):
         numbers["command"] = " ".join(["offroad", *sys.argv[1:]])
         for line in lines_of(diagnosis):
             say(line)
+        if self.check:
+            numbers["gain_on_other_runs"] = self._checked(diagnosis)
         say(f"numbers: {write_json(self.out / 'diagnosis.json', numbers)}")
         if diagnosis.causes:
             model = "rig" if self.rig else logs[0].config.model
@@ -59,6 +62,24 @@ class Diagnose(Results):
 
             self.save_figure(rig_figure(diagnosis), "rig")
         self.save_numbers(numbers)
+
+    def _checked(self, diagnosis) -> dict:
+        """Gains on the logs of ``--check``, said and as numbers."""
+        from estimators.discrepancy.other_runs import gains_on
+        from estimators.logs import read_logs
+
+        if self.rig:
+            raise DataError("--check takes runs of a vehicle: trials of a rig are split by condition")
+        if not diagnosis.causes:
+            say("no causes, so nothing to gain on other runs")
+            return {}
+        found = gains_on(diagnosis, read_logs(self.check))
+        for name, gains in found.items():
+            parts = (
+                f"{g.channel} {100.0 * (1.0 - g.extended / max(g.nominal, 1e-300)):+.0f} %" for g in gains
+            )
+            say(f"errors less on {name}: {', '.join(parts)}")
+        return found
 
     def _with_bar(self, work):
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn

@@ -31,12 +31,17 @@ class Nuisance:
     step: float  #: of its finite difference
     sensors_only: bool
     channel: int = 0
+    limit: float = np.inf  #: nothing healthy has more, either way
+    effect: str | None = None  #: on hard ground alone: the effect whose size it is
 
 
 #: Beliefs about a healthy vehicle; a bias beyond them is an effect.
 NUISANCES = (
     Nuisance(name="ground", spread=0.5, step=0.005, sensors_only=False),
-    Nuisance(name="shift", spread=1.0, step=0.25, sensors_only=False),
+    # Tyres are known by one stiffness at best, and never in front as behind.
+    Nuisance(name="balance", spread=0.3, step=0.02, sensors_only=False, limit=0.8, effect="front_grip"),
+    # Half a sample either way, in standard deviations; inputs that are later than that are an effect.
+    Nuisance(name="shift", spread=1.0, step=0.25, sensors_only=False, limit=3.0**0.5),
     *(Nuisance(name=f"bias_{i}", spread=0.02, step=0.01, sensors_only=True, channel=i) for i in range(3)),
     *(Nuisance(name=f"bias_{i}", spread=5e-4, step=1e-3, sensors_only=True, channel=i) for i in (3, 4)),
     # Each axle's wheel speeds err by 0.2 %: their mean and half their difference by less.
@@ -154,6 +159,11 @@ class Fit:
                 setup = setup.with_soil(C_alpha=soil.C_alpha * float(np.exp(value)))
             elif nuisance.name == "ground":
                 setup = setup.with_soil(n=max(soil.n + float(value), 0.05))
+            elif nuisance.effect is not None and soil.rigid < 0.5:
+                continue
+            elif nuisance.effect is not None:
+                values = {EFFECTS[nuisance.effect].size.name: float(value)}
+                setup = apply(setup, [(nuisance.effect, values)])
             elif nuisance.name == "shift":
                 # Half a sample of the inputs either way is nobody's fault.
                 shift = 0.5 * period / np.sqrt(3.0) * float(value)
@@ -248,6 +258,9 @@ class Fit:
         for i, nuisance in enumerate(NUISANCES):
             point = self.nuisances.copy()
             point[i] += nuisance.step
+            if nuisance.effect is not None and self.runs[0].setup.plant.soil.rigid < 0.5:
+                columns.append(np.zeros(len(self.window)))
+                continue
             setups = self._setups(point)
             if nuisance.sensors_only:
                 columns.append(self._sensed(setups, nuisance.step))
@@ -364,7 +377,8 @@ class Fit:
             starts.append(moved)
         if not len(change):
             return self.nuisances, self.sizes, starts
-        nuisances = self.nuisances + share * change[:count]
+        limit = np.array([nuisance.limit for nuisance in NUISANCES])
+        nuisances = np.clip(self.nuisances + share * change[:count], -limit, limit)
         return nuisances, self._bounded(self.sizes + share * change[count:]), starts
 
     def _bounded(self, sizes: np.ndarray) -> np.ndarray:

@@ -1,4 +1,7 @@
-"""The front tyres hold the vehicle sideways more or less than the rear ones: it over- or understeers."""
+"""The front tyres hold the vehicle sideways more or less than the rear ones: it over- or understeers.
+
+No cause that a finder names: on hard ground it is one of the things that nobody knows beforehand.
+"""
 
 from __future__ import annotations
 
@@ -26,5 +29,6 @@ EFFECT = Effect(
     look_alikes=("steer_gain", "cg_shift"),
     separated_by="steady circles at several speeds",
     hard_only=True,
+    searched=False,
     law=_law,
 )
