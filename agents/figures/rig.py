@@ -33,7 +33,7 @@ def rig_figure(diagnosis: Diagnosis) -> Figure:
     search = diagnosis.search
     extended = search.extended if diagnosis.causes else search.nominal
     residuals = [held_out_trials(fit, run).residual for fit in (search.nominal, extended)]
-    figure = Figure(figsize=(4.3 * len(run.channels), 7.4), layout="constrained")
+    figure = Figure(figsize=(3.4 * len(run.channels), 6.0), layout="constrained")
     axes = figure.subplots(2, len(run.channels), sharex=True, height_ratios=(3, 2), squeeze=False)
     levels = trials.levels()
     shades = colormaps["plasma"](np.linspace(0.0, 0.85, levels.max() + 1))
@@ -46,7 +46,9 @@ def rig_figure(diagnosis: Diagnosis) -> Figure:
         axes[1, column].set_xlabel("slip [-]  (-1 locked, 1 spinning)")
     axes[1, 0].set_ylabel("measured - model")
     angles = [float(np.degrees(np.abs(trials.slip_angle[levels == i]).mean())) for i in range(len(shades))]
-    figure.legend(handles=_legend(angles, shades), loc="outside lower center", ncols=5, frameon=False)
+    figure.legend(
+        handles=_legend(angles, shades), loc="outside lower center", ncols=5, frameon=False, fontsize=9
+    )
     return figure
 
 

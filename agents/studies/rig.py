@@ -132,16 +132,15 @@ class RigStudy(Results):
 
     def _keys(self) -> list[Key]:
         seeds = range(_FIRST_SEED, _FIRST_SEED + self.seeds)
-        keys: list[Key] = [("null", "", 0.0, _FIRST_SEED + i) for i in range(self.nulls)]
-        keys += [("white", "", 0.0, _FIRST_SEED + i) for i in range(self.whites)]
-        keys += [
-            ("single", name, multiple, seed)
-            for multiple in MULTIPLES
-            for seed in seeds
-            for name in RIG_HIDERS
-        ]
-        keys += [("removed", name, 4.0, seed) for seed in list(seeds)[:2] for name in RIG_HIDERS]
+        keys: list[Key] = [("single", name, 2.0, seed) for seed in seeds for name in RIG_HIDERS]
         keys += [("stranger", name, 1.0, seed) for seed in seeds for name in RIG_STRANGERS]
+        keys += [("removed", name, 4.0, seed) for seed in list(seeds)[:2] for name in RIG_HIDERS]
+        keys += [("null", "", 0.0, _FIRST_SEED + i) for i in range(self.nulls)]
+        keys += [("white", "", 0.0, _FIRST_SEED + i) for i in range(self.whites)]
+        for multiple in MULTIPLES:
+            keys += [
+                ("single", name, multiple, seed) for seed in seeds for name in RIG_HIDERS if multiple != 2.0
+            ]
         try:
             locate("cmu_single_wheel")
         except DataError as error:

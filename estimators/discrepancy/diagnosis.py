@@ -113,7 +113,8 @@ def diagnose(
         checks={
             "solver": solver,
             "gate": list(found.gate),
-            "converged": nominal.converged,
+            # A model that lacks much need not have a clean minimum: the one that is reported must.
+            "converged": found.extended.converged,
             "threshold": found.threshold,
         },
         search=found,

@@ -520,14 +520,24 @@ class Fit:
 
 def fit_runs(runs: Sequence[RunModel], *, white: bool = False) -> Fit:
     """The nominal model fitted: starts, nuisances and the colour of the noise."""
+    fit = _fitted(runs, white=white, wide=False)
+    if not fit.converged:
+        # Far from the data, noise as small as the sensors' leads into the nearest valley.
+        other = _fitted(runs, white=white, wide=True)
+        fit = min(fit, other, key=lambda each: each.cost_of(each.residual()) + each.whitener.log_scale())
+    fit.residual()
+    fit.drawn = None if white else healthy_residuals(fit)
+    return fit
+
+
+def _fitted(runs: Sequence[RunModel], *, white: bool, wide: bool) -> Fit:
     fit = Fit(runs)
     fit.begin()
-    first_noise(fit)
+    first_noise(fit, wide=wide)
     fit.descend()
     # Once more from the starts that the fitted ground leads to: no sensor may have told the speed.
     fit.begin()
     settle(fit, white=white)
-    fit.drawn = None if white else healthy_residuals(fit)
     return fit
 
 
@@ -544,10 +554,16 @@ def settle(fit: Fit, *, white: bool = False) -> None:
     fit.descend(fresh=False)
 
 
-def first_noise(fit: Fit) -> None:
-    """White noise as small as the second differences of every channel say."""
+def first_noise(fit: Fit, *, wide: bool = False) -> None:
+    """White noise as small as the second differences of every channel say; ``wide``: as the start errs."""
     from estimators.discrepancy.noise import ChannelNoise
 
+    if wide:
+        residual = fit.residual()
+        for name, pieces in fit.whitener.pieces.items():
+            own = np.concatenate([residual[piece] for piece in pieces])
+            fit.whitener.noise[name] = ChannelNoise.white(max(float(np.sqrt(np.mean(own**2))), 1e-6))
+        return
     y = np.concatenate([run.y for run in fit.runs])
     for name, pieces in fit.whitener.pieces.items():
         bends = np.concatenate([np.diff(y[piece], 2) for piece in pieces if piece.stop - piece.start > 2])
