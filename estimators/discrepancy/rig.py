@@ -88,23 +88,22 @@ def diagnose_rig(
     progress("nominal model")
     nominal = fit_rig(parts[FIT], white=white)
     progress("scores")
-    found = search_rig(nominal, library, SCREEN_RATE, progress)
+    found = search_rig(nominal, library, SCREEN_RATE, parts.get(SELECT), progress)
     progress("what is left")
     solver = _solver_error(found)
-    gate = _gate(found, parts.get(SELECT))
-    causes = found.causes if gate is None or gate > 0.0 else ()
+    causes = found.causes
     # What the causes leave is the noise that hides another effect, not what the nominal model leaves.
     limits = (found.last if causes else found.first).limits()
     vehicle = parts[FIT].setup.plant.vehicle
     result = Diagnosis(
         verdict="",
         causes=causes,
-        rest=lack_of_fit(found.extended if causes else nominal),
+        rest=lack_of_fit(found.extended),
         limits=limits,
         not_testable={n: limit for n, limit in limits.items() if limit > EFFECTS[n].plausible(vehicle)},
         checks={
             "solver": solver,
-            "gate": gate,
+            "gate": list(found.gate),
             "converged": nominal.converged,
             "threshold": found.threshold,
             "trials": {"used": len(trials), "left_out": trials.left_out},
@@ -134,16 +133,6 @@ def _solver_error(found: Search) -> float:
     except OffroadError:
         return float("inf")
     return float(np.abs(found.score_of(after - before)).max(initial=0.0))
-
-
-def _gate(found: Search, run: RigModel | None) -> float | None:
-    """What the causes gain on conditions that the search has not seen, in the log-likelihood."""
-    if not found.causes or run is None:
-        return None
-    try:
-        return held_out_trials(found.nominal, run).cost - held_out_trials(found.extended, run).cost
-    except OffroadError:
-        return None
 
 
 def lack_of_fit(fit: RigFit) -> tuple[RigRest, ...]:

@@ -20,7 +20,7 @@ from estimators.discrepancy.rig_model import RigModel
 __all__ = ["RepeatNoise", "RigFit", "RigWhitener", "fit_rig", "held_out_trials"]
 
 #: Steps of a descent, and the gain of a step that ends it, in the log-likelihood.
-_ROUNDS, _ENOUGH = 12, 0.02
+_ROUNDS, _ENOUGH = 8, 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,11 +159,13 @@ def fit_rig(run: RigModel, *, white: bool = False) -> RigFit:
     return fit
 
 
-def held_out_trials(fit: RigFit, run: RigModel) -> Held:
-    """The model of ``fit`` on other trials, with the noise that shows there.
+def held_out_trials(fit: RigFit, run: RigModel, noise: dict[str, RepeatNoise] | None = None) -> Held:
+    """The model of ``fit`` on other trials, nothing fitted.
 
-    An imperfect model errs more on conditions that it has not seen: with the noise of its own fit, the
-    better it was fitted the more surprised it would be.
+    Parameters
+    ----------
+    noise
+        What counts as scatter there; default: what the model leaves there.
 
     Raises
     ------
@@ -174,5 +176,8 @@ def held_out_trials(fit: RigFit, run: RigModel) -> Held:
     other.candidates, other.sizes, other.nuisances = fit.candidates, fit.sizes.copy(), fit.nuisances.copy()
     other.begin()
     residual = other.residual()
-    other.whitener.learn(residual, 0.0)
+    if noise is None:
+        other.whitener.learn(residual, 0.0)
+    else:
+        other.whitener.noise = noise
     return Held(fit=other, residual=residual, cost=other.cost_of(residual) + other.whitener.log_scale())

@@ -13,7 +13,8 @@ import numpy as np
 from scipy.stats import norm
 
 from estimators.discrepancy.fit import Candidate, settle
-from estimators.discrepancy.rig_fit import RigFit
+from estimators.discrepancy.rig_fit import RigFit, held_out_trials
+from estimators.discrepancy.rig_model import RigModel
 from estimators.discrepancy.screen import Screen, candidates_for, chance_threshold, screen
 from estimators.discrepancy.search import ALIKE, Cause, Rival, Search
 from offroad_env.effects import EFFECTS
@@ -108,10 +109,21 @@ def _pruned(fit: RigFit, threshold: float) -> RigFit:
     return fit
 
 
+def _gain_apart(fit: RigFit, larger: RigFit, apart: RigModel) -> float:
+    """How much nearer a larger model comes to trials apart, in the log-likelihood.
+
+    Both in the scatter that the larger one leaves where it was fitted: an imperfect model errs more on
+    conditions that it has not seen, and must not be punished for having been fitted closely.
+    """
+    noise = larger.whitener.noise
+    return held_out_trials(fit, apart, noise).cost - held_out_trials(larger, apart, noise).cost
+
+
 def search_rig(
     nominal: RigFit,
     library: Sequence[str],
     rate: float,
+    apart: RigModel | None = None,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> Search:
     """Find what is wrong.
@@ -124,6 +136,8 @@ def search_rig(
         Effects that may be named.
     rate
         Share of logs with nothing wrong in which the first screen may find something.
+    apart
+        Trials on which every step must gain too, or it is refused and the search ends.
     progress
         Called once the scores are known, before the long part.
     """
@@ -131,16 +145,29 @@ def search_rig(
     first = last = screen(nominal, candidates)
     threshold = chance_threshold(first, rate)
     progress("search")
-    fit = nominal
+    fit, gate = nominal, []
     while len(fit.candidates) < _MOST and np.abs(last.z).max(initial=0.0) > threshold:
         trials = _with_one_more(fit, range(len(fit.candidates)), candidates)
         if not trials or loss(fit) - trials[0][0] < threshold**2:
             break
-        fit = _pruned(_exchanged(trials[0][2], candidates), threshold)
+        larger = _pruned(_exchanged(trials[0][2], candidates), threshold)
+        if apart is not None:
+            gate.append(_gain_apart(fit, larger, apart))
+            if gate[-1] <= 0.0:
+                break
+        fit = larger
         inside = {candidate.effect for candidate in fit.candidates}
         last = screen(fit, [c for c in candidates if c.effect not in inside])
     causes = tuple(_cause(fit, k, candidates, first) for k in range(len(fit.candidates)))
-    return Search(nominal=nominal, extended=fit, first=first, last=last, threshold=threshold, causes=causes)
+    return Search(
+        nominal=nominal,
+        extended=fit,
+        first=first,
+        last=last,
+        threshold=threshold,
+        gate=tuple(gate),
+        causes=causes,
+    )
 
 
 def _cause(fit: RigFit, k: int, candidates: Sequence[Candidate], first: Screen) -> Cause:
