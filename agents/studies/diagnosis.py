@@ -11,7 +11,7 @@ import copy
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -214,10 +214,9 @@ def _share_of_oracle(diagnosis: Diagnosis, log: Log, name: str, size: float) -> 
 
 def _same(log: Log, case: Case) -> dict:
     """Whether another order of the library and another name of the log change a diagnosis."""
-    mirrored = copy.copy(log)
-    object.__setattr__(mirrored, "name", "another")
     first = _summary(diagnose([log]), case)
-    return first | {"same": first == _summary(diagnose([mirrored], library=list(EFFECTS)[::-1]), case)}
+    again = _summary(diagnose([replace(log, name="another")], library=list(EFFECTS)[::-1]), case)
+    return first | {"same": first == again}
 
 
 # ------------------------------------------------------------------ the study
@@ -251,8 +250,8 @@ class DiagnosisStudy(Results):
             self.nulls, self.whites, self.seeds, self.power_seeds, self.pairs = 6, 2, 1, 0, 2
             self.removed, self.stranger_seeds, self.same = 0, 1, 1
         path = self.out / "diagnosis.jsonl"
-        seeds = max(self.seeds, self.power_seeds, self.removed, self.same, 1)
-        seeds = [_FIRST_SEED + i for i in range(max(seeds, self.pairs))]
+        count = max(self.seeds, self.power_seeds, self.removed, self.same, self.pairs)
+        seeds = range(_FIRST_SEED, _FIRST_SEED + count)
         limits = self._done(path, _limits_unit, [("limits", seed) for seed in seeds], "limits")
         known = {key[1]: result for key, result in limits.items() if "failed" not in result}
         results = self._done(path, partial(run_unit, known=known), self._keys(set(known)), "hide and find")
