@@ -11,7 +11,7 @@ import copy
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -110,7 +110,7 @@ def run_unit(kind: str, name: str, multiple: float, seed: int, *, known: Mapping
             return _diagnosed(hidden_log(case, STRANGERS[name](_STRANGE)), case)
         names, limits = name.split("+"), known[seed]["limits"]
         sizes = [_size(one, multiple * limits[one], seed) for one in names]
-        log = hidden_log(case, _together([HIDERS[one](x) for one, x in zip(names, sizes, strict=True)]))
+        log = hidden_log(case, _together([_hidden(one, x) for one, x in zip(names, sizes, strict=True)]))
         if kind == "same":
             return _same(log, case)
         library = [other for other in EFFECTS if other != name] if kind == "removed" else None
@@ -130,6 +130,13 @@ def _size(name: str, size: float, seed: int) -> float:
     if name in _ONE_SIDED:
         return size
     return size * float(np.random.default_rng([seed, 3]).choice((-1.0, 1.0)))
+
+
+def _hidden(name: str, size: float) -> Hidden:
+    """The hider's lag answers at the beginning of its ticks: its time constant for the lag's mean delay."""
+    if name == "steer_lag":
+        size = _TICK / math.log1p(_TICK / size)
+    return HIDERS[name](size)
 
 
 def _together(parts: Sequence[Hidden]) -> Hidden:
@@ -214,10 +221,9 @@ def _share_of_oracle(diagnosis: Diagnosis, log: Log, name: str, size: float) -> 
 
 def _same(log: Log, case: Case) -> dict:
     """Whether another order of the library and another name of the log change a diagnosis."""
-    mirrored = copy.copy(log)
-    object.__setattr__(mirrored, "name", "another")
     first = _summary(diagnose([log]), case)
-    return first | {"same": first == _summary(diagnose([mirrored], library=list(EFFECTS)[::-1]), case)}
+    again = _summary(diagnose([replace(log, name="another")], library=list(EFFECTS)[::-1]), case)
+    return first | {"same": first == again}
 
 
 # ------------------------------------------------------------------ the study
@@ -251,8 +257,8 @@ class DiagnosisStudy(Results):
             self.nulls, self.whites, self.seeds, self.power_seeds, self.pairs = 6, 2, 1, 0, 2
             self.removed, self.stranger_seeds, self.same = 0, 1, 1
         path = self.out / "diagnosis.jsonl"
-        seeds = max(self.seeds, self.power_seeds, self.removed, self.same, 1)
-        seeds = [_FIRST_SEED + i for i in range(max(seeds, self.pairs))]
+        count = max(self.seeds, self.power_seeds, self.removed, self.same, self.pairs)
+        seeds = range(_FIRST_SEED, _FIRST_SEED + count)
         limits = self._done(path, _limits_unit, [("limits", seed) for seed in seeds], "limits")
         known = {key[1]: result for key, result in limits.items() if "failed" not in result}
         results = self._done(path, partial(run_unit, known=known), self._keys(set(known)), "hide and find")
@@ -410,7 +416,9 @@ def _power(singles: Mapping[Key, dict]) -> dict:
         p = np.clip(norm.cdf(size * math.exp(-log_ratio) - threshold), 1e-3, 1.0 - 1e-3)
         return -float(np.sum(seen * np.log(p) + (1.0 - seen) * np.log(1.0 - p)))
 
-    ratio = math.exp(minimize_scalar(loss, bounds=(-1.5, 1.5), method="bounded").x)
+    best = math.exp(minimize_scalar(loss, bounds=(-1.5, 1.5), method="bounded").x)
+    # All found, or none: any ratio on that side is as good.
+    ratio = best if 0.0 < seen.mean() < 1.0 else None
     points = []
     for low, high in ((0.0, 3.3), (3.3, 6.6), (6.6, 13.0), (13.0, np.inf)):
         own = (size >= low) & (size < high)

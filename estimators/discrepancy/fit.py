@@ -340,7 +340,7 @@ class Fit:
         g = shared.shape[1]
         prior, value = np.zeros(g), np.zeros(g)
         if g:
-            prior[: len(NUISANCES)] = [1.0 / nuisance.spread**2 for nuisance in NUISANCES]
+            prior[: len(NUISANCES)] = self.beliefs
             value[: len(NUISANCES)] = self.nuisances
         normal, score = np.diag(prior), -prior * value
         spread = np.array([nuisance.spread for nuisance in NUISANCES])
@@ -442,6 +442,11 @@ class Fit:
         shared = np.empty((len(self.window), 0)) if held else self.columns()
         return self.whitener(self._states), self.whitener(shared)
 
+    @property
+    def beliefs(self) -> np.ndarray:
+        """Information about the nuisances before any data."""
+        return np.array([1.0 / nuisance.spread**2 for nuisance in NUISANCES])
+
     def _loosely_bound(self, normal: np.ndarray) -> None:
         """Sizes that the data do not show - a brake's in a run without brakes - must stay solvable."""
         vehicle = self.runs[0].setup.plant.vehicle
@@ -499,10 +504,7 @@ class Fit:
     def widenings(self) -> np.ndarray:
         """By how much an unknown road scatters each nuisance and size more than `shares` says, at least 1."""
         if self._widenings is None:
-            white = self.whitener(self.columns())
-            parts = [np.delete(white, i, axis=1) for i in range(white.shape[1])]
-            pairs = zip(parts, white.T, strict=True)
-            self._widenings = np.concatenate([widening(self, held, own[:, None]) for held, own in pairs])
+            self._widenings = widening(self, self.whitener(self.columns()), 0, self.beliefs)
         return self._widenings
 
     def deviations(self) -> np.ndarray:

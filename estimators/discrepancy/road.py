@@ -73,19 +73,28 @@ def _energy(fit: Fit, table: np.ndarray) -> float:
     return float(np.sum(fit.without_states(fit.whitener(table)) ** 2) / table.shape[1])
 
 
-def widening(fit: Fit, held: np.ndarray, columns: np.ndarray) -> np.ndarray:
+def widening(fit: Fit, columns: np.ndarray, held: int, prior: np.ndarray) -> np.ndarray:
     """By how much healthy runs scatter scores of whitened ``columns`` beyond their information, at least 1.
 
-    ``held`` (M, h) are the whitened columns that are fitted along.
+    Parameters
+    ----------
+    held
+        So many columns at the beginning are fitted along, and get no answer; 0: each with all others.
+    prior
+        Information about the first columns that is known beforehand.
     """
-    if (healthy := fit.healthy) is None:
-        return np.ones(columns.shape[1])
-    table = fit.without_states(np.column_stack([held, columns]))
-    held, columns = table[:, : held.shape[1]], table[:, held.shape[1] :]
-    columns = columns - held @ np.linalg.lstsq(held, columns, rcond=None)[0]
-    scores = columns.T @ healthy
-    found = np.mean(scores**2, axis=1) / np.maximum(np.sum(columns**2, axis=0), 1e-300)
-    return np.maximum(found, 1.0)
+    table = fit.without_states(columns)
+    gram, scores = table.T @ table, table.T @ fit.healthy
+    gram[np.arange(len(prior)), np.arange(len(prior))] += prior
+    if held == 0:
+        inverse = np.linalg.pinv(gram, hermitian=True)
+        information, scores = np.diag(inverse), inverse @ scores
+    else:
+        solved = np.linalg.solve(gram[:held, :held], np.column_stack([gram[:held, held:], scores[:held]]))
+        count = columns.shape[1] - held
+        information = np.diag(gram)[held:] - np.sum(gram[held:, :held] * solved[:, :count].T, axis=1)
+        scores = scores[held:] - gram[held:, :held] @ solved[:, count:]
+    return np.maximum(np.mean(scores**2, axis=1) / np.maximum(information, 1e-300), 1.0)
 
 
 def chance_of_gain(gain: float, freedom: int, healthy: np.ndarray | None) -> float:

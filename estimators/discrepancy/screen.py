@@ -117,8 +117,9 @@ def screened(fit: Fit, candidates: Sequence[Candidate], residual: np.ndarray, co
     information = np.where(np.outer(seen, seen), 0.5 * (information + information.T), 0.0)
     deviation = 1.0 / np.sqrt(np.where(seen, np.diag(information), 1.0))
     if fit.drawn is not None:
-        wider = widening(fit, white[:, :own], white[:, own:])
-        inner = np.concatenate([fit.widenings()[len(NUISANCES) :], wider])
+        wider = widening(fit, white, own, fit.beliefs)
+        inside = fit.widenings()[len(NUISANCES) :] if fit.candidates else np.empty(0)
+        inner = np.concatenate([inside, wider])
         information = information / np.sqrt(np.outer(wider, wider))
         joint = joint / np.sqrt(np.outer(inner, inner))
         score = score / wider
