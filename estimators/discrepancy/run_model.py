@@ -111,9 +111,7 @@ class RunModel:
             plant = plant._replace(vehicle=plant.vehicle._replace(I_w=1e9))
         self.setup = Setup(plant=plant, mount=imu.mount())
         self._rims = np.empty((0, 2)) if self.driven else self._measured_rims()
-        self.channels = self._find_channels()
-        data = [self.log.samples(c.name)[1][self._kept[c.name]] for c in self.channels]
-        self.y = np.concatenate(data) if data else np.empty(0)
+        self._find_data()
         self.free = tuple(_FREE) if full and self.driven else tuple(i for i in _FREE if i < at.OMEGA_F)
         r = plant.vehicle.r
         self.spread = np.array([_FREE[i] / (r if i >= at.OMEGA_F else 1.0) for i in self.free])
@@ -122,6 +120,13 @@ class RunModel:
         """The same with half the step of the solver."""
         other = copy.copy(self)
         other.steps, other.dt = 2 * self.steps, 0.5 * self.dt
+        return other
+
+    def with_windows(self, windows: Windows) -> RunModel:
+        """The same run in other windows, in the order of time and apart."""
+        other = copy.copy(self)
+        other.windows = windows
+        other._find_data()
         return other
 
     def _has_torque(self) -> bool:
@@ -134,6 +139,11 @@ class RunModel:
         return np.ascontiguousarray(np.stack(columns * (3 - len(columns)), axis=1)[:, :2])
 
     # ------------------------------------------------------------------ data
+
+    def _find_data(self) -> None:
+        self.channels = self._find_channels()
+        data = [self.log.samples(c.name)[1][self._kept[c.name]] for c in self.channels]
+        self.y = np.concatenate(data) if data else np.empty(0)
 
     def _find_channels(self) -> tuple[Channel, ...]:
         self._kept: dict[str, np.ndarray] = {}
