@@ -27,7 +27,7 @@ PAPER_STEP = 0.01
 #: Limits of the grid's step [s].
 _FINEST, _COARSEST = 0.005, 0.02
 #: Below this speed the course of a satellite receiver means nothing [m/s].
-_COURSE_SPEED = 1.0
+COURSE_SPEED = 1.0
 #: Half width of the mean that starts a window [s].
 _NEAR = 0.15
 
@@ -169,7 +169,7 @@ class RunModel:
         window = np.searchsorted(first, place, side="right") - 1
         inside = (window >= 0) & (place < (first + count)[np.maximum(window, 0)])
         if name == "course":
-            inside &= np.interp(t, *self.log.samples("speed")) > _COURSE_SPEED if self._has("speed") else True
+            inside &= np.interp(t, *self.log.samples("speed")) > COURSE_SPEED if self._has("speed") else True
         if not inside.any():
             return None
         self._kept[name] = inside
@@ -325,7 +325,7 @@ class RunModel:
         if (rate := self._near("yaw_rate", t)) is not None:
             x[at.YAW_RATE] = rate
         course = self._near("yaw", t)
-        if course is None and speed is not None and speed > _COURSE_SPEED:
+        if course is None and speed is not None and speed > COURSE_SPEED:
             course = self._near("course", t)
             course = None if course is None else course - math.atan2(x[at.V_Y], x[at.V_X])
         if course is not None:
