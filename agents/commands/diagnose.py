@@ -8,28 +8,29 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from agents.commands.output import Results, say, write_json
+from agents.commands.output import Results, say, write_bytes, write_json
 from offroad_env.errors import DataError
 
 __all__ = ["Diagnose"]
 
 #: Stages of a diagnosis, for the progress bar.
-_STAGES = 7
+_STAGES = 10
 
 
 @dataclass(kw_only=True)
 class Diagnose(Results):
     """Say what the simulation gets wrong in measured runs, name the cause, and measure the gain.
 
-    Writes diagnosis.json, and extended.json where causes were found: the environment takes it as
-    model="extended.json". Several logs are runs of one vehicle on one soil.
+    Writes diagnosis.html (a page with all figures), diagnosis.json (all numbers), and extended.json where
+    causes were found: the environment takes it as model="extended.json". Several logs are runs of one
+    vehicle on one soil.
     """
 
     logs: Positional[tuple[Path, ...]]  #: logs: CSV or Parquet with a YAML of the same name, or ROS bags
 
     def run(self) -> None:
         """Read, diagnose, write, and say the verdict."""
-        from estimators.discrepancy.diagnosis import diagnose
+        from agents.diagnosis_page import made_by, render_diagnosis
         from estimators.discrepancy.verdict import extension_of, lines_of, to_dict
         from estimators.logs import read_logs
         from offroad_env.effects import Extension
@@ -39,11 +40,14 @@ class Diagnose(Results):
         logs = read_logs(self.logs)
         if any(log.rig for log in logs):
             raise DataError(f"{logs[0].name}: is a wheel-rig log; a diagnosis takes logs of a vehicle")
-        diagnosis = self._with_bar(lambda progress: diagnose(logs, progress=progress))
-        numbers = to_dict(diagnosis)
-        numbers["command"] = " ".join(["offroad", *sys.argv[1:]])
-        for line in lines_of(diagnosis):
+        diagnosis, evidence = self._with_bar(lambda progress: _diagnosed(logs, progress))
+        command = " ".join(["offroad", *sys.argv[1:]])
+        numbers = to_dict(diagnosis) | evidence.to_dict(diagnosis)
+        numbers |= {"command": command, "made_by": made_by()}
+        for line in lines_of(diagnosis, evidence):
             say(line)
+        page = render_diagnosis(diagnosis, evidence, command).encode()
+        say(f"report: {write_bytes(self.out / 'diagnosis.html', page)}")
         say(f"numbers: {write_json(self.out / 'diagnosis.json', numbers)}")
         if diagnosis.causes:
             extension = Extension(model=logs[0].config.model, effects=tuple(extension_of(diagnosis)))
@@ -57,3 +61,11 @@ class Diagnose(Results):
         with Progress(*columns, transient=True, disable=not sys.stderr.isatty()) as bar:
             task = bar.add_task("", total=_STAGES)
             return work(lambda stage: bar.update(task, description=stage, advance=1))
+
+
+def _diagnosed(logs, progress):
+    from estimators.discrepancy.diagnosis import diagnose
+    from estimators.discrepancy.evidence import gather
+
+    diagnosis = diagnose(logs, progress=progress)
+    return diagnosis, gather(diagnosis, progress)

@@ -18,7 +18,7 @@ from estimators.logs.quality import Finding, quality
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 
-__all__ = ["VERDICTS", "Diagnosis", "diagnose"]
+__all__ = ["VERDICTS", "Diagnosis", "diagnose", "split_runs"]
 
 VERDICTS = (
     "DATA PROBLEM", "NUMERICS", "NOT TESTABLE", "UNEXPLAINED", "NAMED + UNEXPLAINED REST", "ONE OF", "NAMED",
@@ -56,6 +56,14 @@ class Diagnosis:
     logs: tuple[Log, ...] = ()
 
     @property
+    def model(self) -> Fit | None:
+        """The fit with the causes that are named; the nominal one without; None where nothing was fitted."""
+        if self.search is None:
+            return None
+        # What the search found and the gate did not let through is no model.
+        return self.search.extended if self.causes else self.search.nominal
+
+    @property
     def unexplained(self) -> tuple[Rest, ...]:
         """Equations of motion in which a force without a name is left."""
         return tuple(rest for rest in self.rest if rest.chance < REST_RATE)
@@ -91,7 +99,7 @@ def diagnose(
     findings = tuple(finding for log in logs for finding in quality(log).problems)
     if findings:
         return Diagnosis(verdict="DATA PROBLEM", findings=findings, logs=tuple(logs))
-    parts = _split(logs)
+    parts = split_runs(logs)
     progress("nominal model")
     nominal = fit_runs(parts[FIT], white=white)
     progress("search")
@@ -123,7 +131,7 @@ def diagnose(
     return result
 
 
-def _split(logs: Sequence[Log]) -> dict[int, list[RunModel]]:
+def split_runs(logs: Sequence[Log]) -> dict[int, list[RunModel]]:
     """Windows by their use: by run where there are three runs or more, else by time."""
     if len(logs) < 3:
         return {use: _with_windows([RunModel(log, use=use) for log in logs]) for use in (FIT, SELECT, REPORT)}

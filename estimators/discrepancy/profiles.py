@@ -13,7 +13,7 @@ from offroad_env.errors import OffroadError
 __all__ = ["Profile", "profiles_of"]
 
 #: Points of a profile, in standard deviations of the size.
-_POINTS = np.array([-3.0, -2.0, -1.2, -0.6, 0.0, 0.6, 1.2, 2.0, 3.0])
+_POINTS = np.array([-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0])
 #: Twice the log-likelihood at the ends of a 95 % interval.
 LEVEL = 3.841
 
