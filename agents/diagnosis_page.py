@@ -14,7 +14,6 @@ from estimators.discrepancy.evidence import SEED, Evidence
 from estimators.discrepancy.misfit import WORST
 from estimators.discrepancy.verdict import (
     advice_of,
-    amount,
     ground_of,
     isolability_of,
     scores_of,
@@ -85,8 +84,8 @@ def _verdict(diagnosis: Diagnosis) -> Section:
                 (
                     str(number) if first else "or",
                     name,
-                    amount(name, rival.size),
-                    f"{low:.3g} to {amount(name, high)}",
+                    figures.amount(name, rival.size),
+                    f"{low:.3g} to {figures.amount(name, high)}",
                     f"{0.5 * cause.delta:.0f}" if first else f"{0.5 * rival.loss:.1f} less",
                     chance if first else "",
                 )
@@ -117,10 +116,10 @@ def _misfit(diagnosis: Diagnosis, evidence: Evidence) -> Section:
         return Section(name="wrong", title=title, sees=_unreached(diagnosis))
     ratio = misfit.nominal / misfit.extended[:, :1]
     i, j = np.unravel_index(int(np.nanargmax(ratio)), ratio.shape)
-    regime = misfit.regimes[j].replace("\n", " ").removeprefix("all") or "the whole run"
+    regime = "over the whole run" if j == 0 else f"while {misfit.regimes[j]}".replace("\n", " ")
     better = "the extended model" if diagnosis.causes else "the same model"
     sees = (
-        f"The nominal simulation misses {misfit.channels[i]} most, in {regime}: its error there is "
+        f"The nominal simulation misses {misfit.channels[i]} most {regime}: its error is then "
         f"{ratio[i, j]:.1f} times what {better} leaves in that channel over the whole run."
     )
     extended = bool(diagnosis.causes)
@@ -182,24 +181,11 @@ def _causes(diagnosis: Diagnosis) -> Section:
         sees = f"None of {tested} testable effects explains more than chance would."
     picture = figure_picture(
         figures.cause_figure(scores, threshold, sets),
-        "Score of every effect against the nominal model. Many look like the true cause; bold ones stand in "
-        "the verdict, brackets tie those that explain the data equally well. Grey: not testable, and why.",
+        "Score of every effect against the nominal model, and from which size on it would be seen. Many look "
+        "like the true cause; bold ones stand in the verdict, brackets tie those that explain the data as "
+        "well. Grey: not testable, and why.",
     )
-    rows = [
-        (score.effect, f"{score.z:.1f}", amount(score.effect, score.limit))
-        for score in scores
-        if not score.reason
-    ]
-    half = (len(rows) + 1) // 2
-    pairs = [(*a, *b) for a, b in zip(rows[:half], [*rows[half:], ("", "", "")], strict=False)]
-    heading = ("effect", "score", "seen from", "effect ", "score ", "seen from ")
-    return Section(
-        name="causes",
-        title=title,
-        sees=sees,
-        pictures=(picture,),
-        tables=(Table(heading=heading, rows=tuple(pairs)),),
-    )
+    return Section(name="causes", title=title, sees=sees, pictures=(picture,))
 
 
 def _isolability(diagnosis: Diagnosis) -> Section:
@@ -218,7 +204,7 @@ def _isolability(diagnosis: Diagnosis) -> Section:
     picture = figure_picture(
         figures.isolability_figure(names, alike),
         "How alike two effects look once n, the starts and small sensor errors are fitted: 1 is the same "
-        "trace. Dots from 0.9, full circles from 0.99.",
+        "trace. Circles from 0.9, full ones from 0.99.",
     )
     rows = [(f"{names[i]} and {names[j]}", f"{upper[i, j]:.3f}") for i, j in pairs]
     return Section(
@@ -251,7 +237,7 @@ def _gain(diagnosis: Diagnosis, evidence: Evidence) -> Section:
                 figures.UNITS[gain.channel],
                 f"{gain.nominal:.3g}",
                 f"{gain.extended:.3g}",
-                f"{100.0 * gain.low:.0f} to {100.0 * gain.high:.0f} %",
+                _percent(gain.low, gain.high),
                 f"{more.gain:+.2f} [{more.low:+.2f}, {more.high:+.2f}]",
             )
         )
@@ -290,6 +276,11 @@ def _prediction(diagnosis: Diagnosis, evidence: Evidence) -> Section:
     return Section(name="prediction", title=title, sees=sees, pictures=tuple(pictures), tables=tuple(tables))
 
 
+def _percent(low: float, high: float) -> str:
+    # Adding zero makes no minus of it.
+    return f"{round(100.0 * low) + 0} to {round(100.0 * high) + 0} %"
+
+
 def _ground_sentence(diagnosis: Diagnosis, ground: dict[str, Any] | None) -> str:
     if ground is None:
         return "The ground is hard: there is no n."
@@ -316,7 +307,7 @@ def _prediction_table(diagnosis: Diagnosis, evidence: Evidence) -> Table:
     rows = []
     for one in evidence.predictions:
         known = np.isfinite(one.low)
-        span = f"{100.0 * one.low:.0f} to {100.0 * one.high:.0f} %" if known else "too few for an interval"
+        span = _percent(one.low, one.high) if known else "too few for an interval"
         row = (f"{one.quantity}, {one.horizon:.0f} s", one.unit, str(one.count), f"{one.nominal:.3g}")
         rows.append((*row, f"{one.extended:.3g}", span) if diagnosis.causes else row)
     heading = ("error of", "unit", "forecasts", "nominal", "extended", "less by (95 %)")
@@ -334,7 +325,7 @@ def _parameters(diagnosis: Diagnosis, evidence: Evidence) -> Section:
         rows.append(
             (
                 profile.effect,
-                amount(profile.effect, profile.size),
+                figures.amount(profile.effect, profile.size),
                 f"{profile.low:.3g} to {profile.high:.3g}" if known else "open",
                 f"{low:.3g} to {high:.3g}",
             )

@@ -14,9 +14,11 @@ from estimators.discrepancy.misfit import Misfit, Stretch
 from estimators.discrepancy.open_loop import Prediction
 from estimators.discrepancy.profiles import LEVEL, Profile
 from estimators.discrepancy.verdict import Score
+from estimators.discrepancy.verdict import amount as plain_amount
 
 __all__ = [
     "UNITS",
+    "amount",
     "cause_figure",
     "dependence_figure",
     "gain_figure",
@@ -38,6 +40,11 @@ UNITS = {
     "omega_f": "rad/s", "omega_r": "rad/s", "x": "m", "y": "m", "yaw": "rad", "pitch": "rad",
     "v_x": "m/s", "v_y": "m/s", "speed": "m/s", "course": "rad",
 }  # fmt: skip
+
+
+def amount(effect: str, size: float) -> str:
+    """A size of an effect with its unit, for the eye."""
+    return plain_amount(effect, size).replace("^2", "²").replace("^3", "³")
 
 
 def _tidy(axes: Axes, grid: str = "both") -> None:
@@ -130,7 +137,7 @@ def dependence_figure(misfit: Misfit, *, extended: bool) -> Figure:
 def cause_figure(scores: Sequence[Score], threshold: float, sets: Sequence[Sequence[str]]) -> Figure:
     """Score of every effect against the nominal model; sets in brackets, what is untestable in grey."""
     order = sorted(scores, key=lambda score: (score.reason == "", score.z))
-    figure = Figure(figsize=(12.0, 1.2 + 0.205 * len(order)), layout="constrained")
+    figure = Figure(figsize=(12.0, 1.1 + 0.19 * len(order)), layout="constrained")
     axes = figure.subplots()
     largest = max([*(score.z for score in order), 1.5 * threshold])
     places = {score.effect: i for i, score in enumerate(order)}
@@ -141,20 +148,24 @@ def cause_figure(scores: Sequence[Score], threshold: float, sets: Sequence[Seque
             axes.barh(i, score.z, color="0.88", height=0.75, zorder=0)
             continue
         axes.barh(i, score.z, color=_EXTENDED if score.effect in members else "#B9CBDA", height=0.75)
+        axes.annotate(
+            f"seen from {amount(score.effect, score.limit)}", (score.z, i), (4, 0),
+            textcoords="offset points", va="center", fontsize=7.5, color="0.35",
+        )  # fmt: skip
     axes.axvline(threshold, color=_NOMINAL, lw=1.2, ls="--")
     axes.text(
         threshold, len(order) - 0.2, f"threshold {threshold:.1f}", color=_NOMINAL, fontsize=8, ha="center"
     )
     axes.set_xscale("function", functions=(lambda z: np.sqrt(np.maximum(z, 0.0)), np.square))
-    axes.set_xlim(0.0, 1.2 * largest)
+    axes.set_xlim(0.0, 1.6 * largest)
     axes.set_ylim(-0.6, len(order) + 0.4)
-    axes.set_xticks([t for t in (1, 4, 10, 25, 50, 100, 200, 400, 800) if t < 1.2 * largest])
+    axes.set_xticks([t for t in (1, 4, 10, 25, 50, 100, 200, 400, 800) if t < 1.6 * largest])
     axes.set_yticks(range(len(order)), [score.effect for score in order], fontsize=8)
     for label, score in zip(axes.get_yticklabels(), order, strict=True):
         label.set_color("0.55" if score.reason else "0.1")
         label.set_fontweight("bold" if score.effect in members else "normal")
     for k, group in enumerate(sets):
-        _bracket(axes, sorted(places[name] for name in group), (1.06 + 0.03 * k) * largest, f"cause {k + 1}")
+        _bracket(axes, sorted(places[name] for name in group), (1.36 + 0.04 * k) * largest, f"cause {k + 1}")
     axes.set_xlabel("score: standard deviations of what the effect would explain alone (root scale)")
     _tidy(axes, "x")
     return figure
@@ -178,14 +189,14 @@ def isolability_figure(names: Sequence[str], alike: np.ndarray) -> Figure:
         np.fill_diagonal(apart, 0.0)
         order = leaves_list(linkage(squareform(0.5 * (apart + apart.T), checks=False), "average"))
         names, alike = [names[i] for i in order], alike[np.ix_(order, order)]
-    side = 3.0 + 0.19 * len(names)
+    side = 2.6 + 0.185 * len(names)
     figure = Figure(figsize=(side + 0.9, side), layout="constrained")
     axes = figure.subplots()
     image = axes.imshow(np.abs(alike), cmap="Blues", vmin=0.0, vmax=1.0)
     for (i, j), value in np.ndenumerate(np.abs(alike)):
         if i != j and value >= 0.9:
             axes.text(
-                j, i, "●" if value >= 0.99 else "·", ha="center", va="center", fontsize=7, color="white"
+                j, i, "●" if value >= 0.99 else "○", ha="center", va="center", fontsize=7, color="white"
             )
     axes.set_xticks(range(len(names)), names, rotation=90, fontsize=7.5)
     axes.set_yticks(range(len(names)), names, fontsize=7.5)
@@ -220,7 +231,7 @@ def ground_figure(ground: Mapping) -> Figure:
     """n before, and under every member of every set, with 95 % intervals."""
     lines = [("nominal model", ground["before"], _NOMINAL)]
     lines += [(name, entry, _EXTENDED) for name, entry in ground["after"].items()]
-    figure = Figure(figsize=(12.0, 1.0 + 0.42 * len(lines)), layout="constrained")
+    figure = Figure(figsize=(12.0, 1.3 + 0.42 * len(lines)), layout="constrained")
     axes = figure.subplots()
     for i, (_, entry, colour) in enumerate(reversed(lines)):
         axes.plot([entry["low"], entry["high"]], [i, i], color=colour, lw=2.6)
@@ -237,7 +248,7 @@ def ground_figure(ground: Mapping) -> Figure:
     )
     axes.set_ylim(-0.6, len(lines) - 0.2)
     axes.set_xlabel("sinkage exponent n [-]")
-    axes.legend(frameon=False, fontsize=9)
+    figure.legend(loc="outside upper right", frameon=False, fontsize=9)
     _tidy(axes, "x")
     return figure
 

@@ -130,8 +130,8 @@ def _regimes(states: list[dict[str, np.ndarray]]) -> dict[str, list[np.ndarray]]
     slow, fast = np.quantile(speeds, (1.0 / 3.0, 2.0 / 3.0))
     tests = {
         "all": lambda v, a, b: v > -np.inf,
-        f"slow\n< {slow:.1f} m/s": lambda v, a, b: v < slow,
-        f"fast\n> {fast:.1f} m/s": lambda v, a, b: v > fast,
+        f"slow,\n< {slow:.1f} m/s": lambda v, a, b: v < slow,
+        f"fast,\n> {fast:.1f} m/s": lambda v, a, b: v > fast,
         "speeding\nup": lambda v, a, b: a > _SPEEDING,
         "braking": lambda v, a, b: a < -_SPEEDING,
         "turning\nleft": lambda v, a, b: b > _TURNING,
