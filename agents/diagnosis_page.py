@@ -56,8 +56,18 @@ def render_diagnosis(diagnosis: Diagnosis, evidence: Evidence, command: str) -> 
     return render_page(
         parts,
         title=f"{diagnosis.verdict}: {names}",
-        intro=sentence_of(diagnosis),
+        intro=_runs(diagnosis),
         footer=f"{command} — {made_by()}",
+    )
+
+
+def _runs(diagnosis: Diagnosis) -> str:
+    seconds = sum(log.duration for log in diagnosis.logs)
+    runs = f"{len(diagnosis.logs)} runs" if len(diagnosis.logs) > 1 else "one run"
+    return (
+        f"What the simulation of {runs} ({seconds:.0f} s) gets wrong, what explains it, how sure that is, and "
+        "what it gains. Errors are measured less simulated; the nominal model is the one that the log states, "
+        "with n fitted; the extended model has the causes in it."
     )
 
 
@@ -104,7 +114,7 @@ def _verdict(diagnosis: Diagnosis) -> Section:
     return Section(
         name="verdict",
         title="Verdict",
-        sees=sentence_of(diagnosis),
+        sees=figures.raised(sentence_of(diagnosis)),
         tables=(Table(heading=heading, rows=tuple(rows), texts=2),) if rows else (),
         notes=tuple(notes),
     )
@@ -353,7 +363,7 @@ def _next(diagnosis: Diagnosis, evidence: Evidence) -> Section:
     if advice is None:
         sees = _sentence(known) if known else _unreached(diagnosis)
         return Section(name="next", title=title, sees=sees)
-    if diagnosis.verdict == "UNEXPLAINED" and known is not None:
+    if diagnosis.unexplained and known is not None:
         sees, notes = _sentence(known), (_sentence(advice.sentence),)
     else:
         sees, notes = _sentence(advice.sentence), (_sentence(f"or, {known}"),) if known else ()

@@ -28,6 +28,7 @@ __all__ = [
     "misfit_figure",
     "prediction_figure",
     "profile_figure",
+    "raised",
     "worst_figure",
 ]
 
@@ -44,7 +45,12 @@ UNITS = {
 
 def amount(effect: str, size: float) -> str:
     """A size of an effect with its unit, for the eye."""
-    return plain_amount(effect, size).replace("^2", "²").replace("^3", "³")
+    return raised(plain_amount(effect, size))
+
+
+def raised(text: str) -> str:
+    """Powers of units as one writes them."""
+    return text.replace("^2", "²").replace("^3", "³")
 
 
 def _tidy(axes: Axes, grid: str = "both") -> None:
@@ -74,9 +80,9 @@ def misfit_figure(misfit: Misfit, *, extended: bool) -> Figure:
         axes.set_xticks(range(len(misfit.regimes)), misfit.regimes, fontsize=8)
         axes.set_yticks(range(len(misfit.channels)), misfit.channels)
         axes.tick_params(length=0)
-    figure.colorbar(
-        image, ax=panels, label="multiples", pad=0.01, ticks=[1, 2, 5, 10, 20, 50, 100], format="%g"
-    )
+    ticks = [1, 2, 5, 10, 20, 50, 100]
+    bar = figure.colorbar(image, ax=panels, label="multiples", pad=0.01, ticks=ticks, format="%g")
+    bar.minorticks_off()
     return figure
 
 
@@ -157,7 +163,7 @@ def cause_figure(scores: Sequence[Score], threshold: float, sets: Sequence[Seque
         threshold, len(order) - 0.2, f"threshold {threshold:.1f}", color=_NOMINAL, fontsize=8, ha="center"
     )
     axes.set_xscale("function", functions=(lambda z: np.sqrt(np.maximum(z, 0.0)), np.square))
-    axes.set_xlim(0.0, 1.6 * largest)
+    axes.set_xlim(0.0, 1.9 * largest)
     axes.set_ylim(-0.6, len(order) + 0.4)
     axes.set_xticks([t for t in (1, 4, 10, 25, 50, 100, 200, 400, 800) if t < 1.6 * largest])
     axes.set_yticks(range(len(order)), [score.effect for score in order], fontsize=8)
@@ -165,7 +171,7 @@ def cause_figure(scores: Sequence[Score], threshold: float, sets: Sequence[Seque
         label.set_color("0.55" if score.reason else "0.1")
         label.set_fontweight("bold" if score.effect in members else "normal")
     for k, group in enumerate(sets):
-        _bracket(axes, sorted(places[name] for name in group), (1.36 + 0.04 * k) * largest, f"cause {k + 1}")
+        _bracket(axes, sorted(places[name] for name in group), (1.58 + 0.05 * k) * largest, f"cause {k + 1}")
     axes.set_xlabel("score: standard deviations of what the effect would explain alone (root scale)")
     _tidy(axes, "x")
     return figure
@@ -285,7 +291,7 @@ def profile_figure(profiles: Sequence[Profile]) -> Figure:
         if np.isfinite(profile.low) and np.isfinite(profile.high):
             axes.axvspan(profile.low, profile.high, color=_EXTENDED, alpha=0.12, label="95 %")
         unit = "" if profile.unit == "-" else f" [{profile.unit}]"
-        axes.set_xlabel(f"{profile.effect}{unit}")
+        axes.set_xlabel(raised(f"{profile.effect}{unit}"))
         axes.set_ylim(-0.3, 10.0)
         axes.locator_params(axis="x", nbins=5)
         _tidy(axes)

@@ -58,7 +58,7 @@ class Evidence:
 def _next(diagnosis: Diagnosis, advice: Advice | None) -> dict[str, Any] | None:
     """The experiment that would change the verdict."""
     known = advice_of(diagnosis)
-    if advice is None or (known is not None and diagnosis.verdict == "UNEXPLAINED"):
+    if advice is None or (known is not None and diagnosis.unexplained):
         return None if known is None else {"sentence": known}
     return {
         "sentence": advice.sentence,

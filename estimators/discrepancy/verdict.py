@@ -22,6 +22,12 @@ __all__ = [
 ]  # fmt: skip
 
 _Z = 1.959964  #: of a 95 % interval
+#: How to vary what one cannot vary alone.
+_CHANGES = {
+    "time": "drive the same line again, later",
+    "position x": "drive the same ground the other way and at another speed",
+    "position y": "drive the same ground the other way and at another speed",
+}
 #: Lines for the terminal, besides the names of the files.
 _LINES = 21
 
@@ -94,7 +100,13 @@ def _rest_phrase(diagnosis: Diagnosis) -> str:
 
 
 def advice_of(diagnosis: Diagnosis) -> str | None:
-    """What to do next, from what the library knows of its effects."""
+    """What to do next, from what the library knows of its effects; what is unexplained comes first."""
+    if diagnosis.unexplained:
+        rest = max(diagnosis.unexplained, key=lambda one: one.excess)
+        if rest.shapes:
+            quantity = rest.shapes[0].quantity.split(" [")[0]
+            how = _CHANGES.get(quantity, f"vary the {quantity} alone")
+            return f"to learn what is left: {how}; the unnamed force follows the {quantity} most"
     for cause in diagnosis.causes:
         if len(cause.rivals) > 1:
             names = " from ".join(rival.candidate.effect for rival in cause.rivals[:2])
@@ -102,12 +114,6 @@ def advice_of(diagnosis: Diagnosis) -> str | None:
             return f"to tell {names}: {next((text for text in advice if text), 'another manoeuvre')}"
     if diagnosis.verdict == "NOT TESTABLE":
         return "drive with steering, acceleration and braking, and log position or speed over ground"
-    if diagnosis.verdict == "UNEXPLAINED" and diagnosis.unexplained:
-        rest = max(diagnosis.unexplained, key=lambda one: one.excess)
-        if rest.shapes:
-            return (
-                f"vary the {rest.shapes[0].quantity.split(' [')[0]} alone: the unnamed force follows it most"
-            )
     return None
 
 
@@ -277,7 +283,7 @@ def lines_of(diagnosis: Diagnosis, evidence: Evidence | None = None) -> list[str
     advice = advice_of(diagnosis)
     if evidence is not None:
         lines += _prediction_lines(evidence, causes=bool(diagnosis.causes))
-        if evidence.advice is not None and diagnosis.verdict != "UNEXPLAINED":
+        if evidence.advice is not None and (advice is None or not diagnosis.unexplained):
             advice = evidence.advice.sentence
     lines += [f"finding: {finding.sentence}" for finding in diagnosis.findings[:6]]
     if diagnosis.not_testable:
