@@ -18,7 +18,15 @@ from agents.commands.output import Results, console, say, table
 from agents.studies.units import Key, run_units, stamp_of
 from estimators.discrepancy.diagnosis import Diagnosis, diagnose
 from estimators.discrepancy.fit import fit_runs
-from estimators.discrepancy.hide import HIDERS, STRANGERS, Case, Hidden, draw_case, hidden_log
+from estimators.discrepancy.hide import (
+    HIDERS,
+    ONE_SIDED,
+    STRANGERS,
+    Case,
+    Hidden,
+    draw_case,
+    hidden_log,
+)
 from estimators.discrepancy.run_model import RunModel
 from estimators.discrepancy.screen import candidates_for, screen
 from estimators.discrepancy.windows import FIT
@@ -32,7 +40,7 @@ __all__ = ["DiagnosisStudy", "run_unit", "wilson"]
 _FIRST_SEED = 1000
 MULTIPLES = (0.5, 1.0, 2.0, 4.0)
 #: Effects that cannot be negative.
-_ONE_SIDED = ("steer_delay", "steer_lag", "aero_drag")
+_ONE_SIDED = (*ONE_SIDED, "aero_drag")
 #: Size of the forces without a name [share of the weight].
 _STRANGE = 0.03
 #: An explanation that copies this share of the removed effect's trace is no wrong name.
