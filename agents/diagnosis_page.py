@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.figures import diagnosis as figures
+from agents.figures import diagnosis_page as figures
 from agents.report import Section, Table, figure_picture, render_page
 from estimators.discrepancy.diagnosis import Diagnosis
 from estimators.discrepancy.evidence import SEED, Evidence
@@ -434,5 +434,8 @@ def _checks(diagnosis: Diagnosis, evidence: Evidence, command: str) -> Section:
     )
 
 
-def _gate(gain: float | None) -> str:
-    return "not tried" if gain is None else f"gain {gain:+.1f} in the log-likelihood"
+def _gate(gains: list[float]) -> str:
+    """What every effect of the search has gained on the gate's windows; the last may have been refused."""
+    if not gains:
+        return "nothing to try"
+    return ", ".join(f"{gain:+.1f}" for gain in gains) + " in the log-likelihood"

@@ -14,7 +14,7 @@ from offroad_env.errors import DataError
 __all__ = ["Diagnose"]
 
 #: Stages of a diagnosis, for the progress bar.
-_STAGES = 10
+_STAGES = 9
 
 
 @dataclass(kw_only=True)

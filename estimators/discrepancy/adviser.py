@@ -141,7 +141,7 @@ def _asked(diagnosis: Diagnosis) -> list[Candidate]:
 def _information(fit: Fit, asked: list[Candidate]) -> np.ndarray:
     """Fisher information of the common nuisances, sizes in the model and sizes asked for."""
     residual = fit.residual()
-    fit._states = fit.state_columns()
+    fit.linearise()
     columns = []
     for candidate in asked:
         column = fit.effect_column(candidate)
@@ -211,6 +211,8 @@ def _power(diagnosis: Diagnosis, information: np.ndarray, asked: list[Candidate]
     names = [candidate.effect for candidate in (*fit.candidates, *asked)]
     sizes = _sizes(information)
     k = names.index(cause.best.candidate.effect)
+    # An unknown road tells less than its whitened channels say.
+    wide = 1.0 if fit.drawn is None else float(fit.widenings()[len(NUISANCES) + k])
     others = [j for j in range(len(fit.sizes)) if j != k]
     chances = []
     for rival in cause.rivals[1:]:
@@ -218,7 +220,7 @@ def _power(diagnosis: Diagnosis, information: np.ndarray, asked: list[Candidate]
         pair, _ = projected(sizes[np.ix_(rows, rows)], np.zeros(len(rows)), len(others))
         # What the rival cannot take over of the true cause's trace, squared.
         apart = pair[0, 0] - pair[0, 1] ** 2 / max(pair[1, 1], 1e-300)
-        distance = max(float(cause.best.size**2 * apart), 1e-12)
+        distance = max(float(cause.best.size**2 * apart) / wide, 1e-12)
         chances.append(float(norm.cdf((distance - ALIKE) / (2.0 * math.sqrt(distance)))))
     return min(chances)
 

@@ -44,23 +44,23 @@ def profiles_of(fit: Fit) -> tuple[Profile, ...]:
     """
     if not fit.candidates:
         return ()
-    residual = fit.residual()
-    fit._states = fit.state_columns()
+    fit.residual()
+    fit.linearise()
     white = fit.whitener(fit._states), fit.whitener(fit.columns())
-    shares, _ = fit.reduce(fit.whitener(residual), *white)
-    fit._loosely_bound(shares.normal)
-    deviations = np.sqrt(np.diag(np.linalg.inv(shares.normal)))[len(NUISANCES) :]
-    return tuple(_profile(fit, k, float(deviations[k]), white) for k in range(len(fit.candidates)))
+    return tuple(_profile(fit, k, white) for k in range(len(fit.candidates)))
 
 
-def _profile(fit: Fit, k: int, deviation: float, white: tuple[np.ndarray, np.ndarray]) -> Profile:
+def _profile(fit: Fit, k: int, white: tuple[np.ndarray, np.ndarray]) -> Profile:
+    deviation = float(fit.deviations()[len(NUISANCES) + k])
+    # An unknown road scatters the size more than the likelihood says.
+    wide = 1.0 if fit.drawn is None else float(fit.widenings()[len(NUISANCES) + k])
     sizes, costs = [], []
     for point in _POINTS:
         reached = _at(fit, k, float(point) * deviation, white)
         if reached is not None:
             sizes.append(reached[0])
             costs.append(reached[1])
-    sizes, loss = np.array(sizes), 2.0 * (np.array(costs) - min(costs, default=0.0))
+    sizes, loss = np.array(sizes), 2.0 * (np.array(costs) - min(costs, default=0.0)) / wide
     best = int(np.argmin(loss)) if len(loss) else 0
     return Profile(
         effect=fit.candidates[k].effect,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from offroad_env.errors import InvalidParameter
-from offroad_env.physics.records import Vehicle
+from offroad_env.physics.records import Ground, Vehicle
 from offroad_env.physics.sensor_kernels import ImuMount
 from offroad_env.simulator import Plant, plant_model
 
@@ -41,6 +41,7 @@ class SensorErrors:
     offset: tuple[float, ...] = (0.0,) * 5  #: of a_x, a_y, a_z [m/s^2], pitch_rate, yaw_rate [rad/s]
     accel_scale: float = 1.0  #: of the three accelerometers [-]
     wheel_scale: float = 1.0  #: of the wheel speeds [-]
+    wheel_split: float = 0.0  #: what the front wheel speeds have more of it, and the rear ones less [-]
 
     def shifted(self, channel: int, by: float) -> SensorErrors:
         """The same with another offset of one IMU channel."""
@@ -66,6 +67,10 @@ class Setup:
     def with_vehicle(self, **changes: float) -> Setup:
         """The same with other values in the vehicle's record."""
         return replace(self, plant=self.plant._replace(vehicle=self.plant.vehicle._replace(**changes)))
+
+    def with_ground(self, ground: Ground) -> Setup:
+        """The same on other ground."""
+        return replace(self, plant=self.plant._replace(ground=ground))
 
     def with_soil(self, **changes: float) -> Setup:
         """The same with other values in the soil's record."""

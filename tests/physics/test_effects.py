@@ -96,6 +96,16 @@ def test_an_effect_acts_at_its_plausible_size_and_fades_as_it_shrinks(name):
     assert away[1] < 0.05 * away[0]
 
 
+@pytest.mark.parametrize("name", ["multi_pass", "rate_damping", "grouser_thrust", "rut_drag"])
+def test_twice_a_small_effect_leaves_twice_the_trace(name):
+    """The solver's Jacobian must be that of the forces that act, or its error hides small effects."""
+    setup = _setup()
+    reach = EFFECTS[name].plausible(setup.plant.vehicle)
+    sizes = [k * 1e-3 * reach + 1e-12 for k in (0, 1, 2)]
+    off, one, two = (_drive(apply(setup, [(name, _values(name, size))])) for size in sizes)
+    assert np.max(np.abs((two - off) - 2.0 * (one - off))) < 0.03 * np.max(np.abs(two - off))
+
+
 @pytest.mark.parametrize("name", ["aero_drag", "grade", "n_step", "multi_pass", "bulldozing"])
 def test_effects_act_in_the_papers_model_too(name):
     setup = _setup("paper")
