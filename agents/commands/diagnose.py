@@ -5,11 +5,16 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
 from agents.commands.output import Results, say, write_bytes, write_json
 from offroad_env.errors import DataError
+
+if TYPE_CHECKING:
+    from estimators.discrepancy.diagnosis import Diagnosis
+    from estimators.discrepancy.evidence import Evidence
 
 __all__ = ["Diagnose"]
 
@@ -23,36 +28,51 @@ class Diagnose(Results):
 
     Writes diagnosis.html (a page with all figures), diagnosis.json (all numbers), and extended.json where
     causes were found: the environment takes it as model="extended.json". Several logs are runs of one
-    vehicle on one soil.
+    vehicle on one soil. Data that must be mended first end in exit status 1.
     """
 
     logs: Positional[tuple[Path, ...]]  #: logs: CSV or Parquet with a YAML of the same name, or ROS bags
 
     def run(self) -> None:
         """Read, diagnose, write, and say the verdict."""
-        from agents.diagnosis_page import made_by, render_diagnosis
-        from estimators.discrepancy.verdict import extension_of, lines_of, to_dict
         from estimators.logs import read_logs
-        from offroad_env.effects import Extension
 
         if not self.logs:
             raise DataError("name at least one log")
         logs = read_logs(self.logs)
         if any(log.rig for log in logs):
             raise DataError(f"{logs[0].name}: is a wheel-rig log; a diagnosis takes logs of a vehicle")
-        diagnosis, evidence = self._with_bar(lambda progress: _diagnosed(logs, progress))
+        self.publish(*self._with_bar(lambda progress: _diagnosed(logs, progress)))
+
+    def publish(self, diagnosis: Diagnosis, evidence: Evidence) -> None:
+        """Write page, numbers and extended model, and say what matters.
+
+        Raises
+        ------
+        DataError
+            After all is written, where the data must be mended first.
+        """
+        from agents.diagnosis_page import made_by, render_diagnosis
+        from estimators.discrepancy.verdict import extension_of, lines_of, to_dict
+        from offroad_env.effects import Extension
+
         command = " ".join(["offroad", *sys.argv[1:]])
         numbers = to_dict(diagnosis) | evidence.to_dict(diagnosis)
         numbers |= {"command": command, "made_by": made_by()}
-        for line in lines_of(diagnosis, evidence):
+        bad = diagnosis.verdict == "DATA PROBLEM"
+        # What is wrong with the data is the error at the end.
+        for line in lines_of(diagnosis, evidence)[2 * bad :]:
             say(line)
         page = render_diagnosis(diagnosis, evidence, command).encode()
         say(f"report: {write_bytes(self.out / 'diagnosis.html', page)}")
         say(f"numbers: {write_json(self.out / 'diagnosis.json', numbers)}")
         if diagnosis.causes:
-            extension = Extension(model=logs[0].config.model, effects=tuple(extension_of(diagnosis)))
+            model = diagnosis.logs[0].config.model
+            extension = Extension(model=model, effects=tuple(extension_of(diagnosis)))
             say(f"extended model: {write_json(self.out / 'extended.json', extension.to_dict())}")
         self.save_numbers(numbers)
+        if bad:
+            raise DataError(f"{numbers['verdict']}: {numbers['sentence']}")
 
     def _with_bar(self, work):
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
