@@ -69,7 +69,8 @@ def test_page_and_file_hold_the_same_numbers(folder, numbers):
 def test_the_file_holds_what_the_command_promises(numbers):
     assert set(numbers) >= {
         "verdict", "sentence", "causes", "unexplained", "not_testable", "gain", "n", "next_experiment",
-        "checks", "prediction", "misfit", "scores", "isolability", "profiles", "whiteness", "split_seconds", "made_by",
+        "checks", "prediction", "misfit", "scores", "isolability", "profiles", "whiteness",
+        "split_seconds", "made_by",
     }  # fmt: skip
     assert {one["horizon"] for one in numbers["prediction"]} >= {1.0, 3.0}
     assert {one["quantity"] for one in numbers["prediction"]} == {"position", "speed", "heading"}
