@@ -118,7 +118,7 @@ def run_unit(kind: str, name: str, multiple: float, seed: int, *, known: Mapping
             return _diagnosed(hidden_log(case, STRANGERS[name](_STRANGE)), case)
         names, limits = name.split("+"), known[seed]["limits"]
         sizes = [_size(one, multiple * limits[one], seed) for one in names]
-        log = hidden_log(case, _together([HIDERS[one](x) for one, x in zip(names, sizes, strict=True)]))
+        log = hidden_log(case, _together([_hidden(one, x) for one, x in zip(names, sizes, strict=True)]))
         if kind == "same":
             return _same(log, case)
         library = [other for other in EFFECTS if other != name] if kind == "removed" else None
@@ -138,6 +138,13 @@ def _size(name: str, size: float, seed: int) -> float:
     if name in _ONE_SIDED:
         return size
     return size * float(np.random.default_rng([seed, 3]).choice((-1.0, 1.0)))
+
+
+def _hidden(name: str, size: float) -> Hidden:
+    """The hider's lag answers at the beginning of its ticks: its time constant for the lag's mean delay."""
+    if name == "steer_lag":
+        size = _TICK / math.log1p(_TICK / size)
+    return HIDERS[name](size)
 
 
 def _together(parts: Sequence[Hidden]) -> Hidden:

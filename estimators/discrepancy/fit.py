@@ -48,6 +48,8 @@ _LOOSE = 100.0
 #: Finite differences: share of a state's spread, and of an effect's plausible size.
 _STATE_STEP, _SIZE_STEP = 0.001, 0.005
 _ROUNDS = 8
+#: Directions of the shared parameters that show less than this of the clearest count as not shown.
+_BLIND = 1e-9
 #: Passes of descending and learning the noise; the gain of a pass that ends them, in the log-likelihood.
 _PASSES, _SETTLED = 6, 1.0
 #: What a step promises and does not keep, above which the point is no minimum.
@@ -472,15 +474,21 @@ class Fit:
             self._healthy = self.without_states(self.whitener(self.drawn))
         return self._healthy
 
-    def freedom(self, states: np.ndarray) -> dict[str, float]:
-        """How many parameters each channel has paid for: the trace of the window states' hat matrix."""
-        white = self.whitener(states)
+    def freedom(self, shared: np.ndarray) -> dict[str, float]:
+        """How many parameters each channel has paid for: the trace of the hat matrix.
+
+        Of the window states and of whitened columns ``shared`` (M, g).
+        """
+        white = self.whitener(self._states)
         leverage = np.zeros(len(white))
         weight = np.diag(1.0 / self.runs[0].spread ** 2)
         for w in range(int(self.window.max()) + 1):
             rows = np.flatnonzero(self.window == w)
             A = white[rows]
             leverage[rows] = np.einsum("ij,ji->i", A, np.linalg.solve(A.T @ A + weight, A.T))
+        table = self.without_states(shared)
+        table /= np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+        leverage += np.sum((table @ np.linalg.pinv(table.T @ table, _BLIND, True)) * table, axis=1)
         return {
             name: float(sum(leverage[piece].sum() for piece in pieces))
             for name, pieces in self.whitener.pieces.items()
@@ -498,9 +506,24 @@ class Fit:
         return np.sqrt(own if self.drawn is None else own * self.widenings())
 
     def learn_noise(self, *, white: bool = False) -> None:
-        """Set the whitening from the residuals at the present point."""
-        residual = self.residual()
-        freedom = self.freedom(self._states) if self._states is not None and self.whitener.noise else {}
+        """Set the whitening from the residuals at the present point.
+
+        From what neither starts nor nuisances nor any effect whose derivative is known could take away: else
+        a missing effect would pass for coloured noise and hide itself.
+        """
+        residual, freedom = self.residual(), {}
+        if self._states is not None and self.whitener.noise:
+            inside = {candidate.key for candidate in self.candidates}
+            others = [column for key, column in self._by_sizes.items() if key not in inside]
+            columns = np.column_stack([self.columns(), *others])
+            shared = self.whitener(columns)
+            shares, back = self.reduce(self.whitener(residual), self.whitener(self._states), shared)
+            scale = 1.0 / np.sqrt(np.maximum(np.diag(shares.normal), 1e-300))
+            inverse = np.linalg.pinv(shares.normal * np.outer(scale, scale), _BLIND, True)
+            change = scale * (inverse @ (scale * shares.score))
+            moved = np.array([offset - slope @ change for offset, slope in back])
+            residual = residual - columns @ change - np.sum(self._states * moved[self.window], axis=1)
+            freedom = self.freedom(shared)
         self.whitener.learn(residual, freedom, white=white)
         self._healthy = None
 

@@ -174,6 +174,10 @@ def search(
         Take all noise for white.
     """
     candidates = candidates_for(nominal, library)
+    for candidate in candidates:
+        nominal.column(candidate)
+    nominal.learn_noise(white=white)
+    nominal.descend(fresh=False)
     first = last = screen(nominal, candidates)
     threshold = chance_threshold(first, rate)
     fit, bar, gate = nominal, threshold, []
