@@ -234,17 +234,18 @@ def _gain(diagnosis: Diagnosis, evidence: Evidence) -> Section:
     if not diagnosis.gains:
         return Section(name="gain", title=title, sees=_unreached(diagnosis))
     best = max(diagnosis.gains, key=lambda gain: gain.low)
+    channels = {gain.channel for gain in diagnosis.gains}
     sees = (
         f"The extended model lowers the error of {best.channel} by {100.0 * best.low:.0f} to "
         f"{100.0 * best.high:.0f} % (95 % interval), from {best.nominal:.3g} to {best.extended:.3g} "
-        f"{figures.UNITS[best.channel]}."
+        f"{figures.error_unit(best.channel, channels)}."
     )
     rows = []
     for gain, more in zip(diagnosis.gains, evidence.likelihood, strict=True):
         rows.append(
             (
                 gain.channel,
-                figures.UNITS[gain.channel],
+                figures.error_unit(gain.channel, channels),
                 f"{gain.nominal:.3g}",
                 f"{gain.extended:.3g}",
                 _percent(gain.low, gain.high),

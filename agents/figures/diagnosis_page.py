@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,6 +21,7 @@ __all__ = [
     "amount",
     "cause_figure",
     "dependence_figure",
+    "error_unit",
     "gain_figure",
     "ground_figure",
     "isolability_figure",
@@ -41,6 +42,11 @@ UNITS = {
     "omega_f": "rad/s", "omega_r": "rad/s", "x": "m", "y": "m", "yaw": "rad", "pitch": "rad",
     "v_x": "m/s", "v_y": "m/s", "speed": "m/s", "course": "rad",
 }  # fmt: skip
+
+
+def error_unit(channel: str, channels: Collection[str]) -> str:
+    """Unit of a channel's errors; those of a course count as the velocity across it if the speed is known."""
+    return "m/s" if channel == "course" and "speed" in channels else UNITS[channel]
 
 
 def amount(effect: str, size: float) -> str:
@@ -128,7 +134,7 @@ def dependence_figure(misfit: Misfit, *, extended: bool) -> Figure:
             )
         axes.axhline(0.0, color="0.3", lw=0.8)
         axes.set_xlabel(one.quantity)
-        axes.set_ylabel(f"{one.channel} [{UNITS[one.channel]}]")
+        axes.set_ylabel(f"{one.channel} [{error_unit(one.channel, misfit.channels)}]")
         shares = f"{100.0 * one.share:.0f} %"
         if extended:
             shares += f" → {100.0 * one.share_extended:.0f} %"
