@@ -39,6 +39,7 @@ def _late_from(log, start: float, delay: float):
     return replace(log, channels=channels, references={})
 
 
+@pytest.mark.study
 def test_worn_data_with_nothing_wrong_raise_no_alarm():
     assert diagnose([_worn(hidden_log(_CASE))]).verdict == "NO EFFECT"
 
@@ -49,6 +50,7 @@ def test_an_effect_is_found_in_worn_data_with_its_size():
     assert sizes["torque_scale"] == pytest.approx(0.1, rel=0.2)
 
 
+@pytest.mark.study
 def test_a_clock_that_jumps_is_no_cause_in_the_soil_or_the_vehicle():
     diagnosis = diagnose([_late_from(hidden_log(_CASE), 8.0, 0.2)])
     assert diagnosis.verdict != "NO EFFECT"
