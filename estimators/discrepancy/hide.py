@@ -38,8 +38,10 @@ def _lagging(time: float) -> Hidden:
     def command(past):
         if not held:
             held.append(past[-1][0])
-        held[0] += (past[-1][0] - held[0]) * (1.0 - math.exp(-TICK / time))
-        return (held[0], *past[-1][1:])
+        before = held[0]
+        held[0] += (past[-1][0] - before) * (1.0 - math.exp(-TICK / time))
+        # What acts is held for a tick: the middle of it.
+        return (0.5 * (before + held[0]), *past[-1][1:])
 
     return Hidden(command=command)
 
