@@ -424,7 +424,9 @@ def _power(singles: Mapping[Key, dict]) -> dict:
         p = np.clip(norm.cdf(size * math.exp(-log_ratio) - threshold), 1e-3, 1.0 - 1e-3)
         return -float(np.sum(seen * np.log(p) + (1.0 - seen) * np.log(1.0 - p)))
 
-    ratio = math.exp(minimize_scalar(loss, bounds=(-1.5, 1.5), method="bounded").x)
+    best = math.exp(minimize_scalar(loss, bounds=(-1.5, 1.5), method="bounded").x)
+    # All found, or none: any ratio on that side is as good.
+    ratio = best if 0.0 < seen.mean() < 1.0 else None
     points = []
     for low, high in ((0.0, 3.3), (3.3, 6.6), (6.6, 13.0), (13.0, np.inf)):
         own = (size >= low) & (size < high)

@@ -79,11 +79,18 @@ def _starts(fit: Fit, candidate: Candidate, size: float) -> list[float]:
     return [size, *(share * reach for share in (0.2, 0.4, 0.7, 1.0))]
 
 
-def refit(fit: Fit, candidates: Sequence[Candidate], sizes: Sequence[float]) -> tuple[Fit, float] | None:
-    """The model with these effects fitted, the noise as it is; None if it breaks down."""
+def refit(
+    fit: Fit, candidates: Sequence[Candidate], sizes: Sequence[float], new: int = -1
+) -> tuple[Fit, float] | None:
+    """The model with these effects fitted, the noise as it is; None if it breaks down.
+
+    ``new`` is the place of the effect whose size is least known.
+    """
     best: tuple[float, Fit] | None = None
-    for size in _starts(fit, candidates[-1], sizes[-1]):
-        trial = fit.with_effects(candidates, [*sizes[:-1], size])
+    for size in _starts(fit, candidates[new], sizes[new]):
+        point = np.array(sizes, dtype=np.float64)
+        point[new] = size
+        trial = fit.with_effects(candidates, point)
         try:
             cost = trial.cost_of(trial.residual())
         except OffroadError:
@@ -231,12 +238,13 @@ def _cause(fit: Fit, last: Screen, k: int, first: Screen) -> tuple[Fit, Cause]:
     loss, sizes = _looks(fit, last, k)
     own = (fit.sizes[k] / fit.deviations()[-len(fit.sizes) + k]) ** 2
     rivals = [(cost, fit.candidates[k], fit)]
+    inside = {candidate.effect for candidate in fit.candidates}
     for i in _best_by_effect(-loss, last.candidates)[:_REFITS]:
-        if loss[i] > max(_FIRST_LOOK, 0.1 * own):
+        if loss[i] > max(_FIRST_LOOK, 0.1 * own) or last.candidates[i].effect in inside:
             continue
-        others = [j for j in range(len(fit.candidates)) if j != k]
-        names = [*(fit.candidates[j] for j in others), last.candidates[i]]
-        done = refit(fit, names, [*fit.sizes[others], sizes[i]])
+        names, values = list(fit.candidates), fit.sizes.copy()
+        names[k], values[k] = last.candidates[i], sizes[i]
+        done = refit(fit, names, values, k)
         if done is not None:
             rivals.append((done[1], last.candidates[i], done[0]))
     rivals.sort(key=lambda rival: rival[0])
