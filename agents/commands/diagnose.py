@@ -5,25 +5,31 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
-from agents.commands.output import Results, say, write_json
+from agents.commands.output import Results, say, write_bytes, write_json
 from offroad_env.errors import DataError
+
+if TYPE_CHECKING:
+    from estimators.discrepancy.diagnosis import Diagnosis
+    from estimators.discrepancy.evidence import Evidence
 
 __all__ = ["Diagnose"]
 
 #: Stages of a diagnosis, for the progress bar.
-_STAGES = 6
+_STAGES = 9
 
 
 @dataclass(kw_only=True)
 class Diagnose(Results):
     """Say what the simulation gets wrong in measured runs, name the cause, and measure the gain.
 
-    Writes diagnosis.json, and extended.json where causes were found: the environment takes it as
-    model="extended.json". Several logs are runs of one vehicle on one soil. With --rig they are steady
-    trials of one wheel, and rig.png shows them.
+    Writes diagnosis.html (a page with all figures), diagnosis.json (all numbers), and extended.json where
+    causes were found: the environment takes it as model="extended.json". Several logs are runs of one
+    vehicle on one soil. With --rig they are steady trials of one wheel, and rig.png shows them in place of
+    a page. Data that must be mended first end in exit status 1.
     """
 
     logs: Positional[tuple[Path, ...]]  #: logs: CSV or Parquet with a YAML of the same name, or ROS bags
@@ -32,11 +38,8 @@ class Diagnose(Results):
 
     def run(self) -> None:
         """Read, diagnose, write, and say the verdict."""
-        from estimators.discrepancy.diagnosis import diagnose
         from estimators.discrepancy.rig import diagnose_rig
-        from estimators.discrepancy.verdict import extension_of, lines_of, to_dict
         from estimators.logs import read_logs
-        from offroad_env.effects import Extension
 
         if not self.logs:
             raise DataError("name at least one log")
@@ -44,17 +47,46 @@ class Diagnose(Results):
         if logs[0].rig != self.rig:
             kind = "trials of a wheel rig: add --rig" if logs[0].rig else "a drive, not trials of a wheel rig"
             raise DataError(f"{logs[0].name}: holds {kind}")
-        find = diagnose_rig if self.rig else diagnose
-        diagnosis = self._with_bar(lambda progress: find(logs, progress=progress))
-        numbers = to_dict(diagnosis)
-        numbers["command"] = " ".join(["offroad", *sys.argv[1:]])
-        for line in lines_of(diagnosis):
+        if self.rig and self.check:
+            raise DataError("--check takes runs of a vehicle: trials of a rig are split by condition")
+        if self.rig:
+            self.publish(self._with_bar(lambda progress: diagnose_rig(logs, progress=progress)), None)
+        else:
+            self.publish(*self._with_bar(lambda progress: _diagnosed(logs, progress)))
+
+    def publish(self, diagnosis: Diagnosis, evidence: Evidence | None) -> None:
+        """Write page, numbers and extended model, and say what matters.
+
+        Parameters
+        ----------
+        diagnosis
+        evidence
+            What the page shows besides; None for a rig, which has a figure in place of the page.
+
+        Raises
+        ------
+        DataError
+            After all is written, where the data must be mended first.
+        """
+        from agents.diagnosis_page import made_by, render_diagnosis
+        from estimators.discrepancy.verdict import extension_of, lines_of, to_dict
+        from offroad_env.effects import Extension
+
+        command = " ".join(["offroad", *sys.argv[1:]])
+        numbers = to_dict(diagnosis) | ({} if evidence is None else evidence.to_dict(diagnosis))
+        numbers |= {"command": command, "made_by": made_by()}
+        bad = diagnosis.verdict == "DATA PROBLEM"
+        # What is wrong with the data is the error at the end.
+        for line in lines_of(diagnosis, evidence)[2 * bad :]:
             say(line)
-        if self.check:
+        if self.check and not bad:
             numbers["gain_on_other_runs"] = self._checked(diagnosis)
+        if evidence is not None:
+            page = render_diagnosis(diagnosis, evidence, command).encode()
+            say(f"report: {write_bytes(self.out / 'diagnosis.html', page)}")
         say(f"numbers: {write_json(self.out / 'diagnosis.json', numbers)}")
         if diagnosis.causes:
-            model = "rig" if self.rig else logs[0].config.model
+            model = "rig" if self.rig else diagnosis.logs[0].config.model
             extension = Extension(model=model, effects=tuple(extension_of(diagnosis)))
             say(f"extended model: {write_json(self.out / 'extended.json', extension.to_dict())}")
         if self.rig and diagnosis.search is not None:
@@ -62,14 +94,14 @@ class Diagnose(Results):
 
             self.save_figure(rig_figure(diagnosis), "rig")
         self.save_numbers(numbers)
+        if bad:
+            raise DataError(f"{numbers['verdict']}: {numbers['sentence']}")
 
-    def _checked(self, diagnosis) -> dict:
+    def _checked(self, diagnosis: Diagnosis) -> dict:
         """Gains on the logs of ``--check``, said and as numbers."""
         from estimators.discrepancy.other_runs import gains_on
         from estimators.logs import read_logs
 
-        if self.rig:
-            raise DataError("--check takes runs of a vehicle: trials of a rig are split by condition")
         if not diagnosis.causes:
             say("no causes, so nothing to gain on other runs")
             return {}
@@ -88,3 +120,11 @@ class Diagnose(Results):
         with Progress(*columns, transient=True, disable=not sys.stderr.isatty()) as bar:
             task = bar.add_task("", total=_STAGES)
             return work(lambda stage: bar.update(task, description=stage, advance=1))
+
+
+def _diagnosed(logs, progress):
+    from estimators.discrepancy.diagnosis import diagnose
+    from estimators.discrepancy.evidence import gather
+
+    diagnosis = diagnose(logs, progress=progress)
+    return diagnosis, gather(diagnosis, progress)
