@@ -1,6 +1,6 @@
 """A bank that doubts its own model: hypotheses about n with every nuisance in the belief.
 
-Each component is an extended Kalman filter on the 25 numbers of `estimators.nuisances`. It is
+Each component is an extended Kalman filter on the 26 numbers of `estimators.nuisances`. It is
 linearised once a sample, where reading and next motion share the trial evaluations: 15 force
 evaluations for the slopes and 4 for the mean, a fifth of what the unscented filter of
 `estimators.joint` asks for less than half of the belief. What the linearisation cannot hold, the
@@ -112,8 +112,8 @@ class RobustRun:
     """What the bank believed, about n and about what it doubts."""
 
     bank: BankRun
-    means: np.ndarray  #: (T, 25) mean of the sum, layout of `estimators.nuisances`
-    sds: np.ndarray  #: (T, 25) its standard deviations
+    means: np.ndarray  #: (T, 26) mean of the sum, layout of `estimators.nuisances`
+    sds: np.ndarray  #: (T, 26) its standard deviations
     bump: np.ndarray  #: (T,) size of the bumps that it believes in, weighted [m]
 
 
@@ -166,7 +166,7 @@ def _place(state, slopes, rules, bumps, model, fan):
 def _component_step(mean, cov, warm, slopes, inputs, z, noise, model):
     """One sample of one component, in place; returns (log likelihood, nis, repairs, status).
 
-    ``slopes`` (25, 25) of motion at the last sample, renewed; ``noise`` = (size of the bumps [m],
+    ``slopes`` (26, 26) of motion at the last sample, renewed; ``noise`` = (size of the bumps [m],
     indices of what was measured). With a status of SUNK or worse the belief is as before.
     """
     bump, index = noise
@@ -249,7 +249,7 @@ def _step(state, slopes, inputs, z, rules, fan, out):
 
 @kernel
 def _sum_up(state, bumps, means, sds):
-    """Mean and standard deviation of the sum over the components (25,); returns the mean size of bumps."""
+    """Mean and standard deviation of the sum over the components (26,); returns the mean size of bumps."""
     bump = 0.0
     means[:], sds[:] = 0.0, 0.0
     for i in range(bumps.shape[0]):

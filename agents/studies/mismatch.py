@@ -24,7 +24,7 @@ from estimators.mismatch_runs import (
     run_filter,
     summarise_verdicts,
 )
-from estimators.nuisances import bound_with_doubt, doubt_model
+from estimators.nuisances import CHANNELS, bound_with_doubt, doubt_model
 from estimators.paper import ROWS
 from estimators.protocol_runs import REPORT_SEEDS, TUNING_SEEDS, row_plant
 from estimators.robust import RobustSettings
@@ -51,8 +51,9 @@ class BoundLine(NamedTuple):
 def _bounds(row: int, seed: int, duration: float) -> dict:
     """Bounds on sd(n)/n at the end, along the truth without mismatch."""
     settings = RobustSettings()
-    sure = dict.fromkeys(("mass", "lag", "place", "acceleration_bias", "rate_bias", "misalignment"), 1e-06)
-    none = {"process": (1e-9,) * 5, "error": (1e-9,) * 5}
+    names = ("mass", "lag", "place", "acceleration_bias", "rate_bias", "misalignment", "rim")
+    sure = dict.fromkeys(names, 1e-06)
+    none = {"process": (1e-9,) * 5, "error": (1e-9,) * CHANNELS}
     doubts = {
         "doubting": settings.doubt,
         "moduli_only": type(settings.doubt)(**sure, **none),
