@@ -98,7 +98,7 @@ _ACC = (at.A_X, at.A_Y, at.A_Z, at.PITCH_ACC, at.YAW_ACC)
 class Doubt:
     """Standard deviations of what is uncertain: what a careful engineer would state beforehand."""
 
-    stiffness: float = 0.15  #: log of the factor of the moduli [-]: ±20 % is 1.3 of them
+    stiffness: float = 0.2  #: log of the factor of the moduli [-]: a catalogue is right to ±20 %
     slip_sinkage: float = 0.6  #: share of slip sinkage that acts: rms of anything between none and all
     mass: float = 0.07  #: log of the mass's factor [-]
     lag: float = 0.05  #: of the steering [s]
@@ -113,7 +113,7 @@ class Doubt:
     #: variance of 2 error^2 time/dt per sample. Vertically it is large: how the front's bumps reach the
     #: rear, and what inertia of the wheels they stir, is not in the belief.
     error: tuple[float, float, float, float, float, float, float] = (
-        0.03, 0.03, 0.1, 0.01, 0.002, 0.02, 0.02,
+        0.03, 0.03, 0.3, 0.03, 0.002, 0.02, 0.02,
     )  # fmt: skip
     error_time: float = 0.2
     #: Process noise beyond that of `joint.JointSettings`: v_x, v_y, v_z [m/s/sqrt(s)], pitch_rate,

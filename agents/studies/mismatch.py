@@ -64,7 +64,7 @@ def _bounds(row: int, seed: int, duration: float) -> dict:
     result = {}
     for name, doubt in doubts.items():
         model = doubt_model(row_plant(twin.row), twin.dt, settings.joint, doubt)
-        prior = (settings.n_prior_sd, min(settings.bumps))
+        prior = (settings.n_prior_sd, settings.bump)
         bound, _ = bound_with_doubt(model, prior, twin.truth, twin.inputs, seen)
         result[name] = float(bound[-1] / twin.n[-1])
     return result
