@@ -18,7 +18,7 @@ A map that is shifted is a vehicle that stands elsewhere: that is a wide prior o
 Slip sinkage is M. Lyasko's (J. Terramechanics 47, 2010): a wheel at slip s sinks
 K = (1 + |s|)/(1 - |s|/2) times as deep as Bekker says. The pressure at the depth h is then
 Bekker's at h/K, that is k (h/K)^n: moduli K^-n times as large, the exponent being the same. At
-constant slip the belief about the stiffness holds it; how large it may be is known beforehand.
+constant slip the belief about the stiffness holds it: anything between none of it and all.
 
 A bump is coloured noise of the second order, e'' + (a + b) v e' + a b v^2 e = white, a and b being
 the wavenumbers between which its spectrum falls with the square of the frequency, as that of
@@ -99,7 +99,7 @@ class Doubt:
     """Standard deviations of what is uncertain: what a careful engineer would state beforehand."""
 
     stiffness: float = 0.2  #: log of the factor of the moduli [-]: a catalogue is right to ±20 %
-    slip_sinkage: float = 0.6  #: share of slip sinkage that acts: rms of anything between none and all
+    slip_sinkage: tuple[float, float] = (0.5, 0.29)  #: mean and sd of the share of it that acts [-]
     mass: float = 0.07  #: log of the mass's factor [-]
     lag: float = 0.05  #: of the steering [s]
     bump_lengths: tuple[float, float] = (20.0, 2.0)  #: longest and shortest waves that the map lacks [m]
@@ -125,7 +125,7 @@ class Doubt:
             values = getattr(self, name)
             if not all(value > 0.0 for value in (values if isinstance(values, tuple) else (values,))):
                 raise InvalidParameter(f"{name} must be > 0, got {values}")
-        for name, count in (("process", 5), ("error", CHANNELS), ("bump_lengths", 2)):
+        for name, count in (("process", 5), ("error", CHANNELS), ("bump_lengths", 2), ("slip_sinkage", 2)):
             if len(getattr(self, name)) != count:
                 raise InvalidParameter(f"{name} must have {count} numbers, got {getattr(self, name)}")
 
@@ -140,7 +140,7 @@ class DoubtModel(NamedTuple):
     Q: np.ndarray  #: (LENGTH,) variances of the process noise per step, but for the bumps
     R: np.ndarray  #: (CHANNELS,) variances of the sensor noise
     P: np.ndarray  #: (LENGTH,) variances of the start, but for eta, the bumps and slip sinkage
-    sinks: float  #: standard deviation of the logarithm of the sinkage's factor [-]
+    sinks: tuple[float, float]  #: mean and sd of the logarithm of the sinkage's factor [-]
     bump_poles: tuple[float, float]  #: wavenumbers between which the bumps' spectrum falls [rad/m]
 
 
@@ -172,7 +172,7 @@ def doubt_model(plant: Plant, dt: float, settings: JointSettings, doubt: Doubt) 
         Q=Q,
         R=R,
         P=P,
-        sinks=doubt.slip_sinkage * math.log(slip_sinkage(plant.slip)),
+        sinks=tuple(float(share) * math.log(slip_sinkage(plant.slip)) for share in doubt.slip_sinkage),
         bump_poles=tuple(2.0 * math.pi / float(length) for length in doubt.bump_lengths),
     )
 
@@ -373,6 +373,12 @@ def linearise(point, warm, inputs, model, A, H, out):
 
 
 @kernel
+def _expected(n, model):
+    """What the start expects of the stiffness on a soil: the catalogue's moduli, less by slip sinkage."""
+    return tie(n) - n * model.sinks[0]
+
+
+@kernel
 def settled_belief(model, eta, variance, bump, pose, v_x):
     """(status, mean (26,), covariance, warm (2, 3)) of a vehicle settled on the soil of ``eta``.
 
@@ -389,7 +395,7 @@ def settled_belief(model, eta, variance, bump, pose, v_x):
         for sign in (-1.0, 1.0):
             trial[STIFFNESS] = 0.0
             trial[j] += sign * step
-            trial[STIFFNESS] += tie(to_range(trial[ETA], model.low, model.high))
+            trial[STIFFNESS] += _expected(to_range(trial[ETA], model.low, model.high), model)
             status, x, _ = settle(_believed(trial, model), (trial[at.X], trial[at.Y], yaw), v_x, False)
             worst = max(worst, status)
             slope[:ETA, j] += sign * x[:ETA] / (2.0 * step)
@@ -408,12 +414,12 @@ def settled_belief(model, eta, variance, bump, pose, v_x):
         slope[z, front], slope[z, rear] = v.l_r / base, v.l_f / base
         slope[tilt, front], slope[tilt, rear] = 1.0 / base, -1.0 / base
     mean[ETA] = eta
-    mean[STIFFNESS] = tie(to_range(eta, model.low, model.high))
+    mean[STIFFNESS] = _expected(to_range(eta, model.low, model.high), model)
     status, x, warm = settle(_believed(mean, model), pose, v_x, False)
     mean[:ETA] = x[:ETA]
     variances = model.P.copy()
     variances[ETA] = variance
-    variances[STIFFNESS] += (to_range(eta, model.low, model.high) * model.sinks) ** 2
+    variances[STIFFNESS] += (to_range(eta, model.low, model.high) * model.sinks[1]) ** 2
     for i in (BUMP, BUMP + 2):
         variances[i], variances[i + 1] = bump**2, bump**2 * _bump_rates(v_x, model)[1]
     return max(worst, status), mean, (slope * variances) @ slope.T, warm

@@ -57,7 +57,7 @@ def _bounds(row: int, seed: int, duration: float) -> dict:
     doubts = {
         "doubting": settings.doubt,
         "moduli_only": type(settings.doubt)(**sure, **none),
-        "certain": type(settings.doubt)(stiffness=1e-6, **sure, **none),
+        "certain": type(settings.doubt)(stiffness=1e-6, slip_sinkage=(1e-6, 1e-6), **sure, **none),
     }
     twin = mismatched_twin(ROWS[row - 1], "none", seed, settings.joint, duration=duration)
     seen = twin.readings("imu")
