@@ -40,7 +40,7 @@ BARS = {"error": 0.05, "error_all": 0.1, "coverage": 0.9, "flag_twin": 0.9, "fla
 
 
 class BoundLine(NamedTuple):
-    """The least standard deviation of n on a row without mismatch, relative to n."""
+    """The least standard deviation of n on a row without mismatch, by the robust bank's sensors, over n."""
 
     row: int
     doubting: float  #: with every doubt of the robust bank, at the end [-]
@@ -60,7 +60,7 @@ def _bounds(row: int, seed: int, duration: float) -> dict:
         "certain": type(settings.doubt)(stiffness=1e-6, slip_sinkage=(1e-6, 1e-6), **sure, **none),
     }
     twin = mismatched_twin(ROWS[row - 1], "none", seed, settings.joint, duration=duration)
-    seen = twin.readings("imu")
+    seen = twin.readings(FILTERS["robust"].sensors)
     result = {}
     for name, doubt in doubts.items():
         model = doubt_model(row_plant(twin.row), twin.dt, settings.joint, doubt)
