@@ -110,11 +110,12 @@ class Doubt:
     rim: float = 0.02  #: log of the rims' factor: a tyre's radius, a slip that differs [-]
     #: What the model leaves out, per channel of the inertial unit [m/s^2, rad/s] and of the rims [m/s],
     #: and how long such an error lasts [s]. A filter that believes in white noise must count it as a
-    #: variance of 2 error^2 time/dt per sample. Vertically it is large: how the front's bumps reach the
-    #: rear, and what inertia of the wheels they stir, is not in the belief. With a third of it, and a map
-    #: that is wrong by a centimetre, the vertical motion on clay chooses twice the true n.
+    #: variance of 2 error^2 time/dt per sample. Half as much along, across and at the rims covers each
+    #: mismatch alone, but not all at once. Vertically it is large: how the front's bumps reach the rear,
+    #: and what inertia of the wheels they stir, is not in the belief. With a third of it, and a map that
+    #: is wrong by a centimetre, the vertical motion on clay chooses twice the true n.
     error: tuple[float, float, float, float, float, float, float] = (
-        0.03, 0.03, 0.3, 0.03, 0.002, 0.02, 0.02,
+        0.06, 0.06, 0.3, 0.03, 0.004, 0.04, 0.04,
     )  # fmt: skip
     error_time: float = 0.2
     #: Process noise beyond that of `joint.JointSettings`: v_x, v_y, v_z [m/s/sqrt(s)], pitch_rate,
