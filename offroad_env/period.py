@@ -30,6 +30,7 @@ from offroad_env.physics import state as at
 from offroad_env.physics._jit import cache_folder, inline_kernel, kernel
 from offroad_env.physics.contact import NO_ROOT, SUNK
 from offroad_env.physics.full_model import WORK_ROWS, full_continue, full_derivative
+from offroad_env.physics.numerics import copy_into
 from offroad_env.physics.packing import PackedPlant, unpack
 from offroad_env.physics.paper_model import paper_advance
 from offroad_env.physics.path_kernels import PathTable, project
@@ -198,7 +199,7 @@ def _sense(e, noise, i):
     e.tick += 1
     e.noise_row += 1
     if due[0]:
-        rims[:] = sample[WHEEL]
+        copy_into(rims, sample[WHEEL])
 
 
 @inline_kernel
@@ -226,9 +227,11 @@ def _paper_command(rules, action):
 def _keep_sound(e):
     """What is reported of a diverged episode is its last sound state, never a NaN."""
     if e.status >= NO_ROOT:
-        e.state[:][:], e.readings[:][:] = e.sound_state[:], e.sound_readings[:]
+        copy_into(e.state[:], e.sound_state[:])
+        copy_into(e.readings[:], e.sound_readings[:])
     else:
-        e.sound_state[:][:], e.sound_readings[:][:] = e.state[:], e.readings[:]
+        copy_into(e.sound_state[:], e.state[:])
+        copy_into(e.sound_readings[:], e.readings[:])
 
 
 @kernel

@@ -120,7 +120,7 @@ def settled_state(
         When the soil cannot carry the vehicle.
     """
     pose = (float(x), float(y), float(yaw))
-    status, state, warm = settle(plant, pose, float(v_x), plant_model(plant) == "full")
+    status, state, warm = settle(plant, pose, float(v_x))
     if status >= SUNK:
         raise SolverFailure(
             f"the soil (n = {plant.soil.n:g}) does not carry the vehicle ({plant.vehicle.m:g} kg): "

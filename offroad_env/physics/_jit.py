@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import TypeVar
 
 import numba
-from numba import njit
+
+from offroad_env.physics._staged import Kernel
 
 __all__ = ["cache_folder", "inline_kernel", "kernel", "merged_kernel"]
 
@@ -83,12 +84,8 @@ def cache_folder(module: str) -> Path:
 def _compile(function: F, **options) -> F:
     if numba.config.DISABLE_JIT:
         return function
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_folder(function.__module__))
-    try:
-        return njit(function, cache=True, error_model="numpy", nogil=True, fastmath={"contract"}, **options)
-    finally:
-        numba.config.CACHE_DIR = before
+    options |= {"nopython": True, "error_model": "numpy", "nogil": True, "fastmath": {"contract"}}
+    return Kernel(function, str(cache_folder(function.__module__)), options)
 
 
 def kernel(function: F) -> F:

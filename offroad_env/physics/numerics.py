@@ -17,6 +17,7 @@ __all__ = [
     "GRAVITY",
     "LANES",
     "all_finite",
+    "copy_into",
     "fast_exp",
     "fast_log",
     "half_angle",
@@ -80,6 +81,13 @@ def all_finite(x):
     for i in range(x.shape[0]):
         total += 0.0 * x[i]
     return total == 0.0
+
+
+@inline_kernel
+def copy_into(target, source):
+    """``target[:] = source`` for (N,) arrays: without a check of shapes, which takes seconds to compile."""
+    for i in range(target.shape[0]):
+        target[i] = source[i]
 
 
 @inline_kernel

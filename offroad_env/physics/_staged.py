@@ -1,0 +1,146 @@
+"""Kernels in two editions: one for Python, one for the kernels that call it.
+
+Numba makes machine code of every function that it compiles, with two wrappers for calls from
+outside, and optimises it; a caller then takes the optimised code in and optimises all of it again.
+Of a hundred functions in a chain Python calls one, so most of that is for nothing. Here a kernel that
+another kernel calls is only translated; optimised, made machine code and wrapped are those that
+Python calls, each as a whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numba.core.caching
+import numba.core.codegen
+import numba.core.compiler
+import numba.core.registry
+import numba.core.typed_passes
+from llvmlite import binding
+from numba import types
+from numba.core.compiler_machinery import register_pass
+
+__all__ = ["Kernel"]
+
+
+class _Translation(numba.core.codegen.JITCodeLibrary):
+    """Code that waits for a caller: linked with what it calls, neither optimised nor made machine code."""
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    @classmethod
+    def of_bitcode(cls, codegen: Any, name: str, bitcode: bytes) -> _Translation:
+        """What was stored."""
+        library = cls(codegen, name)
+        library._final_module = binding.parse_bitcode(bitcode)
+        library._finalized = True
+        return library
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _Translate(numba.core.typed_passes.NativeLowering):
+    """Lowering into a `_Translation`."""
+
+    _name = "translate"
+
+    def run_pass(self, state: Any) -> bool:
+        state.library = _Translation(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.flags.no_compile = True
+        super().run_pass(state)
+        entry = _Entry()
+        state.targetctx.insert_user_function(entry, state["cr"].fndesc, [state.library])
+        state["cr"] = state["cr"]._replace(cfunc=entry)
+        return True
+
+
+class _Entry:
+    """By this a caller finds the code; nobody can call it."""
+
+
+class _Compiler(numba.core.compiler.CompilerBase):
+    """Numba's own stages but for the last."""
+
+    def define_pipelines(self) -> list:
+        pm = numba.core.compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
+        pm.passes = [
+            (_Translate, text) if step is numba.core.typed_passes.NativeLowering else (step, text)
+            for step, text in pm.passes
+        ]
+        pm.finalize()
+        return [pm]
+
+
+class _CacheImpl(numba.core.caching.CompileResultCacheImpl):
+    """A translation on disk: types and bitcode."""
+
+    def get_filename_base(self, fullname: str, abiflags: str) -> str:
+        return "inner-" + super().get_filename_base(fullname, abiflags)
+
+    def reduce(self, cres: Any) -> tuple:
+        cres.fndesc.typemap = cres.fndesc.calltypes = None
+        library = cres.library
+        bitcode = library._get_module_for_linking().as_bitcode()
+        return library.name, bitcode, cres.fndesc, cres.environment, cres.signature
+
+    def rebuild(self, target_context: Any, payload: tuple) -> Any:
+        name, bitcode, fndesc, environment, signature = payload
+        library, entry = _Translation.of_bitcode(target_context.codegen(), name, bitcode), _Entry()
+        return numba.core.compiler.compile_result(
+            typing_context=target_context.typing_context,
+            target_context=target_context,
+            library=library,
+            environment=environment,
+            entry_point=entry,
+            fndesc=fndesc,
+            signature=signature,
+            objectmode=False,
+            lifted=(),
+            reload_init=[],
+            referenced_envs=[],
+        )
+
+
+class _Cache(numba.core.caching.FunctionCache):
+    _impl_class = _CacheImpl
+
+
+class _Inner(numba.core.registry.CPUDispatcher):
+    """The edition for callers that are kernels."""
+
+    def add_overload(self, cres: Any) -> None:
+        self.overloads[tuple(cres.signature.args)] = cres
+
+    def enable_caching(self) -> None:
+        self._cache = _Cache(self.py_func)
+
+
+class Kernel(numba.core.registry.CPUDispatcher):
+    """The edition for Python; a kernel that calls it finds the other one."""
+
+    def __init__(self, function: Callable, folder: str, options: dict[str, Any]) -> None:
+        super().__init__(function, {}, options)
+        self._folder, self._inner = folder, None
+        self._store(self)
+
+    def _store(self, edition: numba.core.registry.CPUDispatcher) -> None:
+        before = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = self._folder
+        try:
+            edition.enable_caching()
+        finally:
+            numba.config.CACHE_DIR = before
+
+    @property
+    def _numba_type_(self) -> types.Dispatcher:
+        if self._inner is None:
+            options = {**self.targetoptions, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+            self._inner = _Inner(self.py_func, {}, options, pipeline_class=_Compiler)
+            self._store(self._inner)
+        return self._inner._numba_type_
