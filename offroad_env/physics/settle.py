@@ -19,7 +19,7 @@ from offroad_env.physics.vehicle_model import axle_contact, axle_motion, static_
 __all__ = ["settle"]
 
 
-@merged_kernel
+@kernel
 def _rest(plant, motion, place, N_0, warm, readings):
     """(status, soil torque) of an axle that carries ``N_0`` [N]; ``place`` = (arm [m], rim speed [m/s]).
 
