@@ -107,6 +107,7 @@ EPISODE = np.dtype(
         ("readings", "f8", at.READINGS_SIZE),
         ("sound_state", "f8", at.STATE_SIZE),  # before a step that diverged
         ("sound_readings", "f8", at.READINGS_SIZE),
+        ("slope", "f8", at.STATE_SIZE),  # time derivative of the sound state, full model
         ("plant", "f8", ASSUMPTIONS["plant"].shape[0]),
         ("n", "f8"),  # of the base soil
         ("status", "f8"),  # worst contact status of the period
@@ -232,21 +233,34 @@ def _keep_sound(e):
         copy_into(e.sound_readings[:], e.readings[:])
 
 
+@inline_kernel
+def _same(x, y):
+    for i in range(x.shape[0]):
+        if x[i] != y[i]:
+            return False
+    return True
+
+
 @kernel
 def _drive_full(e, rules, table, noise):
     """DRIVE: hold the command for as many samples as the period has; from SUNK on it is broken off."""
     plant, command = _plant(e, table), _full_command(rules, e.action[:])
     state, warm, readings = e.state[:], e.warm[:], e.readings[:]
+    work = np.empty((WORK_ROWS, at.READINGS_SIZE))
+    slope, last = e.slope[:], work[0][: at.STATE_SIZE]
+    if e.steps > 0 and e.status < SUNK and _same(state, e.sound_state[:]):
+        copy_into(last, slope)  # the last period has ended with it, and with these readings
+    else:
+        full_derivative(state, command, plant, warm, last, readings)
     e.samples[:][:] = 0.0
     e.status = 0.0
-    work = np.empty((WORK_ROWS, at.READINGS_SIZE))
-    full_derivative(state, command, plant, warm, work[0], readings)
     for i in range(e.count):
         status = full_continue(state, warm, command, plant, (rules.dt, e.steps), work, readings)
         e.status = max(e.status, status)
         if e.status >= SUNK:
             break
         _sense(e, noise, i)
+    copy_into(slope, last)
     _keep_sound(e)
 
 

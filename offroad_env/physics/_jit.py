@@ -85,7 +85,9 @@ def _compile(function: F, **options) -> F:
     if numba.config.DISABLE_JIT:
         return function
     options |= {"nopython": True, "error_model": "numpy", "nogil": True, "fastmath": {"contract"}}
-    return Kernel(function, str(cache_folder(function.__module__)), options)
+    compiled = Kernel(function, {}, options)
+    compiled.keep_in(str(cache_folder(function.__module__)))
+    return compiled
 
 
 def kernel(function: F) -> F:

@@ -18,7 +18,6 @@ import numba.core.codegen
 import numba.core.compiler
 import numba.core.registry
 import numba.core.typed_passes
-from llvmlite import binding
 from numba import types
 from numba.core.compiler_machinery import register_pass
 
@@ -39,7 +38,7 @@ class _Translation(numba.core.codegen.JITCodeLibrary):
     def of_bitcode(cls, codegen: Any, name: str, bitcode: bytes) -> _Translation:
         """What was stored."""
         library = cls(codegen, name)
-        library._final_module = binding.parse_bitcode(bitcode)
+        library._final_module = numba.core.codegen.ll.parse_bitcode(bitcode)
         library._finalized = True
         return library
 
@@ -124,23 +123,33 @@ class _Inner(numba.core.registry.CPUDispatcher):
 class Kernel(numba.core.registry.CPUDispatcher):
     """The edition for Python; a kernel that calls it finds the other one."""
 
-    def __init__(self, function: Callable, folder: str, options: dict[str, Any]) -> None:
-        super().__init__(function, {}, options)
-        self._folder, self._inner = folder, None
-        self._store(self)
+    def __init__(self, py_func: Callable, locals: dict, targetoptions: dict[str, Any]) -> None:
+        super().__init__(py_func, locals, targetoptions)
+        self._folder: str | None = None
+        self._inner: _Inner | None = None
 
-    def _store(self, edition: numba.core.registry.CPUDispatcher) -> None:
-        before = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = self._folder
-        try:
-            edition.enable_caching()
-        finally:
-            numba.config.CACHE_DIR = before
+    def keep_in(self, folder: str) -> None:
+        """Store both editions in this folder."""
+        self._folder = folder
+        _enable_caching(self, folder)
 
     @property
     def _numba_type_(self) -> types.Dispatcher:
+        """What a kernel finds under this name."""
         if self._inner is None:
             options = {**self.targetoptions, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-            self._inner = _Inner(self.py_func, {}, options, pipeline_class=_Compiler)
-            self._store(self._inner)
+            inner = _Inner(self.py_func, {}, options, pipeline_class=_Compiler)
+            if self._folder is not None:
+                _enable_caching(inner, self._folder)
+            self._inner = inner
         return self._inner._numba_type_
+
+
+def _enable_caching(edition: numba.core.registry.CPUDispatcher, folder: str) -> None:
+    """Numba reads the folder from its configuration, when caching is enabled."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = folder
+    try:
+        edition.enable_caching()
+    finally:
+        numba.config.CACHE_DIR = before
