@@ -16,12 +16,17 @@ import numba
 import numba.core.caching
 import numba.core.codegen
 import numba.core.compiler
+import numba.core.extending
 import numba.core.registry
 import numba.core.typed_passes
 from numba import types
 from numba.core.compiler_machinery import register_pass
 
 __all__ = ["Kernel"]
+
+
+#: In the metadata of a translation: whether it counts references to arrays.
+_COUNTS = "counts_references"
 
 
 class _Translation(numba.core.codegen.JITCodeLibrary):
@@ -50,6 +55,11 @@ class _Translate(numba.core.typed_passes.NativeLowering):
     _name = "translate"
 
     def run_pass(self, state: Any) -> bool:
+        counts = _owns_arrays(state)
+        if not counts:
+            state.flags.nrt = False
+            state.targetctx = state.targetctx.subtarget(enable_nrt=False)
+        state.metadata[_COUNTS] = counts
         state.library = _Translation(state.targetctx.codegen(), state.func_id.func_qualname)
         state.flags.no_compile = True
         super().run_pass(state)
@@ -57,6 +67,45 @@ class _Translate(numba.core.typed_passes.NativeLowering):
         state.targetctx.insert_user_function(entry, state["cr"].fndesc, [state.library])
         state["cr"] = state["cr"]._replace(cfunc=entry)
         return True
+
+
+def _owns_arrays(state: Any) -> bool:
+    """Whether a kernel makes arrays, or hands any out: then numba counts references to them.
+
+    All other arrays belong to a caller, who keeps them until the kernel returns; counting them costs a
+    fifth of the time of a step. Who counts and who does not must agree on what a call returns, so a
+    kernel counts where it calls one that hands out arrays.
+    """
+    return _holds_arrays(state.return_type) or any(
+        signature is not None
+        and _holds_arrays(signature.return_type)
+        and not _is_borrowed(step, signature, state.typemap)
+        for step, signature in state.calltypes.items()
+    )
+
+
+def _is_borrowed(step: Any, signature: Any, typemap: dict[str, types.Type]) -> bool:
+    """Whether the arrays that come out of a step of a kernel are views of some that another keeps."""
+    kind = getattr(step, "op", "")
+    if kind in ("getitem", "static_getitem"):
+        return not any(map(_holds_arrays, signature.args[1:]))
+    if kind != "call":
+        return False
+    called = typemap[step.func.name]
+    if isinstance(called, types.Dispatcher):
+        return not called.dispatcher.overloads[signature.args].metadata[_COUNTS]
+    if isinstance(called, types.BoundFunction):
+        return called.template.key == "array.reshape"
+    # A record of arrays, or an intrinsic: those of this project give room in the caller's own frame.
+    return isinstance(called, types.NamedTupleClass) or isinstance(
+        getattr(called, "typing_key", None), numba.core.extending._Intrinsic
+    )
+
+
+def _holds_arrays(kind: types.Type) -> bool:
+    if isinstance(kind, types.BaseTuple):
+        return any(_holds_arrays(part) for part in kind)
+    return isinstance(kind, types.Array)
 
 
 class _Entry:
@@ -86,10 +135,10 @@ class _CacheImpl(numba.core.caching.CompileResultCacheImpl):
         cres.fndesc.typemap = cres.fndesc.calltypes = None
         library = cres.library
         bitcode = library._get_module_for_linking().as_bitcode()
-        return library.name, bitcode, cres.fndesc, cres.environment, cres.signature
+        return library.name, bitcode, cres.fndesc, cres.environment, cres.signature, cres.metadata[_COUNTS]
 
     def rebuild(self, target_context: Any, payload: tuple) -> Any:
-        name, bitcode, fndesc, environment, signature = payload
+        name, bitcode, fndesc, environment, signature, counts = payload
         library, entry = _Translation.of_bitcode(target_context.codegen(), name, bitcode), _Entry()
         return numba.core.compiler.compile_result(
             typing_context=target_context.typing_context,
@@ -99,6 +148,7 @@ class _CacheImpl(numba.core.caching.CompileResultCacheImpl):
             entry_point=entry,
             fndesc=fndesc,
             signature=signature,
+            metadata={_COUNTS: counts},
             objectmode=False,
             lifted=(),
             reload_init=[],
