@@ -174,7 +174,7 @@ def announce_compilation() -> None:
     """Say once, on the log, that the first step will take a while, where nothing is compiled yet."""
     if not numba.config.DISABLE_JIT and not any(cache_folder(__name__).rglob("*.nbi")):
         logging.getLogger("offroad_env").warning(
-            "OffroadBekker compiles its physics, which takes a minute or so: only once, the result is kept"
+            "OffroadBekker compiles its physics, which takes half a minute: only once, the result is kept"
         )
 
 
