@@ -106,19 +106,29 @@ def test_python_holds_the_only_references_after_a_call():
     assert np.isfinite(warm).all()
 
 
+MODULE = """
+from offroad_env.physics._jit import kernel
+from offroad_env.physics.numerics import sin_cos
+
+@kernel
+def {name}(x):
+    s, c = sin_cos(x)
+    return s * s + c * c
+"""
+PROGRAM = """
+import os, sys
+sys.path.append({folder!r})
+os.environ["OFFROAD_CACHE"] = {folder!r}
+from {name} import {name}, sin_cos
+inner = sin_cos._numba_type_.dispatcher
+print({name}(0.3), sum(inner._cache_hits.values()), sum(inner._cache_misses.values()))
+"""
+
+
 def test_another_interpreter_finds_what_one_has_translated(tmp_path):
     def calls(name: str) -> list[str]:
-        (tmp_path / f"{name}.py").write_text(
-            "from offroad_env.physics._jit import kernel\n"
-            "from offroad_env.physics.numerics import sin_cos\n"
-            f"@kernel\ndef {name}(x):\n    s, c = sin_cos(x)\n    return s * s + c * c\n",
-            encoding="utf-8",
-        )
-        return run_fresh(
-            f"import os, sys; sys.path.append({str(tmp_path)!r}); os.environ['OFFROAD_CACHE'] = sys.path[-1]\n"
-            f"from {name} import {name}, sin_cos; value, inner = {name}(0.3), sin_cos._numba_type_.dispatcher\n"
-            "print(value, sum(inner._cache_hits.values()), sum(inner._cache_misses.values()))"
-        ).split()
+        (tmp_path / f"{name}.py").write_text(MODULE.format(name=name), encoding="utf-8")
+        return run_fresh(PROGRAM.format(name=name, folder=str(tmp_path))).split()
 
     value, *counts = calls("first")
     assert float(value) == pytest.approx(1.0)
