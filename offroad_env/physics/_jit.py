@@ -109,8 +109,7 @@ def inline_kernel(function: F) -> F:
 def merged_kernel(function: F) -> F:
     """A kernel that becomes part of each kernel that calls it, before anything is compiled.
 
-    For the storeys between the wheel and the vehicle, with one caller or two: a storey of its own
-    would translate everything beneath it once more. Small functions with many callers are better
-    off as `inline_kernel`.
+    For the storeys between the wheel and the vehicle, with one caller: it saves the hundred numbers of
+    a plant on the way down. Each caller translates it anew, so what has several is a kernel of its own.
     """
     return _compile(function, inline="always")
