@@ -16,6 +16,7 @@ import numba
 import numba.core.caching
 import numba.core.codegen
 import numba.core.compiler
+import numba.core.errors
 import numba.core.extending
 import numba.core.registry
 import numba.core.typed_passes
@@ -55,10 +56,16 @@ class _Translate(numba.core.typed_passes.NativeLowering):
     _name = "translate"
 
     def run_pass(self, state: Any) -> bool:
-        counts = _owns_arrays(state)
-        if not counts:
-            state.flags.nrt = False
-            state.targetctx = state.targetctx.subtarget(enable_nrt=False)
+        if not _owns_arrays(state):
+            try:
+                return self._translate(state, counts=False)
+            except numba.core.errors.NumbaRuntimeError:
+                pass  # a step wants room of its own after all, as `a[i] = a[j]` of rows
+        return self._translate(state, counts=True)
+
+    def _translate(self, state: Any, *, counts: bool) -> bool:
+        state.flags.nrt = counts
+        state.targetctx = state.targetctx.subtarget(enable_nrt=counts)
         state.metadata[_COUNTS] = counts
         state.library = _Translation(state.targetctx.codegen(), state.func_id.func_qualname)
         state.flags.no_compile = True

@@ -37,6 +37,21 @@ def part_of_a_settled_state(plant, count):
     return total
 
 
+@kernel
+def copied_row(table):
+    table[0] = table[1]
+    return table[0, 0]
+
+
+@kernel
+def copied_rows(table, count):
+    """Calls a kernel in which numba itself takes room for a copy."""
+    total = 0.0
+    for _ in range(count):
+        total += copied_row(table)
+    return total
+
+
 def in_use() -> int:
     """Arrays of numba that nobody has freed."""
     gc.collect()
@@ -69,6 +84,14 @@ def test_arrays_that_kernels_hand_over_are_freed(counted):
     part_of_a_settled_state(truth, 1)
     before = in_use()
     part_of_a_settled_state(truth, 50)
+    assert in_use() == before
+
+
+def test_room_that_numba_takes_for_itself_is_freed(counted):
+    table = np.arange(6.0).reshape(2, 3)
+    assert copied_rows(table, 1) == 3.0
+    before = in_use()
+    assert copied_rows(table, 50) == 150.0
     assert in_use() == before
 
 
