@@ -112,7 +112,7 @@ def test_the_command_prints_promises_and_writes_numbers_and_figure(monkeypatch, 
     assert "MISSED" in printed
     assert "racetrack-v0 is not installed" in printed
     assert "diagnosis of a log of 60 s: 3.0 s" in printed
-    assert "15.0 s CPU, 16.0 s by the clock" in printed
+    assert "15.0 s of CPU time, 16.0 s by the clock" in printed
     assert (tmp_path / "speed.png").stat().st_size > 10_000
     numbers = json.loads((tmp_path / "speed.json").read_text(encoding="utf-8"))
     assert len(numbers["ratios"]) == len(BARS)
