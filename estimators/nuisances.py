@@ -398,7 +398,7 @@ def settled_belief(model, eta, variance, bump, pose, v_x):
             trial[STIFFNESS] = 0.0
             trial[j] += sign * step
             trial[STIFFNESS] += _expected(to_range(trial[ETA], model.low, model.high), model)
-            status, x, _ = settle(_believed(trial, model), (trial[at.X], trial[at.Y], yaw), v_x, False)
+            status, x, _ = settle(_believed(trial, model), (trial[at.X], trial[at.Y], yaw), v_x)
             worst = max(worst, status)
             slope[:ETA, j] += sign * x[:ETA] / (2.0 * step)
             slope[STIFFNESS, j] += sign * trial[STIFFNESS] / (2.0 * step)
@@ -417,7 +417,7 @@ def settled_belief(model, eta, variance, bump, pose, v_x):
         slope[tilt, front], slope[tilt, rear] = 1.0 / base, -1.0 / base
     mean[ETA] = eta
     mean[STIFFNESS] = _expected(to_range(eta, model.low, model.high), model)
-    status, x, warm = settle(_believed(mean, model), pose, v_x, False)
+    status, x, warm = settle(_believed(mean, model), pose, v_x)
     mean[:ETA] = x[:ETA]
     variances = model.P.copy()
     variances[ETA] = variance

@@ -252,7 +252,7 @@ class OffroadBekkerVectorEnv(VectorEnv):
         if not asking:
             self._run(np.where(moving, _EVERYTHING, 0))
             return
-        self._memory.rules["learns"] = 0
+        self._memory.assumptions = None
         self._run(np.where(moving, DRIVE | BELIEVE, 0))
         for i in asking:
             self.envs[i].ask_estimator()
