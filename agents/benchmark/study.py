@@ -17,7 +17,7 @@ import gymnasium as gym
 from agents.arms import ARMS
 from agents.benchmark.runner import ENV_ID, FORMS, draw_episodes, run_episode
 from agents.benchmark.summary import Benchmark, summarise
-from agents.episode import AGENTS, agent_file, find_agent
+from agents.episode import AGENTS, agent_file, find_agent, is_agent
 from agents.protocol import ArmResult, EpisodeResult
 from agents.studies.units import Key, run_units, stamp_of
 from agents.tuned import SETTINGS
@@ -54,7 +54,7 @@ class BenchmarkArgs:
         for task in self.tasks:
             find_scenario(task)
         for agent in self.agents:
-            if agent not in AGENTS and ":" not in agent:
+            if not is_agent(agent):
                 raise InvalidParameter(f"agent must be one of {', '.join(AGENTS)}, got {agent!r}")
         for form in self.forms:
             if form not in FORMS:

@@ -190,11 +190,11 @@ def _load_policy(folder: Path, terrain_info: str | None) -> tuple[Agent, str]:
     """The policy, and what it is told about the soil: by default what it was told in training."""
     import json
 
-    from agents.train import load_policy
+    from agents.policies import KIND, load_policy
 
     try:
-        report = json.loads((folder / "training.json").read_text(encoding="utf-8"))
-        agent, trained = load_policy(folder), report["arguments"]["terrain_info"]
+        kind = json.loads((folder / KIND).read_text(encoding="utf-8"))
+        agent, trained = load_policy(folder), kind["terrain_info"]
     except (OSError, ValueError, KeyError) as error:
         raise DataError(f"no policy in {folder} - train one with: offroad train --out {folder}") from error
     if terrain_info == "none" and trained != "none":

@@ -35,7 +35,8 @@ class Train(TrainArgs):
                 bar.update(task, completed=done, description=f"training, {steps} steps")
 
             result = train(self, progress=report)
-        say(f"{result.steps} steps in {result.wall_time:.0f} s ({result.steps_per_second:.0f} steps/s)")
+        rate = f"{result.periods_per_second:.0f} environment steps/s"
+        say(f"{result.steps} steps in {result.wall_time:.0f} s ({rate})")
         if result.evaluation:
             arrived = sum(episode.success for episode in result.evaluation)
             say(f"{arrived} of {len(result.evaluation)} test episodes reached the goal")

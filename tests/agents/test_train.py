@@ -10,7 +10,8 @@ import gymnasium as gym
 import pytest
 
 from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
-from agents.train import MissingExtraError, TrainArgs, configuration_hash, load_policy, train
+from agents.policies import MissingExtraError, load_policy
+from agents.train import TrainArgs, configuration_hash, train
 from offroad_env.errors import InvalidParameter
 
 
@@ -41,7 +42,7 @@ def test_a_run_keeps_its_learning_curve_and_speed(run):
     args, result = run
     assert result.steps == 256
     assert [point.steps for point in result.curve] == [128, 256]
-    assert result.steps_per_second > 0.0
+    assert result.periods_per_second > 0.0
     report = json.loads((args.out / "training.json").read_text(encoding="utf-8"))
     assert report["arguments"]["scenario"] == "track"
     assert len(report["result"]["evaluation"]) == 1
