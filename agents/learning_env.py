@@ -60,7 +60,7 @@ class LearningVecEnv(VecEnv):
         self._scenario: Scenario = first.scenario
         if objective == "score" and self._scenario.measure == "cross_track":
             raise InvalidParameter('objective must be "reward" where a distance from the path is measured')
-        self._guide = Guide(first.vehicle, first.briefing.preview) if guided else None
+        self._guide = Guide(first.briefing) if guided else None
         self._actions: np.ndarray | None = None
         self._seen: dict[str, np.ndarray] = {}
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)

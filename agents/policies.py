@@ -153,7 +153,7 @@ class PolicyAgent:
 
     def reset(self, briefing: Any) -> None:
         """Forget what the policy remembers."""
-        self._guide = Guide(briefing.vehicle, tuple(briefing.preview)) if self._guided else None
+        self._guide = Guide(briefing) if self._guided else None
         self._forget()
 
     def _forget(self) -> None:

@@ -84,7 +84,7 @@ class TrainArgs:
     learning_rate: float = 7e-4  #: of Adam at the start; falls to 0 with the last step
     gamma: float = 0.98  #: discount per step; 1/(1 - gamma) guided steps are 5 s
     gae_lambda: float = 0.95  #: bias against variance of the advantage (not SAC)
-    log_std: float = -1.0  #: first log standard deviation of the actions (not SAC)
+    log_std: float = -1.5  #: first log standard deviation of the actions (not SAC)
     buffer_size: int = 300_000  #: steps that SAC remembers
     hidden: tuple[int, ...] = (64, 64)  #: layers of policy and value network
     check_steps: int = 50_000  #: steps between two drives of the tuning episodes; the best policy is kept
