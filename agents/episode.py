@@ -24,7 +24,7 @@ from agents.speed_planner import BeliefSource
 from agents.stanley import StanleyAgent
 from offroad_env.errors import InvalidParameter
 
-__all__ = ["AGENTS", "Drive", "HalfWayPicture", "agent_file", "find_agent", "is_agent"]
+__all__ = ["AGENTS", "Drive", "HalfWayPicture", "agent_file", "find_agent", "is_agent", "trained_name"]
 
 #: Agents that know nothing of the soil and drive every scenario.
 _TRACKERS: dict[str, Callable[[], Agent]] = {"pure_pursuit": PurePursuitAgent, "stanley": StanleyAgent}
@@ -45,10 +45,10 @@ AGENTS = (*_TRACKERS, *ARMS, *_STEERED, *_SAMPLERS, *(f"{arm}_SEED" for arm in L
 
 def is_agent(name: str) -> bool:
     """Whether `find_agent` may know it; a user's own agent is only looked for when it is to drive."""
-    return name in AGENTS or ":" in name or _trained(name) is not None
+    return name in AGENTS or ":" in name or trained_name(name) is not None
 
 
-def _trained(name: str) -> tuple[str, int] | None:
+def trained_name(name: str) -> tuple[str, int] | None:
     """(arm, training seed) of a trained policy's name."""
     arm, _, seed = name.rpartition("_")
     return (arm, int(seed)) if arm in LEARNED and seed.isdecimal() else None
@@ -79,7 +79,7 @@ def find_agent(name: str, scenario: str, terrain_info: str | None) -> tuple[Agen
     if name in _SAMPLERS:
         needs, believe = _SAMPLERS[name]
         return MppiAgent(believe), _checked_info(name, needs, terrain_info)
-    if (trained := _trained(name)) is not None:
+    if (trained := trained_name(name)) is not None:
         return _shipped(*trained, scenario), _checked_info(name, LEARNED[trained[0]], terrain_info)
     if name in _STEERED:
         if scenario in CONTROLLERS:

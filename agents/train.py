@@ -303,7 +303,7 @@ def _watch(args: TrainArgs, envs: _Envs, progress: Callable[[int, float], None] 
 
         def _on_rollout_start(self) -> None:
             # Here and not at the end of one: the network has learnt from all that was driven.
-            if args.check_episodes > 0 and self._due("check", args.check_steps):
+            if args.check_episodes > 0 and (self.num_timesteps == 0 or self._due("check", args.check_steps)):
                 self.check()
             if self._due("checkpoint", args.checkpoint_steps):
                 content = pickle.dumps(_checkpoint(self.model, envs, self, args))

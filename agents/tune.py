@@ -177,7 +177,7 @@ def tune_scenario(
     for name, (finalists, driven) in found.items():
         own = {knob: getattr(finalists[0], knob) for knob in own_knobs(args.scenario, name)}
         mine = (*finalists, *held[name])
-        candidates = list(dict.fromkeys(s if s in mine else replace(s, **own) for s in pool))
+        candidates = [s if s in mine else replace(s, **own) for s in pool]
         scores = _scores(name, candidates, args, args.final_episodes, progress)
         best = int(np.argmin(scores))
         driven += args.final_episodes * len(candidates)
@@ -198,7 +198,7 @@ def write_settings(path: Path, args: TuneArgs, tuned: dict[str, Tuned]) -> None:
         table[args.scenario, name] = {
             key: value for key, value in asdict(result.settings).items() if key in own
         }
-    budget = max(result.episodes for result in tuned.values())
+    budget = next(iter(tuned.values())).episodes
     scores = ", ".join(f"{name} {result.score:.4g}" for name, result in tuned.items())
     runs[args.scenario] = f"seed {args.seed}, {budget} episodes an arm: {scores}"
     lines = [

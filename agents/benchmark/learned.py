@@ -41,7 +41,9 @@ def seed_interval(means: Sequence[float], *, level: float = 0.95) -> Interval:
     value = float(values.mean())
     if values.size < 2:
         return Interval(value, -math.inf, math.inf, level)
-    half = float(student.ppf(0.5 + 0.5 * level, values.size - 1) * values.std(ddof=1) / math.sqrt(values.size))
+    half = float(
+        student.ppf(0.5 + 0.5 * level, values.size - 1) * values.std(ddof=1) / math.sqrt(values.size)
+    )
     return Interval(value, value - half, value + half, level)
 
 

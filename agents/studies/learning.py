@@ -107,16 +107,18 @@ class Learning(Results):
             n_jobs=self.n_jobs,
         )
         arms = self._summaries(done)
-        rows = [
-            (arm.task, arm.arm, f"{arm.score:.3g} {MEASURES[SCENARIOS[arm.task].measure][1]}")
-            + (", ".join(f"{mean:.3g}" for mean in arm.means), f"{100.0 * arm.failed:.0f} %")
-            for arm in arms
-        ]
+        units = {task: MEASURES[SCENARIOS[task].measure][1] for task in self.tasks}
+        rows = []
+        for arm in arms:
+            each = ", ".join(f"{mean:.3g}" for mean in arm.means)
+            score = f"{arm.score:.3g} {units[arm.task]}"
+            rows.append((arm.task, arm.arm, score, each, f"{100.0 * arm.failed:.0f} %"))
+        title = f"{self.seeds} training seeds, {self.episodes} episodes each"
         heading = ("task", "arm", "mean over training seeds", "each seed", "failures")
-        console().print(table(f"{self.seeds} training seeds, {self.episodes} episodes", heading, rows, texts=2))
+        console().print(table(title, heading, rows, texts=2))
         for task in self.tasks:
             here = [arm for arm in arms if arm.task == task]
-            say(learned_verdict(here, MEASURES[SCENARIOS[task].measure][1]))
+            say(learned_verdict(here, units[task]))
         rates = [unit["periods_per_second"] for unit in done.values() if "periods_per_second" in unit]
         say(f"training: {min(rates):.0f} to {max(rates):.0f} environment steps a second in one process")
         self.save_figure(learning_figure(arms, self._curves(done)), "learning")
