@@ -3,8 +3,8 @@
 The same search for each arm, over the same training episodes (never those of a benchmark): the
 middle and a low-discrepancy sample of the box of its knobs, then rounds in which the best survive,
 change a little, and drive more episodes. In the final every arm drives the best knobs that any arm
-has found (with its own n or z), now or in the search before, so that no arm is better or worse by the luck
-of its search. The lowest mean score wins (`agents.benchmark.runner`). The result is the module
+has found (with its own n or z), and its own from the search before, so that no arm is better or worse by
+the luck of its search. The lowest mean score wins (`agents.benchmark.runner`). The result is the module
 `agents.tuned`.
 """
 
@@ -171,13 +171,12 @@ def tune_scenario(
 ) -> dict[str, Tuned]:
     """Tune all arms of a scenario with the same budget: a search each, and one final for all."""
     found = {name: search_arm(name, args, progress=progress) for name in ARMS}
-    held = {name: [ArmSettings(**SETTINGS[args.scenario, name])] for name in ARMS}
-    pool = [settings for name in ARMS for settings in (*found[name][0], *held[name])]
+    pool = [settings for finalists, _ in found.values() for settings in finalists]
     tuned = {}
     for name, (finalists, driven) in found.items():
         own = {knob: getattr(finalists[0], knob) for knob in own_knobs(args.scenario, name)}
-        mine = (*finalists, *held[name])
-        candidates = [s if s in mine else replace(s, **own) for s in pool]
+        held = ArmSettings(**SETTINGS[args.scenario, name])
+        candidates = [s if s in finalists else replace(s, **own) for s in pool] + [held]
         scores = _scores(name, candidates, args, args.final_episodes, progress)
         best = int(np.argmin(scores))
         driven += args.final_episodes * len(candidates)
