@@ -1,7 +1,7 @@
 """Trust instead of pedals: what a learned policy steers by when a tracker drives for it.
 
 Fifty times a second is too often for a learner: what an action was good for shows a second later. A
-guided policy speaks ten times a second and says two things: an offset to pure pursuit's steering, and how
+guided policy speaks five times a second and says two things: an offset to pure pursuit's steering, and how
 much it trusts the soil, as the lateral acceleration that a bend may take and the deceleration before a
 line. Between two words pure pursuit and the speed plan of `agents.speed_planner` drive by them. The
 tracker's skill is given; what the soil holds is left to be learnt.
@@ -23,18 +23,21 @@ from offroad_env.physics._jit import kernel
 
 __all__ = ["HOLD", "Guide"]
 
-#: Control periods for which a word of the policy holds: 0.1 s.
-HOLD = 5
+#: Control periods for which a word of the policy holds: 0.2 s.
+HOLD = 10
 #: Steering offset of the word 1 [rad].
 _STEER_RANGE = 0.1
 #: Lateral acceleration at the word 0 [m/s^2], and by how much the words -1 and 1 divide or multiply it.
-_LATERAL, _LATERAL_FACTOR = 0.8, 5.0
+_LATERAL, _LATERAL_FACTOR = 1.4, 3.0
 #: The same of the deceleration before a line.
-_STOPPING, _STOPPING_FACTOR = 3.0, 4.0
+_STOPPING, _STOPPING_FACTOR = 5.0, 2.0
 #: Deceleration before a bend [m/s^2]: what every soil of the tasks gives beside some side force.
 _SLOWING = 2.5
 #: Spacing of the stations of the plan [m], time between a command and its effect [s], highest speed [m/s].
 _STEP, _LAG, _FASTEST = 1.0, 0.25, 15.0
+#: Entries of the observation that change their sign in a mirror: lateral acceleration and yaw rate;
+#: steering; distance and heading error from the path and its curvatures.
+_LATERAL_SIGNALS = {"imu": [1, 4], "motion": [3], "path": [0, 1, *range(3, 11)]}
 #: Curvature below which a path counts as straight [1/m].
 _STRAIGHT = 1e-4
 
@@ -103,9 +106,28 @@ class Guide:
         stations = np.arange(0.0, preview[-1] + 0.5 * _STEP, _STEP)
         self._plan = (preview, stations, float(briefing.stop_zone))
 
+    @staticmethod
+    def side(observations: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(N,) 1 where the path turns left in the next 15 m, -1 where it turns right."""
+        return np.where(observations["path"][..., 3:8].sum(axis=-1) < 0.0, -1.0, 1.0).astype(np.float32)
+
+    @classmethod
+    def mirrored(cls, observations: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """What the policy sees: every bend as one to the left, since soil and vehicle have no sides."""
+        seen = {key: np.array(value) for key, value in observations.items()}
+        side = cls.side(observations)[..., None]
+        for key, columns in _LATERAL_SIGNALS.items():
+            seen[key][..., columns] *= side
+        return seen
+
     def actions(self, observations: Mapping[str, np.ndarray], words: np.ndarray) -> np.ndarray:
-        """Actions (N, 2) of the environment that follow the policy's ``words`` (N, 2) in [-1, 1]."""
+        """Actions (N, 2) of the environment that follow the policy's ``words`` (N, 2) in [-1, 1].
+
+        ``observations`` are the environment's own; the first word is an offset into the bend.
+        """
         out = np.empty((len(words), 2))
         path, motion = (np.asarray(observations[key], dtype=np.float64) for key in ("path", "motion"))
-        _follow(path, motion, np.asarray(words, np.float64), self._plan, self._car, self._gains, out)
+        said = np.array(words, dtype=np.float64)
+        said[:, 0] *= self.side(observations)
+        _follow(path, motion, said, self._plan, self._car, self._gains, out)
         return out

@@ -21,6 +21,9 @@ __all__ = ["OBJECTIVES", "LearningVecEnv"]
 OBJECTIVES = ("reward", "score")
 #: Time that a metre of progress counts for in "score" [s/m]: 7 m/s.
 _PACE = 0.15
+#: What a failure is charged there, as a share of the task's time limit. With the whole of it few failures
+#: drown in their variance all that is to be learnt of speed.
+_CHARGE = 0.5
 
 
 class LearningVecEnv(VecEnv):
@@ -72,7 +75,11 @@ class LearningVecEnv(VecEnv):
         self._progress = infos["progress"].copy()
         self._reset_seeds()
         self._reset_options()
-        return self._seen
+        return self._shown(self._seen)
+
+    def _shown(self, observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """What the learner sees of them."""
+        return observations if self._guide is None else self._guide.mirrored(observations)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions for `step_wait`."""
@@ -91,7 +98,7 @@ class LearningVecEnv(VecEnv):
             for i in np.flatnonzero(done & ~over):
                 listed[i] = ends[i]
             over |= done
-        return self._seen, rewards, over, listed
+        return self._shown(self._seen), rewards, over, listed
 
     def _one_period(
         self, actions: np.ndarray
@@ -102,7 +109,7 @@ class LearningVecEnv(VecEnv):
         for i in np.flatnonzero(done):
             listed[i] = {
                 **_row(infos["final_info"], i),
-                "terminal_observation": infos["final_obs"][i],
+                "terminal_observation": self._shown(infos["final_obs"][i]),
                 "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
                 "is_success": bool(infos["final_info"]["success"][i]),
             }
@@ -113,10 +120,10 @@ class LearningVecEnv(VecEnv):
     def _objective(self, progress: np.ndarray, done: np.ndarray, ends: list[dict[str, Any]]) -> np.ndarray:
         """Minus the score that a period adds, shaped by progress.
 
-        In tasks that measure time, a period costs its time, and a failure all the time that is left;
-        a metre of progress counts for `_PACE` seconds. The latter is a potential (A. Y. Ng, D. Harada,
-        S. Russell, ICML 1999), given back at a failure: without a discount the sum of an episode is its
-        score but for a constant of the course. Where the way is measured, it is the way.
+        In tasks that measure time, a period costs its time, and a failure a share of the time limit; a metre
+        of progress counts for `_PACE` seconds, a potential (A. Y. Ng, D. Harada, S. Russell, ICML 1999):
+        without a discount the sum of an episode that arrives is minus its score but for a constant of the
+        course. Where the way is measured, it is the way.
         """
         last = np.array([end["progress"] if done[i] else progress[i] for i, end in enumerate(ends)])
         advance = last - self._progress
@@ -128,8 +135,7 @@ class LearningVecEnv(VecEnv):
             regular = end["success"] or (self._scenario.stalling and end["failure"] in ("", "immobilised"))
             if regular:
                 continue
-            left = self._scenario.time_limit - end["time"]
-            gained[i] -= left - _PACE * (end["path_length"] - end["progress"]) if timed else end["progress"]
+            gained[i] -= _CHARGE * self._scenario.time_limit if timed else end["progress"]
         return gained
 
     def close(self) -> None:

@@ -133,7 +133,7 @@ class PolicyAgent:
     frames
         Last observations that the policy sees side by side, the newest last; zeros before the first.
     guided
-        Whether its actions are words to a `Guide`, ten a second.
+        Whether its actions are words to a `Guide`, five a second.
     """
 
     def __init__(
@@ -175,6 +175,8 @@ class PolicyAgent:
         return self._guide.actions(row, self._word[None])[0]
 
     def _decide(self, observation: Observation) -> np.ndarray:
+        if self._guide is not None:
+            observation = self._guide.mirrored(observation)
         for key, (mean, sd) in self._scaling.items():
             scaled = np.clip((observation[key] - mean) / sd, -CLIP, CLIP)
             self._past[key].append(scaled.astype(np.float32))

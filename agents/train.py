@@ -3,7 +3,9 @@
 PPO (J. Schulman et al., Proximal policy optimization algorithms, arXiv 1707.06347, 2017) and SAC
 (T. Haarnoja et al., Soft actor-critic, ICML 2018) as implemented by stable-baselines3. A policy that
 shall find out about the soil by itself gets memory: a recurrent network (RecurrentPPO of sb3-contrib)
-or the last observations side by side (``frames``).
+or the last observations side by side (``frames``). Noise that is drawn anew at every step averages out
+before the vehicle has answered; PPO explores by functions of the state that hold for some seconds (A.
+Raffin, J. Kober, F. Stulp, Smooth exploration for robotic reinforcement learning, CoRL 2021).
 
 A run can be interrupted: it goes on from its last checkpoint as if nothing had happened.
 """
@@ -67,27 +69,28 @@ class TrainArgs:
     algorithm: str = "ppo"  #: ppo, recurrent_ppo (memory) or sac
     terrain_info: str = "estimate"  #: what the policy is told about the soil
     seed: int = 0  #: of network, actions and episodes
-    total_steps: int = 400_000  #: steps of the policy at most
+    total_steps: int = 40_000  #: steps of the policy at most
     time_budget: float | None = None  #: wall time after which training stops [s]
     out: Path = Path("out/train")  #: folder for policy, scaling, checkpoint and learning curve
     resume: bool = False  #: go on from the checkpoint in that folder
-    checkpoint_steps: int = 50_000  #: steps between two checkpoints; 0 = none
+    checkpoint_steps: int = 10_000  #: steps between two checkpoints; 0 = none
     tensorboard: bool = False  #: also write what TensorBoard shows to out/tensorboard
-    guided: bool = True  #: offset and speed for pure pursuit, ten times a second; else the pedals, fifty
+    guided: bool = True  #: offset and speed for pure pursuit, five times a second; else the pedals, fifty
     objective: str | None = None  #: reward, or score: what the benchmark measures; default where it is time
     frames: int = 1  #: last observations that the policy sees side by side: memory without recurrence
     n_envs: int = 32  #: environments stepped together
     threads: int | None = None  #: threads that step them, default one per usable processor
-    n_steps: int = 128  #: steps of each environment between two updates (not SAC)
-    batch_size: int = 512  #: samples of one gradient step
-    n_epochs: int = 10  #: passes over the samples of an update (not SAC)
-    learning_rate: float = 7e-4  #: of Adam at the start; falls to 0 with the last step
-    gamma: float = 0.98  #: discount per step; 1/(1 - gamma) guided steps are 5 s
-    gae_lambda: float = 0.95  #: bias against variance of the advantage (not SAC)
-    log_std: float = -1.5  #: first log standard deviation of the actions (not SAC)
+    n_steps: int = 32  #: steps of each environment between two updates (not SAC)
+    batch_size: int = 256  #: samples of one gradient step
+    n_epochs: int = 8  #: passes over the samples of an update (not SAC)
+    learning_rate: float = 1.5e-3  #: of Adam at the start; falls to 0 with the last step
+    gamma: float = 0.96  #: discount per step; 1/(1 - gamma) guided steps are 5 s
+    gae_lambda: float = 0.9  #: bias against variance of the advantage (not SAC)
+    log_std: float = -2.4  #: first log standard deviation of the noise (not SAC)
+    noise_steps: int = 25  #: > 1: noise is a function of the state, drawn anew after so many steps (not SAC)
     buffer_size: int = 300_000  #: steps that SAC remembers
     hidden: tuple[int, ...] = (64, 64)  #: layers of policy and value network
-    check_steps: int = 50_000  #: steps between two drives of the tuning episodes; the best policy is kept
+    check_steps: int = 10_000  #: steps between two drives of the tuning episodes; the best policy is kept
     check_episodes: int = 10  #: of such a drive; 0 = none, the last policy is kept
     eval_episodes: int = 3  #: test episodes that the reloaded policy drives at the end
 
@@ -243,7 +246,10 @@ def _settings(args: TrainArgs) -> dict[str, Any]:
     if args.algorithm == "sac":
         return {**common, "buffer_size": args.buffer_size, "learning_starts": 10 * args.batch_size}
     network["log_std_init"] = args.log_std
-    return {**common, "n_steps": args.n_steps, "n_epochs": args.n_epochs, "gae_lambda": args.gae_lambda}
+    found = {**common, "n_steps": args.n_steps, "n_epochs": args.n_epochs, "gae_lambda": args.gae_lambda}
+    if args.noise_steps > 1:
+        found |= {"use_sde": True, "sde_sample_freq": args.noise_steps}
+    return found
 
 
 def _scaling(scaler: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:

@@ -98,9 +98,9 @@ def _learned(
         command=command,
         tables=(Table(heading=heading, rows=tuple(rows), texts=3),),
         notes=(
-            "Guided policies of PPO: ten times a second they tell pure pursuit and a speed plan where to go "
+            "Guided policies of PPO: five times a second they tell pure pursuit and a speed plan where to go "
             "a little differently and how much to trust the soil. ppo_aware sees the estimate, ppo_oblivious "
-            "does not, ppo_memory sees its last second instead.",
+            "does not, ppo_memory sees its last two seconds instead.",
             "Brackets are Student's 95 % intervals over training seeds.",
         ),
         data={f"{task}.{form}": arms for (task, form), arms in trained.items()},

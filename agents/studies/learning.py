@@ -2,7 +2,7 @@
 
 For each task three arms are trained by PPO with the same settings and several seeds: ``ppo_aware`` sees
 mean and standard deviation of the filter on board, ``ppo_oblivious`` does not, ``ppo_memory`` sees its last
-ten observations (one second) instead. All are guided policies (`agents.guide`).
+ten observations (two seconds) instead. All are guided policies (`agents.guide`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from offroad_env.scenarios import MEASURES, SCENARIOS, find_scenario
 
 __all__ = ["Learning", "arguments", "run_unit"]
 
-_FRAMES = 10  #: of the arm with memory: one second
+_FRAMES = 10  #: of the arm with memory: two seconds
 _SOURCES = ("agents.train", "agents.learning_env", "agents.benchmark.runner", "offroad_env.vector_env")
 _PLAIN = "pure_pursuit"
 
@@ -89,7 +89,7 @@ class Learning(Results):
     tasks: tuple[str, ...] = ("speed", "patches")  #: what is learnt
     arms: tuple[str, ...] = tuple(LEARNED)  #: ppo_aware, ppo_oblivious, ppo_memory
     seeds: int = 5  #: trainings of each
-    steps: int = 200_000  #: of the policy in each training; one lasts 5 control periods
+    steps: int = 40_000  #: of the policy in each training; one lasts 10 control periods
     episodes: int = 20  #: test episodes of each policy
     ship: Path | None = None  #: also copy weights and settings of the policies into this folder
     n_jobs: int = 2  #: local processes
