@@ -57,6 +57,8 @@ __all__ = [
 _REPORT, _CHECKPOINT, _BOARD = "training.json", "checkpoint.pkl", "tensorboard"
 #: Fewest steps between two points of a learning curve.
 _CURVE_STEPS = 64
+#: What of the noise a checkpoint keeps.
+_NOISE = ("exploration_mat", "exploration_matrices")
 #: Arguments that do not decide what is learnt.
 _INDIFFERENT = {"out", "resume", "checkpoint_steps", "tensorboard", "threads"}
 
@@ -69,11 +71,11 @@ class TrainArgs:
     algorithm: str = "ppo"  #: ppo, recurrent_ppo (memory) or sac
     terrain_info: str = "estimate"  #: what the policy is told about the soil
     seed: int = 0  #: of network, actions and episodes
-    total_steps: int = 40_000  #: steps of the policy at most
+    total_steps: int = 24_000  #: steps of the policy at most
     time_budget: float | None = None  #: wall time after which training stops [s]
     out: Path = Path("out/train")  #: folder for policy, scaling, checkpoint and learning curve
     resume: bool = False  #: go on from the checkpoint in that folder
-    checkpoint_steps: int = 10_000  #: steps between two checkpoints; 0 = none
+    checkpoint_steps: int = 8_000  #: steps between two checkpoints; 0 = none
     tensorboard: bool = False  #: also write what TensorBoard shows to out/tensorboard
     guided: bool = True  #: offset and speed for pure pursuit, five times a second; else the pedals, fifty
     objective: str | None = None  #: reward, or score: what the benchmark measures; default where it is time
@@ -90,8 +92,8 @@ class TrainArgs:
     noise_steps: int = 25  #: > 1: noise is a function of the state, drawn anew after so many steps (not SAC)
     buffer_size: int = 300_000  #: steps that SAC remembers
     hidden: tuple[int, ...] = (64, 64)  #: layers of policy and value network
-    check_steps: int = 10_000  #: steps between two drives of the tuning episodes; the best policy is kept
-    check_episodes: int = 10  #: of such a drive; 0 = none, the last policy is kept
+    check_steps: int = 8_000  #: steps between two drives of the tuning episodes; the best policy is kept
+    check_episodes: int = 8  #: of such a drive; 0 = none, the last policy is kept
     eval_episodes: int = 3  #: test episodes that the reloaded policy drives at the end
 
 
@@ -188,6 +190,7 @@ def _checkpoint(model: Any, envs: _Envs, watch: Any, args: TrainArgs) -> dict[st
         "returns": envs.scaler.returns,
         "frames": getattr(envs.seen, "stacked_obs", None),
         "random": (torch.get_rng_state(), np.random.get_state()),  # noqa: NPY002 - what the learner draws from
+        "noise": {name: getattr(_noise(model), name, None) for name in _NOISE},
         "watch": watch.state(),
     }
 
@@ -209,18 +212,30 @@ def _make_model(args: TrainArgs, envs: _Envs, held: dict[str, Any] | None) -> An
         policy = "MultiInputLstmPolicy" if args.algorithm == "recurrent_ppo" else "MultiInputPolicy"
         model = learner(policy, envs.seen, seed=args.seed, device="cpu", **_settings(args))
     else:
-        import torch
-
         model = learner.load(io.BytesIO(held["model"]), env=envs.seen, device="cpu", force_reset=False)
         if held["memory"] is not None:
             model._last_lstm_states = held["memory"]
         if held["replay"] is not None:
             model.replay_buffer = held["replay"]
-        torch.set_rng_state(held["random"][0])
-        np.random.set_state(held["random"][1])  # noqa: NPY002 - what the learner draws from
     if args.tensorboard:
         model.tensorboard_log = _board(args)
     return model
+
+
+def _noise(model: Any) -> Any:
+    """Where the learner keeps the noise that holds for several steps."""
+    return getattr(model.policy, "action_dist", None)
+
+
+def _restore_chance(model: Any, held: dict[str, Any]) -> None:
+    """Generators and noise of a checkpoint; after the learner, which draws when it sets out, has drawn."""
+    import torch
+
+    torch.set_rng_state(held["random"][0])
+    np.random.set_state(held["random"][1])  # noqa: NPY002 - what the learner draws from
+    for name, value in held["noise"].items():
+        if value is not None:
+            setattr(_noise(model), name, value)
 
 
 def _board(args: TrainArgs) -> str:
@@ -274,7 +289,12 @@ def _save(model: Any, scaler: Any, args: TrainArgs) -> None:
     np.savez(folder / SCALING, **table)
 
 
-def _watch(args: TrainArgs, envs: _Envs, progress: Callable[[int, float], None] | None) -> Any:
+def _watch(
+    args: TrainArgs,
+    envs: _Envs,
+    held: dict[str, Any] | None,
+    progress: Callable[[int, float], None] | None,
+) -> Any:
     """Callback: learning curve, drives between, checkpoints, and the end when the time is over."""
     from stable_baselines3.common.callbacks import BaseCallback
 
@@ -286,6 +306,7 @@ def _watch(args: TrainArgs, envs: _Envs, progress: Callable[[int, float], None] 
             self.last = {"checkpoint": 0, "check": 0}
             self.before = 0.0
             self._start = time.perf_counter()
+            self._held = held
 
         def state(self) -> dict[str, Any]:
             """What a checkpoint keeps of it."""
@@ -308,6 +329,9 @@ def _watch(args: TrainArgs, envs: _Envs, progress: Callable[[int, float], None] 
             return args.time_budget is None or self.wall_time() < args.time_budget
 
         def _on_rollout_start(self) -> None:
+            if self._held is not None:
+                _restore_chance(self.model, self._held)
+                self._held = None
             # Here and not at the end of one: the network has learnt from all that was driven.
             if args.check_episodes > 0 and (self.num_timesteps == 0 or self._due("check", args.check_steps)):
                 self.check()
@@ -381,7 +405,7 @@ def train(args: TrainArgs, *, progress: Callable[[int, float], None] | None = No
     held = _read_checkpoint(args)
     envs = _make_envs(args, held)
     model = _make_model(args, envs, held)
-    watch = _watch(args, envs, progress)
+    watch = _watch(args, envs, held, progress)
     if held is not None:
         vars(watch).update(held["watch"])
     model.learn(args.total_steps - model.num_timesteps, callback=watch, reset_num_timesteps=held is None)

@@ -53,6 +53,21 @@ def test_the_offset_steers_to_its_side(seen):
     assert left - none == pytest.approx(none - right)
 
 
+def test_in_a_mirror_the_policy_sees_the_same_and_the_vehicle_steers_to_the_other_side(seen):
+    guide = Guide(OffroadBekkerEnv(scenario="speed").briefing)
+    seen["path"][0, :2], seen["motion"][0, 3], seen["imu"] = (0.3, -0.05), 0.1, np.ones((1, 5))
+    other = {key: value.copy() for key, value in seen.items()}
+    other["path"][0, :2] *= -1.0
+    other["path"][0, 3:-1] *= -1.0
+    other["motion"][0, 3] *= -1.0
+    other["imu"][0, [1, 4]] *= -1.0
+    for key, value in guide.mirrored(seen).items():
+        assert np.array_equal(value, guide.mirrored(other)[key])
+    word = np.array([[0.4, 0.2]])
+    steer, drive_ = guide.actions(seen, word)[0]
+    assert guide.actions(other, word)[0] == pytest.approx((-steer, drive_))
+
+
 def test_many_rows_are_guided_as_each_alone(seen):
     guide = Guide(OffroadBekkerEnv(scenario="speed").briefing)
     words = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 2))
@@ -67,7 +82,7 @@ def test_a_policy_that_says_nothing_arrives_on_every_soil(n):
 
 
 def test_on_firm_grip_trust_saves_time_and_on_little_grip_it_leaves_the_corridor():
-    assert drive(Saying(0.0, 0.6), n=1.0).score < 0.75 * drive(Saying(0.0, 0.0), n=1.0).score
+    assert drive(Saying(0.0, 0.6), n=1.0).score < 0.85 * drive(Saying(0.0, 0.0), n=1.0).score
     assert drive(Saying(0.0, 0.8), n=0.3).failure == "left_corridor"
 
 

@@ -187,8 +187,10 @@ def test_a_log_for_tensorboard_is_written_or_its_package_named(tmp_path):
         assert list((tmp_path / "tensorboard").rglob("events.*"))
 
 
-@pytest.mark.parametrize(("word", "failure"), [(0.2, ""), (1.0, "left_corridor")])
-def test_without_a_discount_the_rewards_of_an_episode_are_its_score_but_for_the_course(word, failure):
+@pytest.mark.parametrize(("word", "failure"), [(0.0, ""), (1.0, "left_corridor")])
+def test_without_a_discount_the_rewards_of_an_episode_are_its_time_but_for_the_way_and_a_charge(
+    word, failure
+):
     pytest.importorskip("stable_baselines3")
     from agents.learning_env import LearningVecEnv
     from offroad_env.vector_env import make_vec
@@ -202,6 +204,6 @@ def test_without_a_discount_the_rewards_of_an_episode_are_its_score_but_for_the_
         _, rewards, done, infos = episodes.step(np.array([[0.0, word]]))
         total += float(rewards[0])
     end = infos[0]
-    score = 120.0 if failure else end["time"]
     assert end["failure"] == failure
-    assert total == pytest.approx(0.15 * end["path_length"] - score, abs=0.5)
+    charge = 60.0 if failure else 0.0
+    assert total == pytest.approx(0.15 * end["progress"] - end["time"] - charge, abs=0.1)
