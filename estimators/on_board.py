@@ -23,6 +23,12 @@ linear in the state and is used at once. Rim speeds only serve navigation: with 
 
 With more than one component the belief is a Gaussian sum over n (see `estimators.bank`): each
 component is narrow, and the weights follow from how well each predicted.
+
+*How it notices another soil.* Whoever believes that n hardly changes expects to change their mind by
+no more than the samples may teach: the updates of eta are white, and their variance is what the
+belief loses. Where a second teaches three standard deviations more than that, the soil has changed.
+The belief is then widened by the change that explains the window, together with all that was
+inferred from the old n, and the flag is down until it has been followed (`_notice`).
 """
 
 from __future__ import annotations
@@ -73,8 +79,12 @@ _MEET = 0.5
 #: How well the navigation filter knows the heading, for the side speed in a satellite's course [rad].
 _HEADING_SD = 0.02
 # Scalars in the filter's memory.
-(NIS, REPAIRS, HELD, AWAKE, SURPRISE, ALIVE, SAMPLES) = range(7)
-_MEMORY = 7
+(NIS, REPAIRS, HELD, AWAKE, SURPRISE, ALIVE, SAMPLES, UNSETTLED, CHANGES) = range(9)
+_MEMORY = 9
+#: Settings of the test for a change.
+_CHANGE = ("change_time", "change_level", "change_settle")
+#: Variance of eta up to which a change widens the belief: a fifth of the range of n, as wide as a prior.
+_WIDEST = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,10 +104,16 @@ class OnBoardSettings:
     surprise: float = 25.0  #: largest chi-square (3 channels) of the mean innovation for a valid estimate
     drop: float = 1e-4  #: weight below which a component is dropped
 
+    change_time: float = 1.0  #: fading window of the test for a change of n [s]
+    #: Deviation at which n has changed [standard deviations]; constant soils reach 2.7 in half a minute
+    #: on roads of class B, a step of a quarter reaches 4.
+    change_level: float = 3.0
+    change_settle: float = 1.0  #: how long the flag stays down after a change [s]
+
     def __post_init__(self) -> None:
         if not 1 <= self.components <= 20:
             raise InvalidParameter(f"components must be in [1, 20], got {self.components}")
-        for name in ("spread", "drift", "push_time", "hold_speed", "surprise", "drop"):
+        for name in ("spread", "drift", "push_time", "hold_speed", "surprise", "drop", *_CHANGE):
             if not getattr(self, name) > 0.0:
                 raise InvalidParameter(f"{name} must be > 0, got {getattr(self, name)}")
         for name, count in (("push", 2), ("walk", 8), ("start", 8)):
@@ -119,6 +135,7 @@ class _Rules(NamedTuple):
     spread: float  #: of the sigma points [standard deviations]
     hold_speed: float  #: [m/s]
     log_drop: float
+    change: tuple[float, float, float]  #: time [s], level [standard deviations], settling [s]
     dt: float  #: [s]
 
 
@@ -136,6 +153,7 @@ class _State(NamedTuple):
     shared: np.ndarray  #: (15,) place, heading and actuators
     last: np.ndarray  #: (3,) readings of the sample before
     mean_innovation: np.ndarray  #: (3,) running mean of the innovations in standard deviations
+    moved: np.ndarray  #: (K, 3) a fading window: move of eta, its variance, how long it has been open [s]
     memory: np.ndarray  #: scalars
 
 
@@ -256,13 +274,48 @@ def _learn(state, k, rules, innovation):
     repairs = guarded_cholesky(S, factor)
     A = np.linalg.solve(factor, across.T.copy())
     e = np.linalg.solve(factor, e)
-    mean += A.T @ e
+    shift = A.T @ e
+    mean += shift
     cov -= A.T @ A
+    _remember(state.moved[k], shift[0], A[:, 0] @ A[:, 0], rules)
     nis = e @ e
     log_density = -1.5 * _LOG_2PI - 0.5 * nis
     for j in range(3):
         log_density -= math.log(factor[j, j])
     return log_density, nis, repairs
+
+
+@kernel
+def _remember(moved, shift, variance, rules):
+    """Take an update of eta and the variance that it was expected to have into the fading window."""
+    kept = 1.0 - rules.dt / rules.change[0]
+    moved[0] = kept * moved[0] + shift
+    moved[1] = kept * kept * moved[1] + variance
+    moved[2] += rules.dt
+
+
+@kernel
+def _notice(state, rules):
+    """Where eta moves more than the samples may teach n has changed: widen the belief by as much.
+
+    The updates of a filter that is right are white, and each has the variance that the belief loses
+    by it. With P the variance of eta, m the window's move and V its variance, P m / V is the change
+    that explains the window best.
+    """
+    memory = state.memory
+    memory[UNSETTLED] = max(memory[UNSETTLED] - rules.dt, 0.0)
+    time, level, settle_time = rules.change
+    for k in range(int(memory[ALIVE])):
+        moved, variance = state.moved[k], state.covs[k, 0, 0]
+        if moved[2] > time and moved[0] * moved[0] > level * level * moved[1]:
+            wider = variance + (variance * moved[0] / moved[1]) ** 2
+            added = max(min(wider, _WIDEST) - variance, 0.0)
+            # What was inferred from the old n is wrong by as much as hangs on it.
+            along = state.covs[k, 0] / variance
+            state.covs[k] += added * np.outer(along, along)
+            moved[:] = 0.0
+            memory[UNSETTLED] = settle_time
+            memory[CHANGES] += 1.0
 
 
 @kernel
@@ -307,6 +360,8 @@ def _after(state, nav, gnss, rules):
     memory[SURPRISE], memory[HELD] = total * 2.0 / share, 0.0
     if alive > 1 and int(memory[SAMPLES]) % _TIDY == 0:
         _tidy(state, C, rules)
+    if int(memory[ALIVE]) == 1:
+        _notice(state, rules)
 
 
 @kernel
@@ -340,6 +395,7 @@ def _absorb(state, a, b):
     state.means[a] += share * apart
     state.covs[a] += share * (state.covs[b] - state.covs[a]) + share * (1.0 - share) * np.outer(apart, apart)
     state.log_weights[a] = math.log(w_a + w_b)
+    state.moved[a] = 0.0
 
 
 @kernel
@@ -347,6 +403,7 @@ def _remove(state, k, C):
     """Take component ``k`` out; the last one moves into its place."""
     last = int(state.memory[ALIVE]) - 1
     state.means[k], state.covs[k] = state.means[last], state.covs[last]
+    state.moved[k] = state.moved[last]
     state.log_weights[k] = state.log_weights[last]
     state.copies[k * C : (k + 1) * C] = state.copies[last * C : (last + 1) * C]
     state.warms[k * C : (k + 1) * C] = state.warms[last * C : (last + 1) * C]
@@ -435,6 +492,7 @@ class OnBoardFilter:
             spread=float(s.spread),
             hold_speed=float(s.hold_speed),
             log_drop=math.log(s.drop),
+            change=(float(s.change_time), float(s.change_level), float(s.change_settle)),
             dt=self.dt,
         )
         return rules, np.concatenate([np.square(np.array(s.start)[noise_of]), push])
@@ -454,6 +512,7 @@ class OnBoardFilter:
             shared=np.zeros(at.STATE_SIZE),
             last=np.zeros(3),
             mean_innovation=np.zeros(3),
+            moved=np.zeros((K, 3)),
             memory=np.zeros(_MEMORY),
         )
 
@@ -557,6 +616,7 @@ class OnBoardFilter:
             state.covs[k][np.arange(1, len(slope)), np.arange(1, len(slope))] += self._start
         state.memory[AWAKE], state.memory[SURPRISE] = 1.0, 0.0
         state.mean_innovation[:] = 0.0
+        state.moved[:] = 0.0
 
     def _sleep(self) -> None:
         """Some copy found no contact: hold, not valid, and start all of them again at the next sample."""
@@ -568,11 +628,12 @@ class OnBoardFilter:
         """The belief as it stands."""
         memory, (low, high) = self._state.memory, self.n_range
         mean, sd = _report(self._state, self._rules.low, self._rules.high)
+        settled = math.isfinite(sd) and memory[UNSETTLED] <= 0.0
         return Estimate(
             mean=min(max(mean, low), high),
             sd=sd,
             nis=float(memory[NIS]),
-            valid=bool(math.isfinite(sd) and memory[SURPRISE] < self.settings.surprise),
+            valid=bool(settled and memory[SURPRISE] < self.settings.surprise),
             repairs=int(memory[REPAIRS]),
         )
 
@@ -580,6 +641,11 @@ class OnBoardFilter:
     def held(self) -> bool:
         """Whether the last sample taught nothing about n."""
         return bool(self._state.memory[HELD] > 0.5)
+
+    @property
+    def changes(self) -> int:
+        """How many changes of n it has noticed since the reset."""
+        return int(self._state.memory[CHANGES])
 
     @property
     def pose(self) -> Pose:

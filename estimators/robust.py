@@ -133,6 +133,8 @@ def _rules(model: DoubtModel, settings: RobustSettings) -> tuple[Rules, np.ndarr
         watch_time=float(settings.watch_time),
         surprise=float(settings.surprise),
         renew=float(settings.renew),
+        change_time=float(settings.watch_time),
+        change_level=math.inf,  # its errors last, so its updates are not white
         etas=np.tile(etas, levels),
         variances=np.tile((settings.overlap * spacing / slopes) ** 2, levels),
         log_prior=np.tile(-0.5 * ((n - settings.n_prior) / settings.n_prior_sd) ** 2, levels),
@@ -323,7 +325,7 @@ def run_robust_bank(
     T, K = len(z), settings.components * len(settings.bumps)
     rules, bumps, kinds = _rules(model, settings)
     covs, warms = np.empty((K, LENGTH, LENGTH)), np.empty((K, 1, 2, 3))
-    state = BankState(np.empty((K, LENGTH)), covs, warms, np.empty(K), np.zeros(2))
+    state = BankState(np.empty((K, LENGTH)), covs, warms, np.empty(K), np.zeros(2), np.zeros(4))
     slopes = np.empty((K, LENGTH, LENGTH))
     rate = (inputs[2, 0] - inputs[0, 0]) / model.dt
     start = (tuple(float(p) for p in pose), float(v_x), (inputs[0, 0], inputs[0, 1], rate))

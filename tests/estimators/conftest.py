@@ -9,6 +9,7 @@ import pytest
 
 from offroad_env.physics import state as at
 from offroad_env.physics.full_model import full_advance
+from offroad_env.physics.ground import sinkage_exponent
 from offroad_env.physics.records import Ground, SoilMap
 from offroad_env.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
 from offroad_env.simulator import make_plant, settled_state
@@ -93,3 +94,19 @@ def record(
 def drive():
     """``drive(n, seed=...)`` records a random drive of the full model, see `record`."""
     return record
+
+
+#: Exponents before and after the edge of a soil, which the random driver reaches after some 10 s.
+_EDGES = ((0.8, 1.0), (0.8, 0.5), (0.5, 0.8), (1.0, 0.7))
+
+
+@pytest.fixture(scope="session")
+def edge_drives():
+    """(true n under the centre of gravity, `Drive`) of drives from one soil into another."""
+    found = []
+    for seed, (before, after) in enumerate(_EDGES, start=500):
+        beyond = soil_map([(1040.0, 0.0, 1000.0, after)], 0.3)
+        drive = record(before, seed=seed, duration=20.0, soils=beyond)
+        truth = np.array([sinkage_exponent(beyond, before, x[at.X], x[at.Y]) for x in drive.states[1:]])
+        found.append((truth, drive))
+    return found

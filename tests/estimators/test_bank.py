@@ -134,12 +134,23 @@ def test_one_component_is_the_joint_filter():
 
 def test_a_change_of_soil_is_noticed_and_followed():
     twin, run = _bank(STEERED, 101, 8.0, change=(4.0, 0.8))
-    assert run.renewed >= 1
+    assert run.renewed == 1
     assert run.valid[390]
     wrong = run.valid & (np.abs(run.n - twin.n) > 0.05)
     # From the change until it shows: some tenths of a second.
     assert wrong.sum() * twin.dt < 0.5
     assert run.n[-1] == pytest.approx(0.8, abs=0.03)
+
+
+def test_a_soil_that_changes_slowly_is_noticed_before_the_innovations_tell():
+    slowly = np.interp(0.01 * np.arange(1201), (5.0, 12.0), (0.5, 0.6))
+
+    def seconds_wrong(settings):
+        twin, run = _bank(STEERED, 101, 12.0, settings, exponents=slowly)
+        return np.sum(run.valid & (np.abs(run.n - twin.n) > 0.05)) * twin.dt
+
+    assert seconds_wrong(SETTINGS) < 1.0
+    assert seconds_wrong(BankSettings(change_level=1e9)) > 2.0
 
 
 def test_a_sample_that_no_soil_explains_moves_no_weight():
@@ -163,6 +174,8 @@ def test_wrong_settings_are_refused():
         BankSettings(drop=0.0)
     with pytest.raises(InvalidParameter, match="renew"):
         BankSettings(renew=math.nan)
+    with pytest.raises(InvalidParameter, match="change_level"):
+        BankSettings(change_level=0.0)
     soft = BankSettings(joint=JointSettings(n_range=(0.2, 2.5)), n_fan=(0.3, 2.4))
     with pytest.raises(SolverFailure, match="n_fan"):
         start_bank(row_model(STRAIGHT, soft.joint), soft, (0.0, 0.0, 0.0), SPEED)

@@ -13,11 +13,10 @@ from estimators.paper import ROWS, noisy_imu, row_truth
 from estimators.protocol import Estimator, Pose
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
-from offroad_env.physics.ground import sinkage_exponent
 from offroad_env.sensors import ImuConfig
 from offroad_env.simulator import make_plant
 from offroad_env.soils import make_soil
-from offroad_env.terrain import flat, grade, paper_terrain, soil_map
+from offroad_env.terrain import flat, grade, paper_terrain
 from offroad_env.vehicles import VEHICLES, make_vehicle
 
 N_RANGE = (0.3, 1.1)
@@ -173,21 +172,9 @@ def test_a_copy_goes_its_own_way(drive, duplicate):
     assert repr(here) == repr(there)
 
 
-#: Exponents before and after the edge of a soil, which the random driver reaches after some 10 s.
-EDGES = ((0.8, 1.0), (0.8, 0.5), (0.5, 0.8), (1.0, 0.7))
-
-
-def over_an_edge(drive, before, after, seed):
-    """(true n under the centre of gravity, estimates) of a drive from one soil into another."""
-    beyond = soil_map([(1040.0, 0.0, 1000.0, after)], 0.3)
-    recorded = drive(before, seed=seed, duration=20.0, soils=beyond)
-    truth = np.array([sinkage_exponent(beyond, before, x[at.X], x[at.Y]) for x in recorded.states[1:]])
-    return truth, estimates_of(recorded, estimator_on_board())
-
-
 @pytest.fixture(scope="module")
-def edges(drive):
-    return [over_an_edge(drive, *edge, seed) for seed, edge in enumerate(EDGES, start=500)]
+def edges(edge_drives):
+    return [(truth, estimates_of(drive, estimator_on_board())) for truth, drive in edge_drives]
 
 
 def test_another_soil_is_followed_within_three_seconds(edges):

@@ -89,6 +89,38 @@ def test_driving_narrows_the_belief(episodes):
         assert estimates[-1].sd < 0.15 * PRIOR[1]
 
 
+@pytest.fixture(scope="module", params=[OnBoardSettings(), BANK], ids=["joint", "bank"])
+def edges(request, edge_drives):
+    return [(truth, estimates_of(drive, filter_for(settings=request.param))) for truth, drive in edge_drives]
+
+
+def test_another_soil_is_followed_within_three_seconds(edges):
+    for truth, estimates in edges:
+        begin = int(np.argmax(truth != truth[0]))
+        mean = np.array([estimate.mean for estimate in estimates])
+        half = np.abs(mean[begin : begin + 200] - truth[0]) > 0.5 * abs(truth[-1] - truth[0])
+        assert half.any()  # half way within 2 s
+        assert abs(mean[begin + 300] - truth[-1]) < 0.1 * truth[-1]
+
+
+def test_while_a_change_is_followed_the_flag_is_down_or_the_band_holds_the_truth(edges):
+    for truth, estimates in edges:
+        begin = int(np.argmax(truth != truth[0]))
+        # A second passes before it can be noticed: then, until it has been followed.
+        after = zip(estimates[begin + 150 : begin + 400], truth[begin + 150 : begin + 400], strict=True)
+        honest = [not e.valid or abs(e.mean - n) < 1.96 * e.sd for e, n in after]
+        assert np.mean(honest) > 0.9
+        assert not all(estimates[k].valid for k in range(begin, begin + 200))
+
+
+@pytest.mark.parametrize("settings", [OnBoardSettings(), BANK], ids=["joint", "bank"])
+def test_no_change_is_noticed_where_there_is_none(drive, settings):
+    for seed, n in ((510, 0.4), (511, 0.9)):
+        estimator = filter_for(settings=settings)
+        estimates_of(drive(n, seed=seed, duration=20.0), estimator)
+        assert estimator.changes == 0
+
+
 @pytest.mark.parametrize("components", [1, 2, 5, 9])
 def test_the_sum_starts_with_the_moments_of_the_prior(components):
     first = filter_for(settings=OnBoardSettings(components=components)).reset(0.6, 0.15, Pose(0, 0, 0, 3))
