@@ -33,7 +33,7 @@ class Drive(Results):
     """
 
     scenario: str = "track"  #: track, speed, climb, brake, ride or patches
-    agent: str = "pure_pursuit"  #: stanley, an arm (nominal, ..., oracle), lqr_ARM, mppi_truth, ppo_aware_0 ...
+    agent: str = "pure_pursuit"  #: stanley, an arm (aware, ...), lqr_aware, mppi_truth, ppo_aware_0 ...
     policy: Path | None = None  #: drive with the policy that offroad train wrote into this folder instead
     terrain_info: Literal["none", "estimate", "truth"] | None = None  #: default: what the agent needs
     n: float | None = None  #: true sinkage exponent; default: drawn from the scenario's range [-]
