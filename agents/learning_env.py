@@ -23,7 +23,7 @@ OBJECTIVES = ("reward", "score")
 _PACE = 0.15
 #: What a failure is charged there, as a share of the task's time limit. With the whole of it few failures
 #: drown in their variance all that is to be learnt of speed.
-_CHARGE = 0.5
+_CHARGE = 1.0 / 3.0
 
 
 class LearningVecEnv(VecEnv):

@@ -71,7 +71,7 @@ class TrainArgs:
     algorithm: str = "ppo"  #: ppo, recurrent_ppo (memory) or sac
     terrain_info: str = "estimate"  #: what the policy is told about the soil
     seed: int = 0  #: of network, actions and episodes
-    total_steps: int = 24_000  #: steps of the policy at most
+    total_steps: int = 30_000  #: steps of the policy at most
     time_budget: float | None = None  #: wall time after which training stops [s]
     out: Path = Path("out/train")  #: folder for policy, scaling, checkpoint and learning curve
     resume: bool = False  #: go on from the checkpoint in that folder
@@ -92,7 +92,7 @@ class TrainArgs:
     noise_steps: int = 25  #: > 1: noise is a function of the state, drawn anew after so many steps (not SAC)
     buffer_size: int = 300_000  #: steps that SAC remembers
     hidden: tuple[int, ...] = (64, 64)  #: layers of policy and value network
-    check_steps: int = 8_000  #: steps between two drives of the tuning episodes; the best policy is kept
+    check_steps: int = 7_500  #: steps between two drives of the tuning episodes; the best policy is kept
     check_episodes: int = 8  #: of such a drive; 0 = none, the last policy is kept
     eval_episodes: int = 3  #: test episodes that the reloaded policy drives at the end
 

@@ -89,7 +89,7 @@ class Learning(Results):
     tasks: tuple[str, ...] = ("speed", "patches")  #: what is learnt
     arms: tuple[str, ...] = tuple(LEARNED)  #: ppo_aware, ppo_oblivious, ppo_memory
     seeds: int = 5  #: trainings of each
-    steps: int = 16_000  #: of the policy in each training; one lasts 10 control periods
+    steps: int = 30_000  #: of the policy in each training; one lasts 10 control periods
     episodes: int = 20  #: test episodes of each policy
     ship: Path | None = None  #: also copy weights and settings of the policies into this folder
     n_jobs: int = 2  #: local processes

@@ -205,5 +205,5 @@ def test_without_a_discount_the_rewards_of_an_episode_are_its_time_but_for_the_w
         total += float(rewards[0])
     end = infos[0]
     assert end["failure"] == failure
-    charge = 60.0 if failure else 0.0
+    charge = 40.0 if failure else 0.0
     assert total == pytest.approx(0.15 * end["progress"] - end["time"] - charge, abs=0.1)
