@@ -21,6 +21,7 @@ from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
 from agents.commands.output import Results, console, say, table
 from agents.policies import KIND, LEARNED, SCALING, WEIGHTS, load_policy
 from agents.pure_pursuit import PurePursuitAgent
+from agents.studies.felt import felt_error
 from agents.studies.units import Key, run_units, stamp_of
 from agents.train import TrainArgs, configuration_hash, train
 from offroad_env.errors import InvalidParameter
@@ -30,7 +31,8 @@ __all__ = ["Learning", "arguments", "run_unit"]
 
 _FRAMES = 10  #: of the arm with memory: two seconds
 _SOURCES = ("agents.train", "agents.learning_env", "agents.benchmark.runner", "offroad_env.vector_env")
-_PLAIN = "pure_pursuit"
+#: Units beside the policies: a tracker, and what a single look at the senses tells of the soil.
+_PLAIN, _FELT = "pure_pursuit", "felt"
 
 
 def arguments(task: str, arm: str, seed: int, steps: int, out: Path) -> TrainArgs:
@@ -50,6 +52,8 @@ def arguments(task: str, arm: str, seed: int, steps: int, out: Path) -> TrainArg
 
 def run_unit(task: str, arm: str, seed: int, steps: int, episodes: int, *, out: Path) -> dict[str, Any]:
     """Train one policy, or take up its training, and drive the test episodes; a unit of `run_units`."""
+    if arm == _FELT:
+        return {"errors": felt_error(task, episodes)}
     import torch
 
     torch.set_num_threads(1)
@@ -119,12 +123,16 @@ class Learning(Results):
         for task in self.tasks:
             here = [arm for arm in arms if arm.task == task]
             say(learned_verdict(here, units[task]))
+            error, prior = done[task, _FELT, 0, 0, self.episodes]["errors"]
+            say(f"A single observation on {task} tells n to {error:.3f} (prior {prior:.3f}).")
         rates = [unit["periods_per_second"] for unit in done.values() if "periods_per_second" in unit]
         say(f"training: {min(rates):.0f} to {max(rates):.0f} environment steps a second in one process")
         self.save_figure(learning_figure(arms, self._curves(done)), "learning")
         if self.ship is not None:
             self._copy(self.ship)
-        self.save_numbers({"arms": [asdict(arm) for arm in arms], "curves": self._curves(done)})
+        felt = {task: done[task, _FELT, 0, 0, self.episodes]["errors"] for task in self.tasks}
+        numbers = {"arms": [asdict(arm) for arm in arms], "curves": self._curves(done), "felt": felt}
+        self.save_numbers(numbers)
 
     def _check(self) -> None:
         for task in self.tasks:
@@ -144,7 +152,8 @@ class Learning(Results):
             for task in self.tasks
             for arm in self.arms
         ]
-        return [(task, _PLAIN, 0, 0, self.episodes) for task in self.tasks] + trained
+        beside = [(task, name, 0, 0, self.episodes) for task in self.tasks for name in (_PLAIN, _FELT)]
+        return beside + trained
 
     def _stamps(self) -> dict[Key, str]:
         """Sources, and the configuration of the training."""
@@ -152,7 +161,9 @@ class Learning(Results):
         stamps = {}
         for key in self._keys():
             task, arm, seed, steps, _ = key
-            trained = "" if arm == _PLAIN else configuration_hash(arguments(task, arm, seed, steps, self.out))
+            trained = (
+                configuration_hash(arguments(task, arm, seed, steps, self.out)) if arm in LEARNED else ""
+            )
             stamps[key] = f"{sources}-{trained}"
         return stamps
 
@@ -176,12 +187,12 @@ class Learning(Results):
         return [
             {"task": key[0], "arm": key[1], "seed": key[2], "points": done[key]["curve"]}
             for key in self._keys()
-            if key[1] != _PLAIN
+            if key[1] in LEARNED
         ]
 
     def _copy(self, folder: Path) -> None:
         for task, arm, seed, steps, _ in self._keys():
-            if arm != _PLAIN:
+            if arm in LEARNED:
                 home = arguments(task, arm, seed, steps, self.out).out
                 goal = folder / task / arm / str(seed)
                 goal.mkdir(parents=True, exist_ok=True)
