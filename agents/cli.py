@@ -38,6 +38,9 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "train": ("train", "Train", "train a policy by PPO (needs the extra rl)"),
 }
 
+#: Other names of subcommands.
+_ALIASES = {"study": "reproduce"}
+
 _USAGE = 2  # exit status of wrong usage, as argparse has it
 
 
@@ -54,7 +57,7 @@ def _run(arguments: list[str]) -> int:
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(_overview())
         return 0 if arguments else _USAGE
-    name, rest = arguments[0], arguments[1:]
+    name, rest = _ALIASES.get(arguments[0], arguments[0]), arguments[1:]
     if name == "--version":
         from offroad_env import __version__
 

@@ -82,7 +82,7 @@ class ExtendedTruth:
         errors, extra = errors.copy(), self.setup.errors
         errors[OFFSET, IMU] += extra.offset
         errors[SCALE, _ACCELEROMETERS] += extra.accel_scale - 1.0
-        errors[SCALE, WHEEL] += extra.wheel_scale - 1.0
+        errors[SCALE, WHEEL] += extra.wheel_scale - 1.0 + extra.wheel_split * np.array([1.0, -1.0])
         return errors
 
     def drive(self, e: Any, action: np.ndarray, command: Any, noise: np.ndarray) -> None:

@@ -20,5 +20,6 @@ STUDIES: dict[str, tuple[str, str, str]] = {
     "carried": ("carried", "Carried", "the estimators that the environment can carry: error, band, cost"),
     "sensors": ("sensors", "Sensors", "what wheel speeds and satellite fixes add to the inertial unit"),
     "diagnosis": ("diagnosis", "DiagnosisStudy", "hide and find: false alarms, power, sets, wrong names"),
+    "rig": ("rig", "RigStudy", "hide and find on wheel rigs; the measured soil bin, angle by angle"),
     "mismatch": ("mismatch", "Mismatches", "filters whose model is wrong: error, coverage, validity flag"),
 }

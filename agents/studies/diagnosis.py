@@ -1,42 +1,55 @@
 """``offroad reproduce diagnosis``: effects are hidden in simulated logs, and the finder must find them.
 
 Null logs hide nothing: how often does the finder cry wolf, and how often if it took all noise for white?
-Single effects at multiples of the smallest size that the log could show; forces that the library does not
-hold; a library from which the true effect was taken. Nothing that hides uses the finder's own laws.
+Effects alone at multiples of the smallest size that the log could show, and in pairs; forces that the library
+does not hold; a library from which the true effect was taken. Nothing that hides uses the finder's own laws.
 """
 
 from __future__ import annotations
 
+import copy
 import math
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.stats import norm
 
 from agents.commands.output import Results, console, say, table
 from agents.studies.units import Key, run_units, stamp_of
 from estimators.discrepancy.diagnosis import Diagnosis, diagnose
 from estimators.discrepancy.fit import fit_runs
+from estimators.discrepancy.gain import held_out
 from estimators.discrepancy.hide import HIDERS, STRANGERS, Case, Hidden, draw_case, hidden_log
 from estimators.discrepancy.run_model import RunModel
-from estimators.discrepancy.screen import candidates_for, screen
-from estimators.discrepancy.windows import FIT
-from offroad_env.effects import EFFECTS
+from estimators.discrepancy.screen import DETECTABLE, Screen, candidates_for, screen
+from estimators.discrepancy.windows import FIT, REPORT
+from estimators.logs.log import Log
+from offroad_env.effects import EFFECTS, apply
 from offroad_env.errors import OffroadError
 from offroad_env.soils import SOILS
 
-__all__ = ["DiagnosisStudy", "run_unit", "wilson"]
+__all__ = ["DiagnosisStudy", "counted", "run_unit", "wilson"]
 
 #: Seeds of the report; tuning used those below 1000.
 _FIRST_SEED = 1000
 MULTIPLES = (0.5, 1.0, 2.0, 4.0)
 #: Effects that cannot be negative.
 _ONE_SIDED = ("steer_delay", "steer_lag", "aero_drag")
+#: The hider acts in ticks of this length: a delay is a whole number of them [s].
+_TICK = 0.005
+#: Effects that are hidden by the same means, and cannot be hidden together.
+_EXCLUSIVE = (("steer_delay", "steer_lag", "steer_offset"), ("slip_sinkage", "n_step"))
+#: Where the hider's soil changes, as the finder's parameters.
+_PLACES = {"n_step": {"place": 35.0, "direction": 0.0}}
 #: Size of the forces without a name [share of the weight].
 _STRANGE = 0.03
 #: An explanation that copies this share of the removed effect's trace is no wrong name.
 MIMICRY = 0.9
+_QUIET = ("NO EFFECT", "NOT TESTABLE")
 
 
 def wilson(hits: int, count: int, z: float = 1.959964) -> tuple[float, float]:
@@ -49,42 +62,127 @@ def wilson(hits: int, count: int, z: float = 1.959964) -> tuple[float, float]:
     return max((centre - half) / scale, 0.0), min((centre + half) / scale, 1.0)
 
 
-def run_unit(kind: str, name: str, multiple: float, seed: int) -> dict:
-    """One log hidden and diagnosed; the answer is compared only afterwards."""
+# ------------------------------------------------------------------ one log
+
+
+def limits_of(seed: int) -> dict:
+    """Smallest sizes that the log of this seed would show, and which effects look alike to it.
+
+    From the same run with nothing hidden.
+    """
+    try:
+        fit = fit_runs([RunModel(hidden_log(draw_case(seed)), use=FIT)])
+        result = screen(fit, candidates_for(fit, tuple(EFFECTS)))
+    except OffroadError as error:
+        return {"failed": str(error)}
+    return {"limits": result.limits(), "alike": {name: _alike(result, name) for name in HIDERS}}
+
+
+def _alike(result: Screen, name: str) -> dict[str, float]:
+    own = [i for i, candidate in enumerate(result.candidates) if candidate.effect == name]
+    best = own[int(np.argmax(np.diag(result.information)[own]))]
+    cosines = np.abs(result.cosines()[best])
+    found: dict[str, float] = {}
+    for candidate, cosine in zip(result.candidates, cosines, strict=True):
+        found[candidate.effect] = max(found.get(candidate.effect, 0.0), float(cosine))
+    return {effect: cosine for effect, cosine in found.items() if cosine > 0.5}
+
+
+def run_unit(kind: str, name: str, multiple: float, seed: int, *, known: Mapping[int, dict]) -> dict:
+    """One log hidden and diagnosed; the answer is compared only afterwards.
+
+    Parameters
+    ----------
+    kind
+        "null", "white", "single", "pair", "removed", "stranger" or "same".
+    name
+        What is hidden; two names with + between for a pair.
+    multiple
+        Size in limits.
+    known
+        Seed -> `limits_of` it.
+    """
     case = draw_case(seed)
     try:
         if kind in ("null", "white"):
-            return _diagnosed(case, None, white=kind == "white")
+            return _diagnosed(hidden_log(case), case, white=kind == "white")
         if kind == "stranger":
-            return _diagnosed(case, STRANGERS[name](_STRANGE))
-        sign = 1.0 if name in _ONE_SIDED else float(np.random.default_rng([seed, 3]).choice((-1.0, 1.0)))
-        limit, alike = _limit(case, name)
-        size = sign * multiple * limit
+            return _diagnosed(hidden_log(case, STRANGERS[name](_STRANGE)), case)
+        names, limits = name.split("+"), known[seed]["limits"]
+        sizes = [_size(one, multiple * limits[one], seed) for one in names]
+        log = hidden_log(case, _together([_hidden(one, x) for one, x in zip(names, sizes, strict=True)]))
+        if kind == "same":
+            return _same(log, case)
         library = [other for other in EFFECTS if other != name] if kind == "removed" else None
-        result = _diagnosed(case, HIDERS[name](size), library=library)
-        return result | {"size": size, "limit": limit, "alike": alike}
+        truth = (name, sizes[0]) if kind == "single" and multiple == 2.0 else None
+        result = _diagnosed(log, case, library=library, truth=truth)
+        truths = {one: size / limits[one] for one, size in zip(names, sizes, strict=True)}
+        alike = known[seed]["alike"][names[0]]
+        return result | {"sizes_true": sizes, "multiples": truths, "alike": alike}
     except OffroadError as error:
         return {"failed": str(error)}
 
 
-def _limit(case: Case, name: str) -> tuple[float, dict[str, float]]:
-    """Smallest size that this log would show, from the same run with nothing hidden; and cosines."""
-    fit = fit_runs([RunModel(hidden_log(case), use=FIT)])
-    result = screen(fit, candidates_for(fit, tuple(EFFECTS)))
-    own = [i for i, candidate in enumerate(result.candidates) if candidate.effect == name]
-    best = own[int(np.argmax(np.diag(result.information)[own]))]
-    cosines = np.abs(result.cosines()[best])
-    alike = {c.effect: float(cos) for c, cos in zip(result.candidates, cosines, strict=True) if cos > 0.5}
-    return result.limits()[name], alike
+def _size(name: str, size: float, seed: int) -> float:
+    """Size with its sign drawn; a delay in whole ticks."""
+    if name == "steer_delay":
+        return max(round(size / _TICK), 1) * _TICK
+    if name in _ONE_SIDED:
+        return size
+    return size * float(np.random.default_rng([seed, 3]).choice((-1.0, 1.0)))
+
+
+def _hidden(name: str, size: float) -> Hidden:
+    """The hider's lag answers at the beginning of its ticks: its time constant for the lag's mean delay."""
+    if name == "steer_lag":
+        size = _TICK / math.log1p(_TICK / size)
+    return HIDERS[name](size)
+
+
+def _together(parts: Sequence[Hidden]) -> Hidden:
+    """Several things hidden in one run; at most one of them may change the commands."""
+    if len(parts) == 1:
+        return parts[0]
+    plain = Hidden()
+    commands = [part.command for part in parts if part.command is not plain.command]
+
+    def plant(plant):
+        for part in parts:
+            plant = part.plant(plant)
+        return plant
+
+    def step(x, readings, plant):
+        for part in parts:
+            plant = part.step(x, readings, plant) if part.step is not None else plant
+        return plant
+
+    def feel(x, readings, plant):
+        for part in parts:
+            if part.feel is not None:
+                part.feel(x, readings, plant)
+
+    def sample(sample):
+        for part in parts:
+            part.sample(sample)
+
+    command = commands[0] if commands else plain.command
+    return Hidden(plant=plant, command=command, step=step, feel=feel, sample=sample)
 
 
 def _diagnosed(
-    case: Case, hidden: Hidden | None, *, white: bool = False, library: Sequence[str] | None = None
+    log: Log,
+    case: Case,
+    *,
+    white: bool = False,
+    library: Sequence[str] | None = None,
+    truth: tuple[str, float] | None = None,
 ) -> dict:
-    log = hidden_log(case, hidden)
     start = time.process_time()
     diagnosis = diagnose([log], white=white, library=library)
-    return _summary(diagnosis, case) | {"seconds": time.process_time() - start}
+    result = _summary(diagnosis, case) | {"seconds": time.process_time() - start}
+    if truth is not None and diagnosis.report is not None:
+        result["gain"] = _share_of_oracle(diagnosis, log, *truth)
+    return result
 
 
 def _summary(diagnosis: Diagnosis, case: Case) -> dict:
@@ -96,77 +194,156 @@ def _summary(diagnosis: Diagnosis, case: Case) -> dict:
         "sizes": [[(rival.size, rival.deviation) for rival in cause.rivals] for cause in diagnosis.causes],
         "strongest": float(np.abs(found.first.z).max()) if found else None,
         "threshold": found.threshold if found else None,
-        "searched": [candidate.effect for candidate in found.extended.candidates] if found else [],
+        "gate": list(found.gate) if found else [],
         "rest": {rest.equation: rest.chance for rest in diagnosis.rest},
         "converged": diagnosis.checks.get("converged"),
+        "solver": diagnosis.checks.get("solver"),
         "n_true": case.n,
         "n_fit": SOILS[case.soil].n + float(found.extended.nuisances[0]) if found else None,
     }
+
+
+def _share_of_oracle(diagnosis: Diagnosis, log: Log, name: str, size: float) -> tuple[float, float]:
+    """Gains on the report's windows, of the extended model and of one that knows the truth."""
+    run = copy.copy(diagnosis.search.nominal.runs[0])
+    run.setup = apply(run.setup, [(name, {EFFECTS[name].size.name: size, **_PLACES.get(name, {})})])
+    oracle = fit_runs([run])
+    # The finder's noise for both: a likelihood is compared under one law.
+    oracle.whitener.noise = dict(diagnosis.search.extended.whitener.noise)
+    apart = RunModel(log, use=REPORT)
+    apart.setup = run.setup
+    nominal, extended = diagnosis.report
+    weighed = copy.copy(diagnosis.search.nominal)
+    weighed.whitener = oracle.whitener
+    before = held_out(weighed, nominal.fit.runs).cost
+    return before - extended.cost, before - held_out(oracle, [apart]).cost
+
+
+def _same(log: Log, case: Case) -> dict:
+    """Whether another order of the library and another name of the log change a diagnosis."""
+    first = _summary(diagnose([log]), case)
+    again = _summary(diagnose([replace(log, name="another")], library=list(EFFECTS)[::-1]), case)
+    return first | {"same": first == again}
+
+
+# ------------------------------------------------------------------ the study
 
 
 @dataclass(kw_only=True)
 class DiagnosisStudy(Results):
     """Hide and find: false alarms, power, sets, wrong names.
 
-    Writes diagnosis.jsonl with the result of every log (a log that is there is not repeated) and
-    diagnosis.json.
+    Writes diagnosis.jsonl with the result of every log (a log that is there is not repeated),
+    diagnosis.json and diagnosis.png.
     """
 
     quick: bool = False  #: a few logs of each kind
     nulls: int = 300  #: logs with nothing wrong
-    whites: int = 30  #: of these, so many again with all noise taken for white
-    seeds: int = 8  #: logs for each effect and size
+    whites: int = 60  #: of these, so many again with all noise taken for white
+    seeds: int = 8  #: logs for each effect at twice its limit
+    power_seeds: int = 8  #: logs for each effect at the other sizes
+    pairs: int = 100  #: logs with two effects
+    removed: int = 2  #: logs for each effect with a library that lacks it
+    stranger_seeds: int = 8  #: logs for each force that no library holds
+    same: int = 3  #: logs that are diagnosed again with everything in another order
     effects: tuple[str, ...] = tuple(HIDERS)  #: effects to hide
     n_jobs: int = 2  #: local processes
 
     def run(self) -> None:
-        """Run what is missing, then count and print."""
+        """Run what is missing, then count, draw and print."""
+        from agents.figures.diagnosis import diagnosis_figure
+
         if self.quick:
-            self.nulls, self.whites, self.seeds = 6, 2, 1
-        stamp = stamp_of("estimators.discrepancy.diagnosis", "estimators.discrepancy.hide")
-        units = dict.fromkeys(self._keys(), stamp)
-        results = run_units(
-            self.out / "diagnosis.jsonl", run_unit, units, label="hide and find", n_jobs=self.n_jobs
-        )
+            self.nulls, self.whites, self.seeds, self.power_seeds, self.pairs = 6, 2, 1, 0, 2
+            self.removed, self.stranger_seeds, self.same = 0, 1, 1
+        path = self.out / "diagnosis.jsonl"
+        count = max(self.seeds, self.power_seeds, self.removed, self.same, self.pairs)
+        seeds = range(_FIRST_SEED, _FIRST_SEED + count)
+        limits = self._done(path, _limits_unit, [("limits", seed) for seed in seeds], "limits")
+        known = {key[1]: result for key, result in limits.items() if "failed" not in result}
+        results = self._done(path, partial(run_unit, known=known), self._keys(set(known)), "hide and find")
         numbers = counted(results)
         _show(numbers)
+        self.save_figure(diagnosis_figure(numbers), "diagnosis")
         self.save_numbers(numbers)
 
-    def _keys(self) -> list[Key]:
-        first = range(_FIRST_SEED, _FIRST_SEED + self.seeds)
+    def _done(self, path, work: Callable[..., dict], keys: Sequence[Key], label: str) -> dict[Key, dict]:
+        stamp = stamp_of("estimators.discrepancy.diagnosis", "estimators.discrepancy.hide")
+        return run_units(path, work, dict.fromkeys(keys, stamp), label=label, n_jobs=self.n_jobs)
+
+    def _keys(self, seeds: set[int]) -> list[Key]:
+        first = [seed for seed in sorted(seeds) if seed < _FIRST_SEED + self.seeds]
+        powers = [seed for seed in sorted(seeds) if seed < _FIRST_SEED + self.power_seeds]
         keys: list[Key] = [("null", "", 0.0, _FIRST_SEED + i) for i in range(self.nulls)]
-        keys += [("single", name, 2.0, seed) for seed in first for name in self.effects]
         keys += [("white", "", 0.0, _FIRST_SEED + i) for i in range(self.whites)]
-        keys += [("stranger", name, 1.0, seed) for seed in first for name in STRANGERS]
-        keys += [("removed", name, 4.0, seed) for seed in first[:2] for name in self.effects]
+        keys += [("single", name, 2.0, seed) for seed in first for name in self.effects]
+        keys += [
+            ("stranger", name, 1.0, _FIRST_SEED + i) for i in range(self.stranger_seeds) for name in STRANGERS
+        ]
+        keys += [
+            ("removed", name, 4.0, seed) for seed in sorted(seeds)[: self.removed] for name in self.effects
+        ]
+        keys += [("pair", self._pair(seed), 2.0, seed) for seed in sorted(seeds)[: self.pairs]]
+        keys += [("same", "payload", 2.0, seed) for seed in sorted(seeds)[: self.same]]
         others = [multiple for multiple in MULTIPLES if multiple != 2.0]
         keys += [
-            ("single", name, multiple, seed) for seed in first for name in self.effects for multiple in others
+            ("single", name, multiple, seed)
+            for seed in powers
+            for name in self.effects
+            for multiple in others
         ]
         return keys
+
+    def _pair(self, seed: int) -> str:
+        """Two effects that can be hidden together, drawn from the seed."""
+        rng = np.random.default_rng([seed, 5])
+        while True:
+            pair = sorted(str(name) for name in rng.choice(self.effects, 2, replace=False))
+            if not any(set(pair) <= set(group) for group in _EXCLUSIVE):
+                return "+".join(pair)
+
+
+def _limits_unit(_kind: str, seed: int) -> dict:
+    return limits_of(seed)
+
+
+# ------------------------------------------------------------------ counting
 
 
 def counted(results: Mapping[Key, dict]) -> dict:
     """Shares with intervals, from the results of all units."""
-    numbers: dict = {"failed": sum("failed" in result for result in results.values())}
+    done = {key: result for key, result in results.items() if "failed" not in result}
+    numbers: dict = {"failed": len(results) - len(done)}
     for kind in ("null", "white"):
-        verdicts = [r["verdict"] for key, r in results.items() if key[0] == kind and "failed" not in r]
-        alarms = sum(verdict not in ("NO EFFECT", "NOT TESTABLE") for verdict in verdicts)
-        numbers[kind] = _share(alarms, len(verdicts))
+        own = [result for key, result in done.items() if key[0] == kind]
+        numbers[kind] = _alarms(own) | {
+            road: _alarms([r for r in own if r["road"] == road]) for road in ("flat", "known", "unknown")
+        }
+    singles = {key: result for key, result in done.items() if key[0] == "single"}
     for multiple in MULTIPLES:
-        own = [
-            (key[1], r)
-            for key, r in results.items()
-            if key[0] == "single" and key[2] == multiple and "failed" not in r
-        ]
-        numbers[f"single at {multiple:g}"] = _singles(own)
-    confident = [
-        (key, r) for key, r in results.items() if key[0] in ("stranger", "removed") and "failed" not in r
-    ]
+        own = [(key[1], r) for key, r in singles.items() if key[2] == multiple]
+        numbers[f"single at {multiple:g}"] = _found(own)
+    numbers["pair"] = _found([(key[1], r) for key, r in done.items() if key[0] == "pair"])
     for kind in ("stranger", "removed"):
-        own = [(key, r) for key, r in confident if key[0] == kind]
-        numbers[kind] = _share(sum(_wrong_name(key, r) for key, r in own), len(own))
+        own = [r for key, r in done.items() if key[0] == kind]
+        numbers[kind] = _share(sum(map(_wrong_name, own)), len(own))
+    same = [r["same"] for key, r in done.items() if key[0] == "same"]
+    numbers["same in another order"] = _share(sum(same), len(same))
+    seconds = [r["seconds"] for r in done.values() if "seconds" in r]
+    numbers["core seconds"] = {"median": _quantile(seconds, 0.5), "95 %": _quantile(seconds, 0.95)}
+    gains = [r["gain"] for r in singles.values() if "gain" in r]
+    numbers["gain over oracle's"] = {
+        "logs": len(gains),
+        "pooled": sum(g[0] for g in gains) / max(sum(g[1] for g in gains), 1e-300),
+        "median": _quantile([g[0] / g[1] for g in gains if g[1] > 0.0], 0.5),
+    }
+    numbers["power"] = _power(singles)
+    numbers["confusion"] = _confusion(singles)
     return numbers
+
+
+def _quantile(values: Sequence[float], share: float) -> float | None:
+    return float(np.quantile(values, share)) if values else None
 
 
 def _share(hits: int, count: int) -> dict:
@@ -174,28 +351,45 @@ def _share(hits: int, count: int) -> dict:
     return {"hits": hits, "count": count, "share": hits / max(count, 1), "low": low, "high": high}
 
 
-def _singles(own: Sequence[tuple[str, dict]]) -> dict:
-    detected = [(name, r) for name, r in own if r["verdict"] not in ("NO EFFECT", "NOT TESTABLE")]
-    inside = [(name, r) for name, r in own if any(name in members for members in r["sets"])]
-    covered = sum(_covers(name, r) for name, r in inside)
-    sizes = [len(members) for name, r in inside for members in r["sets"] if name in members]
+def _alarms(own: Sequence[dict]) -> dict:
+    return _share(sum(r["verdict"] not in _QUIET for r in own), len(own))
+
+
+def _found(own: Sequence[tuple[str, dict]]) -> dict:
+    """Of logs and the names that are hidden in them, see `run_unit`."""
+    truths = [
+        (name, size, r)
+        for names, r in own
+        for name, size in zip(names.split("+"), r["sizes_true"], strict=True)
+    ]
+    inside = [(name, size, r) for name, size, r in truths if any(name in members for members in r["sets"])]
+    sizes = [len(members) for name, _, r in inside for members in r["sets"] if name in members]
+    causes = sum(len(r["sets"]) for _, r in own)
+    theory = [sum(cosine**2 > 1.0 - _alike_below(r) for cosine in r["alike"].values()) for _, r in own]
     return {
-        "detected": _share(len(detected), len(own)),
-        "truth in a set": _share(len(inside), len(own)),
-        "interval holds the truth": _share(covered, len(inside)),
+        "detected": _share(sum(r["verdict"] not in _QUIET for _, r in own), len(own)),
+        "truth in a set": _share(len(inside), len(truths)),
+        "interval holds the truth": _share(sum(_covers(*truth) for truth in inside), len(inside)),
+        "sets without a truth": _share(causes - len(sizes), causes),
         "mean set size": float(np.mean(sizes)) if sizes else None,
+        "theory of it": float(np.mean(theory)) if theory else None,
     }
 
 
-def _covers(name: str, result: dict) -> bool:
+def _alike_below(result: dict) -> float:
+    """Least 1 - cos^2 that shows: where a rival would lack 6.63 of twice the log-likelihood."""
+    return 6.63 / (DETECTABLE * max(abs(multiple) for multiple in result["multiples"].values())) ** 2
+
+
+def _covers(name: str, truth: float, result: dict) -> bool:
     for members, sizes in zip(result["sets"], result["sizes"], strict=True):
         if name in members:
             size, deviation = sizes[members.index(name)]
-            return abs(size - result["size"]) <= 1.959964 * deviation
+            return abs(size - truth) <= 1.959964 * deviation
     return False
 
 
-def _wrong_name(key: Key, result: dict) -> bool:
+def _wrong_name(result: dict) -> bool:
     """One name without a doubt, and not one that looks the same to this log."""
     if result["verdict"] != "NAMED":
         return False
@@ -203,17 +397,70 @@ def _wrong_name(key: Key, result: dict) -> bool:
     return not all(alike.get(members[0], 0.0) ** 2 >= MIMICRY for members in result["sets"])
 
 
+def _power(singles: Mapping[Key, dict]) -> dict:
+    """Share detected over the size in standard deviations, and how many times the bound's sizes it takes.
+
+    A finder with all information of the search's windows detects with probability Phi(size - threshold). The
+    measured logs detect like Phi(size / ratio - threshold), with the ratio of the greatest likelihood.
+    """
+    rows = [
+        (DETECTABLE * abs(r["multiples"][key[1]]), r["threshold"], r["verdict"] not in _QUIET)
+        for key, r in singles.items()
+        if r["threshold"] is not None
+    ]
+    if not rows:
+        return {"ratio": None, "points": []}
+    size, threshold, seen = (np.array(column, dtype=np.float64) for column in zip(*rows, strict=True))
+
+    def loss(log_ratio: float) -> float:
+        p = np.clip(norm.cdf(size * math.exp(-log_ratio) - threshold), 1e-3, 1.0 - 1e-3)
+        return -float(np.sum(seen * np.log(p) + (1.0 - seen) * np.log(1.0 - p)))
+
+    best = math.exp(minimize_scalar(loss, bounds=(-1.5, 1.5), method="bounded").x)
+    # All found, or none: any ratio on that side is as good.
+    ratio = best if 0.0 < seen.mean() < 1.0 else None
+    points = []
+    for low, high in ((0.0, 3.3), (3.3, 6.6), (6.6, 13.0), (13.0, np.inf)):
+        own = (size >= low) & (size < high)
+        if own.any():
+            points.append({"size": float(np.mean(size[own]))} | _share(int(seen[own].sum()), int(own.sum())))
+    return {"ratio": ratio, "threshold": float(np.mean(threshold)), "points": points}
+
+
+def _confusion(singles: Mapping[Key, dict]) -> dict[str, dict[str, float]]:
+    """Hidden effect -> share of its logs at twice the limit in whose best names each effect stands."""
+    rows: dict[str, dict[str, float]] = {}
+    for name in dict.fromkeys(key[1] for key in singles):
+        own = [r for key, r in singles.items() if key[1] == name and key[2] == 2.0]
+        for result in own:
+            names = {members[0] for members in result["sets"]} or {"nothing"}
+            for found in names:
+                row = rows.setdefault(name, {})
+                row[found] = row.get(found, 0.0) + 1.0 / len(own)
+    return rows
+
+
 def _show(numbers: dict) -> None:
     rows = []
     for name, entry in numbers.items():
         if isinstance(entry, dict) and "share" in entry:
             rows.append((name, _text(entry), "", "", ""))
-        elif isinstance(entry, dict):
+        elif isinstance(entry, dict) and "detected" in entry:
             size = entry["mean set size"]
             parts = [_text(entry[k]) for k in ("detected", "truth in a set", "interval holds the truth")]
-            rows.append((name, *parts, "-" if size is None else f"{size:.2f}"))
-    heading = ("logs", "alarm, or wrong name, or detected", "truth in a set", "interval holds", "set size")
+            rows.append((name, *parts, "-" if size is None else f"{size:.2f} ({entry['theory of it']:.2f})"))
+    heading = (
+        "logs",
+        "alarm, wrong name, or detected",
+        "truth in a set",
+        "interval holds",
+        "set size (theory)",
+    )
     console().print(table("hide and find: share (95 % interval) of logs", heading, rows))
+    if (ratio := numbers["power"]["ratio"]) is not None:
+        say(f"power: it takes {ratio:.2f} times the sizes of the Fisher bound")
+    if (gain := numbers["gain over oracle's"])["logs"]:
+        say(f"gain: {gain['pooled']:.0%} of the oracle's, over {gain['logs']} logs")
     if numbers["failed"]:
         say(f"{numbers['failed']} logs could not be driven or diagnosed")
 

@@ -86,7 +86,9 @@ def diagnose(
     SolverFailure
         If the nominal model cannot be run.
     """
-    library = tuple(EFFECTS) if library is None else tuple(library)
+    # Neither the order of files and effects nor a file's name may matter.
+    library = tuple(EFFECTS) if library is None else tuple(name for name in EFFECTS if name in library)
+    logs = sorted(logs, key=lambda log: log.hash)
     progress("data quality")
     findings = tuple(finding for log in logs for finding in quality(log).problems)
     if findings:
@@ -95,30 +97,32 @@ def diagnose(
     progress("nominal model")
     nominal = fit_runs(parts[FIT], white=white)
     progress("search")
-    found = search(nominal, library, SCREEN_RATE, white=white)
+    found = search(nominal, library, SCREEN_RATE, parts[SELECT], white=white)
     progress("solver")
     solver = _solver_error(found, library)
     progress("what is left")
     rest = probe(found.extended)
-    progress("gate")
-    causes, gate = _gated(found, parts[SELECT])
-    if causes is None:
-        causes, rest = (), probe(nominal)
     limits = found.first.limits()
     result = Diagnosis(
         verdict="",
-        causes=causes,
+        causes=found.causes,
         rest=rest,
         limits=limits,
         not_testable=_not_testable(nominal, limits),
         missing=_missing(nominal, library),
-        checks={"solver": solver, "gate": gate, "converged": nominal.converged, "threshold": found.threshold},
+        checks={
+            "solver": solver,
+            "gate": list(found.gate),
+            # A model that lacks much need not have a clean minimum: the one that is reported must.
+            "converged": found.extended.converged,
+            "threshold": found.threshold,
+        },
         search=found,
         logs=tuple(logs),
     )
     result.verdict = _verdict(result, solver)
     progress("gain")
-    if causes and parts[REPORT]:
+    if found.causes and parts[REPORT]:
         _report(result, parts[REPORT])
     return result
 
@@ -149,17 +153,6 @@ def _solver_error(found: Search, library: Sequence[str]) -> float:
     except OffroadError:
         return float("inf")
     return float(np.abs(found.score_of(after - before)).max(initial=0.0))
-
-
-def _gated(found: Search, runs: list[RunModel]) -> tuple[tuple[Cause, ...] | None, float | None]:
-    """The causes if they also help on windows apart, else None; and by how much, in the log-likelihood."""
-    if not found.causes or not runs:
-        return found.causes, None
-    try:
-        gain = held_out(found.nominal, runs).cost - held_out(found.extended, runs).cost
-    except OffroadError:
-        return found.causes, None
-    return (found.causes if gain > 0.0 else None), float(gain)
 
 
 def _not_testable(fit: Fit, limits: dict[str, float]) -> dict[str, float]:

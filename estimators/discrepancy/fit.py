@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimators.discrepancy.noise import Whitener
+from estimators.discrepancy.road import healthy_residuals, widening
 from estimators.discrepancy.run_model import RunModel
 from offroad_env.effects import EFFECTS, Setup, apply
 from offroad_env.errors import OffroadError, SolverFailure
@@ -30,25 +31,35 @@ class Nuisance:
     step: float  #: of its finite difference
     sensors_only: bool
     channel: int = 0
+    limit: float = np.inf  #: nothing healthy has more, either way
+    effect: str | None = None  #: on hard ground alone: the effect whose size it is
 
 
 #: Beliefs about a healthy vehicle; a bias beyond them is an effect.
 NUISANCES = (
     Nuisance(name="ground", spread=0.5, step=0.005, sensors_only=False),
-    Nuisance(name="shift", spread=1.0, step=0.25, sensors_only=False),
+    # Tyres are known by one stiffness at best, and never in front as behind.
+    Nuisance(name="balance", spread=0.3, step=0.02, sensors_only=False, limit=0.8, effect="front_grip"),
+    # Half a sample either way, in standard deviations; inputs that are later than that are an effect.
+    Nuisance(name="shift", spread=1.0, step=0.25, sensors_only=False, limit=3.0**0.5),
     *(Nuisance(name=f"bias_{i}", spread=0.02, step=0.01, sensors_only=True, channel=i) for i in range(3)),
     *(Nuisance(name=f"bias_{i}", spread=5e-4, step=1e-3, sensors_only=True, channel=i) for i in (3, 4)),
-    Nuisance(name="wheel", spread=0.002, step=0.002, sensors_only=True),
+    # Each axle's wheel speeds err by 0.2 %: their mean and half their difference by less.
+    Nuisance(name="wheel", spread=0.0014, step=0.002, sensors_only=True),
+    Nuisance(name="wheel_split", spread=0.0014, step=0.002, sensors_only=True),
 )
 #: Belief about a size, in plausible sizes: loose enough to change no result.
 _LOOSE = 100.0
 #: Finite differences: share of a state's spread, and of an effect's plausible size.
-_STATE_STEP, _SIZE_STEP = 0.02, 0.02
+_STATE_STEP, _SIZE_STEP = 0.001, 0.005
 _ROUNDS = 8
 #: Passes of descending and learning the noise; the gain of a pass that ends them, in the log-likelihood.
 _PASSES, _SETTLED = 6, 1.0
 #: What a step promises and does not keep, above which the point is no minimum.
 _STALLED = 10.0
+#: A step that promises more than this share of what the one before did, and so much at all, asks for new
+#: derivatives.
+_SLOW, _STAKE = 0.2, 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +68,11 @@ class Candidate:
 
     effect: str
     place: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def key(self) -> tuple:
+        """Tells candidates apart."""
+        return (self.effect, *sorted(self.place.items()))
 
     def values(self, size: float) -> dict[str, float]:
         """Parameters of the effect at this size, held within what the model bears."""
@@ -86,6 +102,7 @@ class Fit:
 
     def __init__(self, runs: Sequence[RunModel]) -> None:
         self.runs = tuple(runs)
+        self._coarse_runs = tuple(run.coarse() for run in runs)
         self.offsets = np.concatenate([[0], np.cumsum([len(run.y) for run in runs])])
         self.whitener = Whitener([(run.channels, int(o)) for run, o in zip(runs, self.offsets, strict=False)])
         self.window = self._window_of_rows()
@@ -94,7 +111,14 @@ class Fit:
         self.sizes = np.empty(0)
         self.starts: list[np.ndarray] = []
         self.warm: list[np.ndarray] = []
+        # Derivatives of the data, taken at a point not far away.
         self._states: np.ndarray | None = None
+        self._by_nuisances: np.ndarray | None = None
+        self._by_sizes: dict[tuple, np.ndarray] = {}
+        # Residuals of runs with nothing wrong on an unknown road, plain and whitened.
+        self.drawn: np.ndarray | None = None
+        self._healthy: np.ndarray | None = None
+        self._widenings: np.ndarray | None = None
 
     def branch(self) -> Fit:
         """A copy that may go elsewhere."""
@@ -103,6 +127,7 @@ class Fit:
         other.starts = [start.copy() for start in self.starts]
         other.whitener = copy.copy(self.whitener)
         other.whitener.noise = dict(self.whitener.noise)
+        other._by_sizes = dict(self._by_sizes)
         return other
 
     def with_effects(self, candidates: Sequence[Candidate], sizes: Sequence[float]) -> Fit:
@@ -134,12 +159,19 @@ class Fit:
                 setup = setup.with_soil(C_alpha=soil.C_alpha * float(np.exp(value)))
             elif nuisance.name == "ground":
                 setup = setup.with_soil(n=max(soil.n + float(value), 0.05))
+            elif nuisance.effect is not None and soil.rigid < 0.5:
+                continue
+            elif nuisance.effect is not None:
+                values = {EFFECTS[nuisance.effect].size.name: float(value)}
+                setup = apply(setup, [(nuisance.effect, values)])
             elif nuisance.name == "shift":
                 # Half a sample of the inputs either way is nobody's fault.
                 shift = 0.5 * period / np.sqrt(3.0) * float(value)
                 setup = replace(setup, inputs=replace(setup.inputs, delay=setup.inputs.delay + shift))
             elif nuisance.name == "wheel":
                 errors = replace(errors, wheel_scale=errors.wheel_scale + float(value))
+            elif nuisance.name == "wheel_split":
+                errors = replace(errors, wheel_split=errors.wheel_split + float(value))
             else:
                 errors = errors.shifted(nuisance.channel, float(value))
         setup = replace(setup, errors=errors)
@@ -147,16 +179,13 @@ class Fit:
         return apply(setup, [(c.effect, c.values(float(size))) for c, size in pairs])
 
     def _predict(self, setups: Sequence[Setup], starts: Sequence[np.ndarray], kept: list | None = None):
-        """Predicted data of all runs; ``kept`` holds records to reuse, or receives them."""
+        """Predicted data of all runs; ``kept`` receives the records."""
         parts = []
-        for i, run in enumerate(self.runs):
-            if kept is not None and len(kept) > i:
-                records = kept[i]
-            else:
-                records = run.simulate(setups[i], starts[i], self.warm[i], run.windows)
-                if kept is not None:
-                    kept.append(records)
-            parts.append(run.predict(setups[i], records))
+        for run, setup, start, warm in zip(self.runs, setups, starts, self.warm, strict=True):
+            records = run.simulate(setup, start, warm, run.windows)
+            if kept is not None:
+                kept.append(records)
+            parts.append(run.predict(setup, records))
         return np.concatenate(parts)
 
     def _setups(self, nuisances: np.ndarray | None = None, sizes: np.ndarray | None = None) -> list[Setup]:
@@ -179,7 +208,7 @@ class Fit:
         pairs = [run.first_starts(setup) for run, setup in zip(self.runs, self._setups(), strict=True)]
         self.starts, self.warm = [p[0] for p in pairs], [p[1] for p in pairs]
         self._centre = [start.copy() for start in self.starts]
-        self._states = None
+        self._states = self._by_nuisances = None
 
     # ------------------------------------------------------------------ derivatives
 
@@ -187,10 +216,30 @@ class Fit:
         """Measured less predicted at the present point, (M,)."""
         self._records: list = []
         self._prediction = self._predict(self._setups(), self.starts, self._records)
+        self._coarse_prediction: np.ndarray | None = None
         return self._residual(self._prediction)
 
-    def _difference(self, prediction: np.ndarray, step: float) -> np.ndarray:
-        return (self._residual(self._prediction) - self._residual(prediction)) / step
+    def _derivative(self, setups: Sequence[Setup], starts: Sequence[np.ndarray], step: float) -> np.ndarray:
+        """Change of the data from the present point to another, over ``step``.
+
+        Both ends with the coarse solver: its error is nearly the same at both.
+        """
+        if self._coarse_prediction is None:
+            self._coarse_prediction = self._coarsely(self._setups(), self.starts)
+        return self._difference(self._coarse_prediction, self._coarsely(setups, starts), step)
+
+    def _coarsely(self, setups: Sequence[Setup], starts: Sequence[np.ndarray]) -> np.ndarray:
+        parts = zip(self._coarse_runs, setups, starts, self.warm, strict=True)
+        return np.concatenate([r.predict(s, r.simulate(s, x, warm, r.windows)) for r, s, x, warm in parts])
+
+    def _sensed(self, setups: Sequence[Setup], step: float) -> np.ndarray:
+        """Change of the data where the vehicle moves the same but its sensors differ, over ``step``."""
+        parts = zip(self.runs, setups, self._records, strict=True)
+        prediction = np.concatenate([run.predict(setup, records) for run, setup, records in parts])
+        return self._difference(self._prediction, prediction, step)
+
+    def _difference(self, before: np.ndarray, after: np.ndarray, step: float) -> np.ndarray:
+        return (self._residual(before) - self._residual(after)) / step
 
     def state_columns(self) -> np.ndarray:
         """Derivatives of the data by the free states of their own window, (M, S)."""
@@ -200,7 +249,7 @@ class Fit:
             steps = [_STATE_STEP * run.spread[j] for run in self.runs]
             for start, run, step in zip(starts, self.runs, steps, strict=True):
                 start[:, run.free[j]] += step
-            columns.append(self._difference(self._predict(setups, starts), steps[0]))
+            columns.append(self._derivative(setups, starts, steps[0]))
         return np.stack(columns, axis=1)
 
     def nuisance_columns(self) -> np.ndarray:
@@ -209,46 +258,76 @@ class Fit:
         for i, nuisance in enumerate(NUISANCES):
             point = self.nuisances.copy()
             point[i] += nuisance.step
-            kept = self._records if nuisance.sensors_only else None
-            columns.append(
-                self._difference(self._predict(self._setups(point), self.starts, kept), nuisance.step)
-            )
+            if nuisance.effect is not None and self.runs[0].setup.plant.soil.rigid < 0.5:
+                columns.append(np.zeros(len(self.window)))
+                continue
+            setups = self._setups(point)
+            if nuisance.sensors_only:
+                columns.append(self._sensed(setups, nuisance.step))
+            else:
+                columns.append(self._derivative(setups, self.starts, nuisance.step))
         return np.stack(columns, axis=1)
 
-    def effect_column(self, candidate: Candidate, size: float | None = None) -> np.ndarray | None:
+    def effect_column(self, candidate: Candidate) -> np.ndarray | None:
         """Derivative of the data by the size of an effect, (M,); None where the model breaks down.
 
-        Parameters
-        ----------
-        size
-            Where; None: an effect that is not in the model, at its off-value.
+        At its present size; at its off-value, if it is not in the model.
         """
         effect = EFFECTS[candidate.effect]
-        vehicle = self.runs[0].setup.plant.vehicle
-        step = _SIZE_STEP * effect.plausible(vehicle)
-        kept = self._records if effect.sensors_only else None
+        step = _SIZE_STEP * effect.plausible(self.runs[0].setup.plant.vehicle)
         before, sizes = self.candidates, self.sizes
         try:
-            if size is None:
-                self.candidates, self.sizes = (*before, candidate), np.append(sizes, effect.size.off + step)
+            if candidate in before:
+                moved = sizes.copy()
+                moved[before.index(candidate)] += step
             else:
-                self.sizes = sizes.copy()
-                self.sizes[before.index(candidate)] += step
-            return self._difference(self._predict(self._setups(), self.starts, kept), step)
+                self.candidates, moved = (*before, candidate), np.append(sizes, effect.size.off + step)
+            setups = self._setups(sizes=moved)
         except OffroadError:
             return None
         finally:
-            self.candidates, self.sizes = before, sizes
+            self.candidates = before
+        try:
+            if effect.sensors_only:
+                return self._sensed(setups, step)
+            return self._derivative(setups, self.starts, step)
+        except OffroadError:
+            return None
+
+    def linearise(self, *, states: bool = True, shared: bool = True) -> None:
+        """Take the derivatives by the states of the windows, and by all that they share, anew.
+
+        The present point must have been simulated last, see `residual`.
+
+        Raises
+        ------
+        SolverFailure
+            Where the model breaks down.
+        """
+        if states:
+            self._states = self.state_columns()
+        if not shared:
+            return
+        self._by_nuisances = self.nuisance_columns()
+        for candidate, size in zip(self.candidates, self.sizes, strict=True):
+            column = self.effect_column(candidate)
+            if column is None:
+                raise SolverFailure(f"the model breaks down near {candidate.effect} = {size:.3g}")
+            self._by_sizes[candidate.key] = column
+
+    def column(self, candidate: Candidate) -> np.ndarray:
+        """Derivative by the size of an effect, taken where it was asked for first; 0 where it cannot be."""
+        if candidate.key not in self._by_sizes:
+            found = self.effect_column(candidate)
+            usable = found is not None and np.isfinite(found).all()
+            self._by_sizes[candidate.key] = found if usable else np.zeros(len(self.window))
+        return self._by_sizes[candidate.key]
 
     def columns(self) -> np.ndarray:
         """Derivatives by the nuisances and the sizes of the effects in the model, (M, g)."""
-        own = []
-        for candidate, size in zip(self.candidates, self.sizes, strict=True):
-            column = self.effect_column(candidate, size)
-            if column is None:
-                raise SolverFailure(f"the model breaks down near {candidate.effect} = {size:.3g}")
-            own.append(column)
-        return np.column_stack([self.nuisance_columns(), *own])
+        if self._by_nuisances is None:
+            self._by_nuisances = self.nuisance_columns()
+        return np.column_stack([self._by_nuisances, *(self.column(c) for c in self.candidates)])
 
     # ------------------------------------------------------------------ normal equations
 
@@ -261,17 +340,18 @@ class Fit:
         g = shared.shape[1]
         prior, value = np.zeros(g), np.zeros(g)
         if g:
-            prior[: len(NUISANCES)] = [1.0 / nuisance.spread**2 for nuisance in NUISANCES]
+            prior[: len(NUISANCES)] = self.beliefs
             value[: len(NUISANCES)] = self.nuisances
         normal, score = np.diag(prior), -prior * value
         spread = np.array([nuisance.spread for nuisance in NUISANCES])
         cost = 0.5 * float(np.sum((self.nuisances / spread) ** 2))
         back = []
         order = np.argsort(self.window, kind="stable")
-        edges = np.searchsorted(self.window[order], np.arange(self.window[order][-1] + 2))
         starts = np.concatenate([s[:, run.free] for s, run in zip(self.starts, self.runs, strict=True)])
         centre = np.concatenate([s[:, run.free] for s, run in zip(self._centre, self.runs, strict=True)])
         weight = 1.0 / self.runs[0].spread ** 2
+        # A window in a gap of the log has no rows.
+        edges = np.searchsorted(self.window[order], np.arange(len(starts) + 1))
         for w in range(len(starts)):
             rows = order[edges[w] : edges[w + 1]]
             A, G, r = states[rows], shared[rows], residual[rows]
@@ -297,7 +377,8 @@ class Fit:
             starts.append(moved)
         if not len(change):
             return self.nuisances, self.sizes, starts
-        nuisances = self.nuisances + share * change[:count]
+        limit = np.array([nuisance.limit for nuisance in NUISANCES])
+        nuisances = np.clip(self.nuisances + share * change[:count], -limit, limit)
         return nuisances, self._bounded(self.sizes + share * change[count:]), starts
 
     def _bounded(self, sizes: np.ndarray) -> np.ndarray:
@@ -316,36 +397,55 @@ class Fit:
         return 0.5 * (float(white @ white) + away + float(np.sum((self.nuisances / spread) ** 2)))
 
     def descend(self, rounds: int = _ROUNDS, *, fresh: bool = True, held: bool = False) -> float:
-        """Gauss-Newton with derivatives taken once; returns the cost. Noise must be known.
+        """Gauss-Newton; returns the cost. Noise must be known.
 
-        ``fresh`` takes the derivatives by the states anew; ``held`` moves the starts of the windows alone.
+        The derivatives serve as long as steps keep what they promise. ``fresh`` takes them anew at the
+        beginning; ``held`` moves the starts of the windows alone.
         """
         residual = self.residual()
         cost = self.first_cost = self.cost_of(residual)
         self.stalled = False
-        if fresh or self._states is None:
-            self._states = self.state_columns()
-        shared = np.empty((len(residual), 0)) if held else self.columns()
-        white_states, white_shared = self.whitener(self._states), self.whitener(shared)
+        if new := fresh or self._states is None:
+            self.linearise(shared=not held)
+        white = self._whitened(held)
+        before = np.inf
         for _ in range(rounds):
-            shares, back = self.reduce(self.whitener(residual), white_states, white_shared)
-            if not held:
-                self._loosely_bound(shares.normal)
-            change = np.linalg.solve(shares.normal, shares.score)
-            expected = cost - shares.cost + 0.5 * float(shares.score @ change)
+            shares, back, change, expected = self._step(residual, white, cost)
+            if not new and expected > max(_SLOW * before, _STAKE):
+                self.linearise(shared=not held)
+                white, new = self._whitened(held), True
+                shares, back, change, expected = self._step(residual, white, cost)
             # What is still to gain is not worth a simulation.
             if expected < 0.05:
                 break
             trial = self._try(change, back, cost)
-            if trial is None:
-                self.stalled = expected > _STALLED
-                break
-            gain, residual = cost - trial[0], trial[1]
-            cost = trial[0]
+            gain = 0.0 if trial is None else cost - trial[0]
+            if trial is not None:
+                cost, residual = trial
             if gain < 0.05:
-                break
-        self.shares = shares
+                self.stalled = expected > _STALLED
+                if new or expected < _STAKE:
+                    break
+            new, before = False, expected if trial else 0.0
+        self.shares, self._widenings = shares, None
         return cost
+
+    def _step(self, residual: np.ndarray, white: tuple, cost: float) -> tuple:
+        """(normal equations, way back to the states, step of the shared parameters, what it promises)."""
+        shares, back = self.reduce(self.whitener(residual), *white)
+        if len(shares.score):
+            self._loosely_bound(shares.normal)
+        change = np.linalg.solve(shares.normal, shares.score)
+        return shares, back, change, cost - shares.cost + 0.5 * float(shares.score @ change)
+
+    def _whitened(self, held: bool) -> tuple[np.ndarray, np.ndarray]:
+        shared = np.empty((len(self.window), 0)) if held else self.columns()
+        return self.whitener(self._states), self.whitener(shared)
+
+    @property
+    def beliefs(self) -> np.ndarray:
+        """Information about the nuisances before any data."""
+        return np.array([1.0 / nuisance.spread**2 for nuisance in NUISANCES])
 
     def _loosely_bound(self, normal: np.ndarray) -> None:
         """Sizes that the data do not show - a brake's in a run without brakes - must stay solvable."""
@@ -370,6 +470,23 @@ class Fit:
 
     # ------------------------------------------------------------------ noise
 
+    def without_states(self, table: np.ndarray) -> np.ndarray:
+        """Whitened columns (M, k) less what the starts of the windows can take away."""
+        out, states = table.copy(), self.whitener(self._states)
+        weight = np.diag(1.0 / self.runs[0].spread ** 2)
+        for w in range(int(self.window.max()) + 1):
+            rows = np.flatnonzero(self.window == w)
+            A = states[rows]
+            out[rows] -= A @ np.linalg.solve(A.T @ A + weight, A.T @ table[rows])
+        return out
+
+    @property
+    def healthy(self) -> np.ndarray | None:
+        """Whitened residuals of runs with nothing wrong, (M, K), less what starts take away; see `road`."""
+        if self._healthy is None and self.drawn is not None:
+            self._healthy = self.without_states(self.whitener(self.drawn))
+        return self._healthy
+
     def freedom(self, states: np.ndarray) -> dict[str, float]:
         """How many parameters each channel has paid for: the trace of the window states' hat matrix."""
         white = self.whitener(states)
@@ -384,22 +501,41 @@ class Fit:
             for name, pieces in self.whitener.pieces.items()
         }
 
+    def widenings(self) -> np.ndarray:
+        """By how much an unknown road scatters each nuisance and size more than `shares` says, at least 1."""
+        if self._widenings is None:
+            self._widenings = widening(self, self.whitener(self.columns()), 0, self.beliefs)
+        return self._widenings
+
     def deviations(self) -> np.ndarray:
         """Standard deviations of nuisances and sizes, of the last `descend`."""
-        return np.sqrt(np.diag(np.linalg.inv(self.shares.normal)))
+        own = np.diag(np.linalg.inv(self.shares.normal))
+        return np.sqrt(own if self.drawn is None else own * self.widenings())
 
     def learn_noise(self, *, white: bool = False) -> None:
         """Set the whitening from the residuals at the present point."""
         residual = self.residual()
         freedom = self.freedom(self._states) if self._states is not None and self.whitener.noise else {}
         self.whitener.learn(residual, freedom, white=white)
+        self._healthy = None
 
 
 def fit_runs(runs: Sequence[RunModel], *, white: bool = False) -> Fit:
     """The nominal model fitted: starts, nuisances and the colour of the noise."""
+    fit = _fitted(runs, white=white, wide=False)
+    if not fit.converged:
+        # Far from the data, noise as small as the sensors' leads into the nearest valley.
+        other = _fitted(runs, white=white, wide=True)
+        fit = min(fit, other, key=lambda each: each.cost_of(each.residual()) + each.whitener.log_scale())
+    fit.residual()
+    fit.drawn = None if white else healthy_residuals(fit)
+    return fit
+
+
+def _fitted(runs: Sequence[RunModel], *, white: bool, wide: bool) -> Fit:
     fit = Fit(runs)
     fit.begin()
-    first_noise(fit)
+    first_noise(fit, wide=wide)
     fit.descend()
     # Once more from the starts that the fitted ground leads to: no sensor may have told the speed.
     fit.begin()
@@ -411,7 +547,7 @@ def settle(fit: Fit, *, white: bool = False) -> None:
     """Descend and learn the noise in turn, until neither changes much."""
     fit.converged = False
     for i in range(_PASSES):
-        reached = fit.descend()
+        reached = fit.descend(fresh=i == 0)
         if i > 0 and fit.first_cost - reached < _SETTLED:
             fit.converged = not fit.stalled
             break
@@ -420,10 +556,16 @@ def settle(fit: Fit, *, white: bool = False) -> None:
     fit.descend(fresh=False)
 
 
-def first_noise(fit: Fit) -> None:
-    """White noise as small as the second differences of every channel say."""
+def first_noise(fit: Fit, *, wide: bool = False) -> None:
+    """White noise as small as the second differences of every channel say; ``wide``: as the start errs."""
     from estimators.discrepancy.noise import ChannelNoise
 
+    if wide:
+        residual = fit.residual()
+        for name, pieces in fit.whitener.pieces.items():
+            own = np.concatenate([residual[piece] for piece in pieces])
+            fit.whitener.noise[name] = ChannelNoise.white(max(float(np.sqrt(np.mean(own**2))), 1e-6))
+        return
     y = np.concatenate([run.y for run in fit.runs])
     for name, pieces in fit.whitener.pieces.items():
         bends = np.concatenate([np.diff(y[piece], 2) for piece in pieces if piece.stop - piece.start > 2])

@@ -51,8 +51,7 @@ def held_out(fit: Fit, runs: Sequence[RunModel]) -> Held:
     other.whitener.noise = {name: known[name] for name in other.whitener.pieces if name in known}
     for name in other.whitener.pieces.keys() - known.keys():
         del other.whitener.pieces[name]
-    for _ in range(2):
-        other.descend(held=True)
+    other.descend(held=True)
     residual = other.residual()
     return Held(fit=other, residual=residual, cost=other.cost_of(residual) + other.whitener.log_scale())
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from estimators.discrepancy.fit import Fit
+from estimators.discrepancy.road import chance_of_gain
 from estimators.discrepancy.run_model import Records, RunModel
 from estimators.discrepancy.windows import Windows
 from offroad_env.effects import apply
@@ -105,7 +105,8 @@ def _columns(fit: Fit, equation: str) -> np.ndarray:
             run.predict(setup, _pushed(run, setup, records, warm, piece, equation))
             for run, setup, records, warm in zip(fit.runs, setups, fit._records, fit.warm, strict=True)
         ]
-        columns.append(fit._difference(np.concatenate(parts), _push_scale(fit.runs[0], equation)))
+        scale = _push_scale(fit.runs[0], equation)
+        columns.append(fit._difference(fit._prediction, np.concatenate(parts), scale))
     return np.stack(columns, axis=1)
 
 
@@ -126,6 +127,7 @@ def probe(fit: Fit) -> tuple[Rest, ...]:
 def _rest(fit: Fit, equation: str, residual: np.ndarray, states: np.ndarray, columns: np.ndarray) -> Rest:
     weight = np.diag(1.0 / fit.runs[0].spread ** 2)
     gain, freedom, forces, deviations = 0.0, 0, [], []
+    healthy = None if fit.healthy is None else np.zeros(fit.healthy.shape[1])
     for w in range(int(fit.window.max()) + 1):
         rows = np.flatnonzero(fit.window == w)
         A, B, r = states[rows], columns[rows], residual[rows]
@@ -136,6 +138,9 @@ def _rest(fit: Fit, equation: str, residual: np.ndarray, states: np.ndarray, col
         seen = values > 1e-9 * max(values[-1], 1e-300)
         inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
         gain += float(score @ inverse @ score)
+        if healthy is not None:
+            pushes = (B - A @ solved[:, :-1]).T @ fit.healthy[rows]
+            healthy += np.sum(pushes * (inverse @ pushes), axis=0)
         freedom += int(seen.sum())
         forces.append(inverse @ score)
         deviations.append(np.sqrt(np.maximum(np.diag(inverse), 1e-300)))
@@ -144,7 +149,7 @@ def _rest(fit: Fit, equation: str, residual: np.ndarray, states: np.ndarray, col
         equation=equation,
         gain=gain,
         freedom=freedom,
-        chance=float(chi2.sf(gain, freedom)),
+        chance=chance_of_gain(gain, freedom, healthy),
         force=force,
         deviation=deviation,
         shapes=_shapes(fit, force, deviation),

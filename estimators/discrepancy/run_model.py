@@ -55,6 +55,7 @@ class Channel:
     window: np.ndarray  #: (M,)
     record: np.ndarray  #: (M,) the record before the sample
     weight: np.ndarray  #: (M,) share of the record after it [-]
+    lever: np.ndarray | None = None  #: (M,) factor of the residuals: the speed of a course [m/s]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,8 +121,15 @@ class RunModel:
 
     def refined(self) -> RunModel:
         """The same with half the step of the solver."""
+        return self._with_steps(2 * self.steps)
+
+    def coarse(self) -> RunModel:
+        """The same with twice the step of the solver, where the grid allows it: enough for derivatives."""
+        return self._with_steps(max(self.steps // 2, 1))
+
+    def _with_steps(self, steps: int) -> RunModel:
         other = copy.copy(self)
-        other.steps, other.dt = 2 * self.steps, 0.5 * self.dt
+        other.steps, other.dt = steps, self.step / steps
         return other
 
     def _has_torque(self) -> bool:
@@ -165,6 +173,7 @@ class RunModel:
         self._kept[name] = inside
         place, window = place[inside], window[inside]
         before = np.floor(place).astype(int)
+        known = name == "course" and self._has("speed")
         return Channel(
             name=name,
             rows=slice(start, start + len(place)),
@@ -172,6 +181,8 @@ class RunModel:
             window=window,
             record=begin[window] + before - first[window],
             weight=place - before,
+            # The slower, the less sure is a receiver's course; the velocity across is always as sure.
+            lever=np.interp(t[inside], *self.log.samples("speed")) if known else None,
         )
 
     def _has(self, name: str) -> bool:
@@ -258,7 +269,9 @@ class RunModel:
             scale = setup.errors.accel_scale if i < 3 else 1.0
             return scale * imu[:, i] + setup.errors.offset[i]
         if name in _RIMS:
-            return setup.errors.wheel_scale * records.readings[:, _RIMS[name]] / setup.plant.vehicle.r
+            split = setup.errors.wheel_split if name == "omega_f" else -setup.errors.wheel_split
+            scale = (setup.errors.wheel_scale + split) / setup.plant.vehicle.r
+            return scale * records.readings[:, _RIMS[name]]
         if name == "speed":
             return np.hypot(states[:, at.V_X], states[:, at.V_Y])
         if name == "course":
@@ -266,11 +279,13 @@ class RunModel:
         return states[:, _STATES[name]]
 
     def residual(self, prediction: np.ndarray) -> np.ndarray:
-        """Measured less predicted, angles within half a turn."""
+        """Measured less predicted, angles within half a turn; a course as the velocity across it [m/s]."""
         r = self.y - prediction
         for channel in self.channels:
             if channel.name in _ANGLES:
                 r[channel.rows] = np.remainder(r[channel.rows] + math.pi, 2.0 * math.pi) - math.pi
+            if channel.lever is not None:
+                r[channel.rows] *= channel.lever
         return r
 
     # ------------------------------------------------------------------ start of the windows

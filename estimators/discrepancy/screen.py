@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.discrepancy.fit import NUISANCES, Candidate, Fit
-from estimators.discrepancy.run_model import RunModel
+from estimators.discrepancy.road import widening
 from offroad_env.effects import EFFECTS
 from offroad_env.physics import state as at
 
@@ -16,8 +16,6 @@ __all__ = ["Screen", "candidates_for", "chance_threshold", "screen"]
 
 #: An effect whose largest plausible size would move its score by less than this is no candidate at all.
 _NOTHING = 0.4
-#: Blocks of time whose scores are compared where one disturbance reaches all channels [s].
-_BLOCK = 0.5
 #: Draws of the largest score under chance.
 _DRAWS = 20_000
 #: Size that is found with 90 % power among about 36 effects at 5 % family-wise, in standard deviations.
@@ -80,7 +78,8 @@ def candidates_for(fit: Fit, library: Sequence[str]) -> list[Candidate]:
         effect = EFFECTS[name]
         if not effect.searched or run.setup.model not in effect.models:
             continue
-        if effect.soil_only and run.setup.plant.soil.rigid > 0.5:
+        hard = run.setup.plant.soil.rigid > 0.5
+        if (effect.soil_only and hard) or (effect.hard_only and not hard):
             continue
         if not all(any(channel in run.log.channels for channel in group) for group in effect.needs):
             continue
@@ -92,22 +91,14 @@ def candidates_for(fit: Fit, library: Sequence[str]) -> list[Candidate]:
     return found
 
 
-def screen(fit: Fit, candidates: Sequence[Candidate], known: Screen | None = None) -> Screen:
+def screen(fit: Fit, candidates: Sequence[Candidate]) -> Screen:
     """Scores of ``candidates``, none of which is in the model, at the present point of ``fit``.
 
-    ``known`` lends its derivatives: they change little from one model to the next, and what stands out
-    is refitted anyway.
+    Derivatives change little from one model to the next, and what stands out is refitted anyway: those
+    that are known already serve again.
     """
     residual = fit.residual()
-    columns = np.zeros((len(residual), len(candidates)))
-    for i, candidate in enumerate(candidates):
-        if known is not None and candidate in known.candidates:
-            columns[:, i] = known.columns[:, known.candidates.index(candidate)]
-            continue
-        column = fit.effect_column(candidate)
-        if column is not None and np.isfinite(column).all():
-            columns[:, i] = column
-    return screened(fit, candidates, residual, columns)
+    return screened(fit, candidates, residual, np.column_stack([fit.column(c) for c in candidates]))
 
 
 def screened(fit: Fit, candidates: Sequence[Candidate], residual: np.ndarray, columns: np.ndarray) -> Screen:
@@ -125,15 +116,14 @@ def screened(fit: Fit, candidates: Sequence[Candidate], residual: np.ndarray, co
     seen = np.diag(information) * plausible**2 > _NOTHING**2
     information = np.where(np.outer(seen, seen), 0.5 * (information + information.T), 0.0)
     deviation = 1.0 / np.sqrt(np.where(seen, np.diag(information), 1.0))
-    if any(run.log.config.terrain.kind == "unknown" for run in fit.runs):
-        # One bump shakes every channel at once, and whitening knows each channel alone.
-        widening = _widening(fit, fit.whitener(residual), white, own)
-        information = information / np.sqrt(np.outer(widening, widening))
-        joint = joint.copy()
-        inner = np.concatenate([np.ones(own - len(NUISANCES)), widening])
-        joint /= np.sqrt(np.outer(inner, inner))
-        score = score / widening
-        deviation = deviation * np.sqrt(widening)
+    if fit.drawn is not None:
+        wider = widening(fit, white, own, fit.beliefs)
+        inside = fit.widenings()[len(NUISANCES) :] if fit.candidates else np.empty(0)
+        inner = np.concatenate([inside, wider])
+        information = information / np.sqrt(np.outer(wider, wider))
+        joint = joint / np.sqrt(np.outer(inner, inner))
+        score = score / wider
+        deviation = deviation * np.sqrt(wider)
     return Screen(
         candidates=tuple(candidates),
         z=np.where(seen, score * deviation, 0.0),
@@ -151,36 +141,6 @@ def _prior_score(fit: Fit, size: int) -> np.ndarray:
     spread = np.array([nuisance.spread for nuisance in NUISANCES])
     prior[: len(spread)] = -fit.nuisances / spread**2
     return prior
-
-
-def _widening(fit: Fit, residual: np.ndarray, white: np.ndarray, own: int) -> np.ndarray:
-    """How much more each score scatters from block to block than independent channels would, at least 1."""
-    states = fit.whitener(fit._states)
-    weight = np.diag(1.0 / fit.runs[0].spread ** 2)
-    table = np.column_stack([residual, white])
-    for w in range(int(fit.window.max()) + 1):
-        rows = np.flatnonzero(fit.window == w)
-        A = states[rows]
-        table[rows] -= A @ np.linalg.solve(A.T @ A + weight, A.T @ table[rows])
-    held, columns = table[:, 1 : own + 1], table[:, own + 1 :]
-    columns = columns - held @ np.linalg.lstsq(held, columns, rcond=None)[0]
-    blocks = np.concatenate([_block_numbers(run) for run in fit.runs])
-    for i in range(1, len(fit.runs)):
-        blocks[fit.offsets[i] :] += blocks[: fit.offsets[i]].max() + 1
-    pushes = np.zeros((blocks.max() + 1, columns.shape[1]))
-    np.add.at(pushes, blocks, columns * table[:, :1])
-    expected = np.sum(columns**2, axis=0)
-    pushes -= pushes.mean(axis=0)
-    found = np.sum(pushes**2, axis=0) / np.maximum(expected, 1e-300)
-    return np.maximum(found, 1.0)
-
-
-def _block_numbers(run: RunModel) -> np.ndarray:
-    """Number of the block of time of every row of data."""
-    numbers = np.empty(len(run.y), dtype=np.int64)
-    for channel in run.channels:
-        numbers[channel.rows] = ((channel.t - run.t_0) / _BLOCK).astype(np.int64)
-    return numbers
 
 
 def projected(normal: np.ndarray, score: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

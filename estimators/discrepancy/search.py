@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimators.discrepancy.fit import Candidate, Fit, settle
+from estimators.discrepancy.fit import NUISANCES, Candidate, Fit, settle
+from estimators.discrepancy.gain import held_out
+from estimators.discrepancy.run_model import RunModel
 from estimators.discrepancy.screen import Screen, candidates_for, chance_threshold, projected, screen
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
@@ -59,6 +61,7 @@ class Search:
     first: Screen  #: scores against the nominal model
     last: Screen  #: scores against the extended model
     threshold: float  #: of the first screen
+    gate: tuple[float, ...] = ()  #: what each effect gains on the gate's windows, the last may be refused
     causes: tuple[Cause, ...] = field(default=())
 
     def score_of(self, change: np.ndarray) -> np.ndarray:
@@ -76,11 +79,18 @@ def _starts(fit: Fit, candidate: Candidate, size: float) -> list[float]:
     return [size, *(share * reach for share in (0.2, 0.4, 0.7, 1.0))]
 
 
-def refit(fit: Fit, candidates: Sequence[Candidate], sizes: Sequence[float]) -> tuple[Fit, float] | None:
-    """The model with these effects fitted, the noise as it is; None if it breaks down."""
+def refit(
+    fit: Fit, candidates: Sequence[Candidate], sizes: Sequence[float], new: int = -1
+) -> tuple[Fit, float] | None:
+    """The model with these effects fitted, the noise as it is; None if it breaks down.
+
+    ``new`` is the place of the effect whose size is least known.
+    """
     best: tuple[float, Fit] | None = None
-    for size in _starts(fit, candidates[-1], sizes[-1]):
-        trial = fit.with_effects(candidates, [*sizes[:-1], size])
+    for size in _starts(fit, candidates[new], sizes[new]):
+        point = np.array(sizes, dtype=np.float64)
+        point[new] = size
+        trial = fit.with_effects(candidates, point)
         try:
             cost = trial.cost_of(trial.residual())
         except OffroadError:
@@ -142,7 +152,19 @@ def _pruned(fit: Fit, threshold: float, *, white: bool) -> Fit:
     return fit
 
 
-def search(nominal: Fit, library: Sequence[str], rate: float, *, white: bool = False) -> Search:
+def _gain_apart(fit: Fit, larger: Fit, runs: Sequence[RunModel]) -> float | None:
+    """What a larger model gains on windows apart, in the log-likelihood; None where that cannot be said."""
+    if not runs:
+        return None
+    try:
+        return held_out(fit, runs).cost - held_out(larger, runs).cost
+    except OffroadError:
+        return None
+
+
+def search(
+    nominal: Fit, library: Sequence[str], rate: float, apart: Sequence[RunModel] = (), *, white: bool = False
+) -> Search:
     """Find what is wrong.
 
     Parameters
@@ -153,13 +175,15 @@ def search(nominal: Fit, library: Sequence[str], rate: float, *, white: bool = F
         Effects that may be named.
     rate
         Share of logs with nothing wrong in which the first screen may find something.
+    apart
+        Windows on which every effect must gain too, or it is refused and the search ends.
     white
         Take all noise for white.
     """
     candidates = candidates_for(nominal, library)
     first = last = screen(nominal, candidates)
     threshold = chance_threshold(first, rate)
-    fit, bar = nominal, threshold
+    fit, bar, gate = nominal, threshold, []
     while len(fit.candidates) < _MOST:
         larger = _forward(fit, last, bar)
         if larger is None:
@@ -169,15 +193,25 @@ def search(nominal: Fit, library: Sequence[str], rate: float, *, white: bool = F
         larger = _pruned(larger, bar, white=white)
         if {candidate.effect for candidate in larger.candidates} == names:
             break
+        if (gain := _gain_apart(fit, larger, apart)) is not None:
+            gate.append(gain)
+            if gain <= 0.0:
+                break
         fit = larger
-        last = screen(fit, _outside(fit, candidates), known=first)
+        last = screen(fit, _outside(fit, candidates))
         bar = chance_threshold(last, rate)
     causes = []
     for k in range(len(fit.candidates)):
         fit, cause = _cause(fit, last, k, first)
         causes.append(cause)
     return Search(
-        nominal=nominal, extended=fit, first=first, last=last, threshold=threshold, causes=tuple(causes)
+        nominal=nominal,
+        extended=fit,
+        first=first,
+        last=last,
+        threshold=threshold,
+        gate=tuple(gate),
+        causes=tuple(causes),
     )
 
 
@@ -200,17 +234,20 @@ def _cause(fit: Fit, last: Screen, k: int, first: Screen) -> tuple[Fit, Cause]:
     loss, sizes = _looks(fit, last, k)
     own = (fit.sizes[k] / fit.deviations()[-len(fit.sizes) + k]) ** 2
     rivals = [(cost, fit.candidates[k], fit)]
+    inside = {candidate.effect for candidate in fit.candidates}
     for i in _best_by_effect(-loss, last.candidates)[:_REFITS]:
-        if loss[i] > max(_FIRST_LOOK, 0.1 * own):
+        if loss[i] > max(_FIRST_LOOK, 0.1 * own) or last.candidates[i].effect in inside:
             continue
-        others = [j for j in range(len(fit.candidates)) if j != k]
-        names = [*(fit.candidates[j] for j in others), last.candidates[i]]
-        done = refit(fit, names, [*fit.sizes[others], sizes[i]])
+        names, values = list(fit.candidates), fit.sizes.copy()
+        names[k], values[k] = last.candidates[i], sizes[i]
+        done = refit(fit, names, values, k)
         if done is not None:
             rivals.append((done[1], last.candidates[i], done[0]))
     rivals.sort(key=lambda rival: rival[0])
     lowest = rivals[0][0]
-    near = [rival for rival in rivals if 2.0 * (rival[0] - lowest) <= ALIKE]
+    # Where healthy runs scatter more than the likelihood says, so do its differences.
+    wide = 1.0 if fit.drawn is None else float(fit.widenings()[len(NUISANCES) + k])
+    near = [rival for rival in rivals if 2.0 * (rival[0] - lowest) <= wide * ALIKE]
     cause = Cause(
         rivals=tuple(_rival(trial, candidate, 2.0 * (c - lowest)) for c, candidate, trial in near),
         delta=float(own + 2.0 * (cost - lowest)),

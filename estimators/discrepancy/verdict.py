@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from estimators.discrepancy.diagnosis import Diagnosis
+from estimators.discrepancy.rig import RigRest
 from estimators.discrepancy.search import Cause, Rival
 from offroad_env.effects import EFFECTS
 
@@ -60,9 +61,12 @@ def sentence_of(diagnosis: Diagnosis) -> str:
 
 def _rest_phrase(diagnosis: Diagnosis) -> str:
     rest = max(diagnosis.unexplained, key=lambda one: one.excess)
-    unit = "N m" if rest.equation == "yaw" else "N"
     size = float(np.sqrt(max(np.average(rest.force**2, weights=1.0 / rest.deviation**2), 0.0)))
-    phrase = f"a force of about {size:.3g} {unit} in the {rest.equation} equation"
+    if isinstance(rest, RigRest):
+        phrase = f"about {size:.3g} {rest.unit} of the {rest.equation.replace('_', ' ')}"
+    else:
+        unit = "N m" if rest.equation == "yaw" else "N"
+        phrase = f"a force of about {size:.3g} {unit} in the {rest.equation} equation"
     if rest.shapes and abs(rest.shapes[0].correlation) > 0.5:
         shape = rest.shapes[0]
         phrase += f" that follows the {shape.quantity.split(' [')[0]} (correlation {shape.correlation:.2f})"
@@ -197,7 +201,7 @@ def lines_of(diagnosis: Diagnosis) -> list[str]:
     ground = _ground(diagnosis)
     if ground is not None and diagnosis.causes:
         after = ", ".join(f"{entry['value']:.3f} with {name}" for name, entry in ground["after"].items())
-        lines.append(f"n: {ground['before']['value']:.3f} before; {after}")
+        lines.append(f"n: {ground['prior']:.3f} stated, {ground['before']['value']:.3f} before; {after}")
     gains = sorted(diagnosis.gains, key=lambda gain: -(1.0 - gain.extended / max(gain.nominal, 1e-300)))
     for gain in gains[:4]:
         lines.append(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from offroad_env.errors import InvalidParameter
-from offroad_env.physics.records import Vehicle
+from offroad_env.physics.records import Ground, Vehicle
 from offroad_env.physics.sensor_kernels import ImuMount
 from offroad_env.simulator import Plant, plant_model
 
@@ -41,6 +41,7 @@ class SensorErrors:
     offset: tuple[float, ...] = (0.0,) * 5  #: of a_x, a_y, a_z [m/s^2], pitch_rate, yaw_rate [rad/s]
     accel_scale: float = 1.0  #: of the three accelerometers [-]
     wheel_scale: float = 1.0  #: of the wheel speeds [-]
+    wheel_split: float = 0.0  #: what the front wheel speeds have more of it, and the rear ones less [-]
 
     def shifted(self, channel: int, by: float) -> SensorErrors:
         """The same with another offset of one IMU channel."""
@@ -66,6 +67,10 @@ class Setup:
     def with_vehicle(self, **changes: float) -> Setup:
         """The same with other values in the vehicle's record."""
         return replace(self, plant=self.plant._replace(vehicle=self.plant.vehicle._replace(**changes)))
+
+    def with_ground(self, ground: Ground) -> Setup:
+        """The same on other ground."""
+        return replace(self, plant=self.plant._replace(ground=ground))
 
     def with_soil(self, **changes: float) -> Setup:
         """The same with other values in the soil's record."""
@@ -110,8 +115,9 @@ class Effect:
     needs: tuple[tuple[str, ...], ...] = ()  #: for each entry the log must hold one of its channels
     look_alikes: tuple[str, ...] = ()  #: effects that a log can hardly tell from this one
     separated_by: str = ""  #: the experiment that can
-    models: tuple[str, ...] = ("full", "paper")
+    models: tuple[str, ...] = ("full", "paper")  #: where it means something; "rig": on a wheel rig
     soil_only: bool = False  #: means nothing on hard ground
+    hard_only: bool = False  #: means nothing on soil
     sensors_only: bool = False  #: changes sensors alone: the vehicle's motion stays
     searched: bool = True  #: a cause that a finder may name; else only a probe
     change: Callable[[Setup, Values], Setup] | None = None

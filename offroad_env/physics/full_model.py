@@ -188,32 +188,43 @@ def full_derivative(x, command, plant, warm, d, readings):
 
 
 @merged_kernel
+def _plain_reaction(plant, motion, readings):
+    """(F_l, torque) of an axle for ``motion`` by the base model's law, sinkage and load of ``readings``."""
+    v = plant.vehicle
+    if plant.soil.rigid > 0.5:
+        force, _, torque = rigid_forces(plant.soil, v.r, readings[at.N], motion, plant.v_eps)
+        return force, torque
+    force, _, _, torque = wheel_reaction(
+        with_exponent(plant.soil, readings[at.EXPONENT]),
+        Wheel(v.r, v.b),
+        readings[at.SINKAGE],
+        motion,
+        plant.v_eps,
+        (plant.resultant, plant.fine),
+    )
+    return v.wheels_per_axle * force, v.wheels_per_axle * torque
+
+
+@inline_kernel
+def _reaction_before(effects, plant, motion, readings):
+    """(F_l, torque) of an axle that a change of its slip starts from; effects have changed the readings'."""
+    if effects is None:
+        return readings[at.F_L], readings[at.TORQUE]
+    return _plain_reaction(plant, motion, readings)
+
+
+@merged_kernel
 def _slip_stiffness(plant, omega, readings):
     """(dT/ds [N s], dF_l/ds [N s/m]) of an axle, s = r omega - v_l [m/s], neither negative.
 
     One more evaluation at fixed sinkage and load.
     """
-    v = plant.vehicle
+    rim, v_l, v_c = plant.vehicle.r * omega, readings[at.V_L], readings[at.V_C]
     # A step well inside the regularised band, large against rounding; the same forwards and backwards.
-    change = math.copysign(1e-4 * (abs(v.r * omega) + plant.v_eps), omega)
-    motion = (v.r * omega + change, readings[at.V_L], readings[at.V_C])
-    if plant.soil.rigid > 0.5:
-        force, _, torque = rigid_forces(plant.soil, v.r, readings[at.N], motion, plant.v_eps)
-    else:
-        force, _, _, torque = wheel_reaction(
-            with_exponent(plant.soil, readings[at.EXPONENT]),
-            Wheel(v.r, v.b),
-            readings[at.SINKAGE],
-            motion,
-            plant.v_eps,
-            (plant.resultant, plant.fine),
-        )
-        force *= v.wheels_per_axle
-        torque *= v.wheels_per_axle
-    return (
-        max((torque - readings[at.TORQUE]) / change, 0.0),
-        max((force - readings[at.F_L]) / change, 0.0),
-    )
+    change = math.copysign(1e-4 * (abs(rim) + plant.v_eps), omega)
+    force, torque = _plain_reaction(plant, (rim + change, v_l, v_c), readings)
+    force_before, torque_before = _reaction_before(plant.effects, plant, (rim, v_l, v_c), readings)
+    return max((torque - torque_before) / change, 0.0), max((force - force_before) / change, 0.0)
 
 
 @inline_kernel

@@ -120,6 +120,8 @@ def test_studies_are_listed_explained_and_guessed(capsys):
     assert offroad("reproduce", "--help") == 0
     text = capsys.readouterr().out
     assert all(f"  {name} " in text for name in STUDIES)
+    assert offroad("study", "--help") == 0
+    assert capsys.readouterr().out == text
     assert offroad("reproduce") == 2
     assert offroad("reproduce", "table1", "--help") == 0
     assert "usage: offroad reproduce table1 " in capsys.readouterr().out

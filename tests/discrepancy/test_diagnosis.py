@@ -128,6 +128,25 @@ def test_a_log_with_nothing_wrong_says_so_and_what_it_would_have_seen():
         assert 0.0 < diagnosis.limits[name] < EFFECTS[name].plausible(vehicle)
 
 
+def test_wheel_speeds_that_err_by_little_axle_by_axle_are_healthy():
+    """A finder that takes both axles' errors for one finds a centre of gravity some millimetres off."""
+    log = hidden_log(draw_case(14, road="flat", duration=40.0, gnss=True))
+    channels = log.channels | {"omega_f": 1.003 * log.channels["omega_f"]}
+    assert diagnose([replace(log, channels=channels)]).verdict == "NO EFFECT"
+
+
+def test_neither_order_nor_names_matter():
+    """The library backwards, the files backwards and renamed: the same diagnosis to the last bit."""
+    logs = [hidden_log(draw_case(seed, road="flat", duration=9.0, gnss=True)) for seed in (41, 42)]
+    library = ["payload", "steer_delay", "aero_drag", "accel_bias_y"]
+    first = diagnose(logs, library=library)
+    renamed = [replace(log, name=f"another{i}") for i, log in enumerate(logs[::-1])]
+    again = diagnose(renamed, library=library[::-1])
+    assert np.array_equal(first.search.first.z, again.search.first.z)
+    assert first.search.threshold == again.search.threshold
+    assert first.limits == again.limits
+
+
 def test_a_straight_steady_run_without_speed_cannot_tell():
     log = hidden_log(draw_case(5, drive="steady", road="flat", gnss=False, duration=30.0))
     channels = {name: values for name, values in log.channels.items() if not name.startswith("omega")}

@@ -1,0 +1,89 @@
+"""Counting of the hide-and-find study, on results whose rates are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from agents.studies.diagnosis import DiagnosisStudy, counted, wilson
+from estimators.discrepancy.hide import HIDERS
+from estimators.discrepancy.screen import DETECTABLE
+
+_THRESHOLD = 3.1
+
+
+def _result(verdict: str, **more) -> dict:
+    plain = {
+        "verdict": verdict,
+        "road": "flat",
+        "sets": [],
+        "sizes": [],
+        "threshold": _THRESHOLD,
+        "seconds": 1.0,
+    }
+    return plain | more
+
+
+def _single(multiple: float, seen: bool, members: tuple[str, ...] = ("payload",), size: float = 0.1) -> dict:
+    sizes = [[(size, 0.01) for _ in members]]
+    return _result(
+        "NAMED" if seen else "NO EFFECT",
+        sets=[list(members)] if seen else [],
+        sizes=sizes if seen else [],
+        sizes_true=[0.1],
+        multiples={"payload": multiple},
+        alike={"payload": 1.0, "torque_scale": 0.99},
+    )
+
+
+def test_false_alarms_are_counted_by_road_with_their_interval():
+    results = {("null", "", 0.0, i): _result("NAMED" if i == 0 else "NO EFFECT") for i in range(50)}
+    null = counted(results)["null"]
+    assert (null["hits"], null["count"]) == (1, 50)
+    assert null["flat"]["hits"] == 1
+    assert null["unknown"]["count"] == 0
+    assert (null["low"], null["high"]) == wilson(1, 50)
+    assert wilson(1, 50)[1] == pytest.approx(0.105, abs=0.002)
+
+
+def test_the_ratio_to_the_bound_is_that_of_the_logs():
+    rng = np.random.default_rng(3)
+    results = {}
+    for i in range(1500):
+        multiple = float(rng.choice((0.5, 1.0, 2.0, 4.0)))
+        seen = bool(rng.random() < norm.cdf(DETECTABLE * multiple / 1.3 - _THRESHOLD))
+        results["single", "payload", multiple, i] = _single(multiple, seen)
+    assert counted(results)["power"]["ratio"] == pytest.approx(1.3, rel=0.05)
+
+
+def test_sets_intervals_and_false_second_causes_are_counted():
+    results = {
+        ("single", "payload", 2.0, 1): _single(2.0, True, ("torque_scale", "payload")),
+        ("single", "payload", 2.0, 2): _single(2.0, True, size=0.2),
+        ("single", "payload", 2.0, 3): _single(2.0, False),
+    }
+    false = _single(2.0, True)
+    false["sets"].append(["n_step"])
+    false["sizes"].append([(1.0, 0.1)])
+    results["single", "payload", 2.0, 4] = false
+    found = counted(results)["single at 2"]
+    assert found["detected"]["hits"] == 3
+    assert found["truth in a set"]["hits"] == 3
+    assert found["interval holds the truth"]["hits"] == 2
+    assert (found["sets without a truth"]["hits"], found["sets without a truth"]["count"]) == (1, 4)
+    assert found["mean set size"] == pytest.approx(4.0 / 3.0)
+
+
+def test_a_name_is_wrong_unless_it_looks_the_same():
+    alike = {"removed": _single(4.0, True, ("torque_scale",)), "wrong": _single(4.0, True, ("aero_drag",))}
+    results = {("removed", "payload", 4.0, i): result for i, result in enumerate(alike.values())}
+    assert counted(results)["removed"]["hits"] == 1
+
+
+def test_pairs_can_be_hidden_together():
+    study = DiagnosisStudy()
+    pairs = [study._pair(seed).split("+") for seed in range(200)]
+    assert all(len(set(pair)) == 2 and set(pair) <= set(HIDERS) for pair in pairs)
+    steering = {"steer_delay", "steer_lag", "steer_offset"}
+    assert not any(set(pair) <= steering for pair in pairs)
