@@ -115,7 +115,8 @@ class Learning(Results):
         rows = []
         for arm in arms:
             each = ", ".join(f"{mean:.3g}" for mean in arm.means)
-            score = f"{arm.score:.3g} {units[arm.task]}"
+            score = f"{arm.score:.3g}" if len(arm.seeds) > 1 else f"{arm.score.value:.3g}"
+            score = f"{score} {units[arm.task]}"
             rows.append((arm.task, arm.arm, score, each, f"{100.0 * arm.failed:.0f} %"))
         title = f"{self.seeds} training seeds, {self.episodes} episodes each"
         heading = ("task", "arm", "mean over training seeds", "each seed", "failures")
