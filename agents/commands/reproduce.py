@@ -14,6 +14,7 @@ STUDIES: dict[str, tuple[str, str, str]] = {
     "filters": ("filters", "Filters", "all filters on the same twins: error, bound, coverage, cost"),
     "gate": ("gate", "Gate", "an estimate holds and its sd grows while the motion says nothing of the soil"),
     "headroom": ("headroom", "Headroom", "what knowing n is worth, over soils and widths of the prior"),
+    "learning": ("learning", "Learning", "trained policies with the estimate, without it, with memory"),
     "changing": ("changing", "Changing", "n that changes on the way: how soon the filters answer"),
     "prediction": ("prediction", "Prediction", "position error after 10 s with prior, estimated and true n"),
     "carried": ("carried", "Carried", "the estimators that the environment can carry: error, band, cost"),
