@@ -77,7 +77,7 @@ class TrainArgs:
     resume: bool = False  #: go on from the checkpoint in that folder
     checkpoint_steps: int = 8_000  #: steps between two checkpoints; 0 = none
     tensorboard: bool = False  #: also write what TensorBoard shows to out/tensorboard
-    guided: bool = True  #: offset and speed for pure pursuit, five times a second; else the pedals, fifty
+    guided: bool = True  #: say offset and trust to a tracker, five times a second; else the pedals, fifty
     objective: str | None = None  #: reward, or score: what the benchmark measures; default where it is time
     frames: int = 1  #: last observations that the policy sees side by side: memory without recurrence
     n_envs: int = 32  #: environments stepped together
@@ -89,7 +89,7 @@ class TrainArgs:
     gamma: float = 0.96  #: discount per step; 1/(1 - gamma) guided steps are 5 s
     gae_lambda: float = 0.9  #: bias against variance of the advantage (not SAC)
     log_std: float = -2.4  #: first log standard deviation of the noise (not SAC)
-    noise_steps: int = 25  #: > 1: noise is a function of the state, drawn anew after so many steps (not SAC)
+    noise_steps: int = 25  #: steps for which the noise, a function of the state, is kept; 1 = plain (not SAC)
     buffer_size: int = 300_000  #: steps that SAC remembers
     hidden: tuple[int, ...] = (64, 64)  #: layers of policy and value network
     check_steps: int = 7_500  #: steps between two drives of the tuning episodes; the best policy is kept
