@@ -27,6 +27,7 @@ from agents.slip_controller import SlipController
 from agents.speed_planner import Belief, BeliefSource, PlannerGains, SoilTracker
 from agents.stop_controller import StopController
 from offroad_env.errors import InvalidParameter
+from offroad_env.physics._jit import kernel
 
 __all__ = [
     "ARMS",
@@ -41,6 +42,10 @@ __all__ = [
     "believe_worst",
     "make_arm",
 ]
+
+
+_HALVINGS = 20  # of the prior: a millionth of it
+_LEAST_SD = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +63,7 @@ class ArmSettings:
     ride_share: float = 0.85  #: ride: share of the limit that feedback aims at [-]
     n: float = 0.5  #: nominal: believed place in the prior, 0 = lowest n, 1 = highest [-]
     z: float = 1.0  #: aware: how many standard deviations the insured interval reaches [-]
+    change: float = 0.0  #: aware: probability that the next metres are any soil of the prior [-]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,12 +112,33 @@ def _worst(scenario: str, settings: ArmSettings) -> Callable[[Capability], float
     return lambda table: table.worst_lateral(settings.slip_angle)
 
 
-def believe_estimate(z: float) -> BeliefSource:
+@kernel
+def _mixture_quantile(level, mean, sd, prior, change):
+    """n below which the share ``level`` of (1 - change) N(mean, sd) + change U(prior) lies; by bisection."""
+    low, high = prior
+    lowest, highest = low, high
+    for _ in range(_HALVINGS):
+        n = 0.5 * (lowest + highest)
+        normal = 0.5 * (1.0 + math.erf((n - mean) / (math.sqrt(2.0) * sd)))
+        if (1.0 - change) * normal + change * (n - low) / (high - low) < level:
+            lowest = n
+        else:
+            highest = n
+    return 0.5 * (lowest + highest)
+
+
+def believe_estimate(z: float, change: float = 0.0) -> BeliefSource:
     """Mean of the estimate, insured over mean -+ z standard deviations inside the prior.
 
     The larger the filter's own doubt, the slower the vehicle. Before the filter has an estimate
     the prior's mean and standard deviation (uniform: width / sqrt(12)) stand in.
+
+    No standard deviation tells of a change that has not happened yet. Where the soil may be another a few
+    metres on, what they hold is (1 - change) N(mean, sd) + change U(prior), and the interval ends at the
+    quantiles of this mixture that are Phi(-z) and Phi(z) of it. With change = 1 the insured n is a fixed
+    place in the prior, whatever the filter says.
     """
+    tail = 0.5 * math.erfc(z / math.sqrt(2.0))
 
     def believe(briefing: Any, table: Capability, observation: Observation) -> Belief:
         low, high = briefing.n_range
@@ -119,6 +146,10 @@ def believe_estimate(z: float) -> BeliefSource:
         if valid < 0.5 or not (math.isfinite(mean) and math.isfinite(sd)):
             mean, sd = 0.5 * (low + high), (high - low) / math.sqrt(12.0)
         mean = min(max(mean, low), high)
+        if change > 0.0 and high > low:
+            mixture = (mean, max(sd, _LEAST_SD), (low, high), change)
+            ends = (_mixture_quantile(level, *mixture) for level in (tail, 1.0 - tail))
+            return Belief(next(ends), mean, next(ends))
         return Belief(max(mean - z * sd, low), mean, min(mean + z * sd, high))
 
     return believe
@@ -140,7 +171,7 @@ def believe_truth(briefing: Any, table: Capability, observation: Observation) ->
 ARMS: dict[str, tuple[str, bool, Callable[[str, ArmSettings], BeliefSource]]] = {
     "nominal": ("none", False, lambda scenario, settings: believe_fixed(settings.n)),
     "conservative": ("none", False, lambda scenario, settings: believe_worst(_worst(scenario, settings))),
-    "aware": ("estimate", True, lambda scenario, settings: believe_estimate(settings.z)),
+    "aware": ("estimate", True, lambda scenario, settings: believe_estimate(settings.z, settings.change)),
     "oracle": ("truth", True, lambda scenario, settings: believe_truth),
 }
 
@@ -158,7 +189,13 @@ CONTROLLERS: dict[str, Callable[[BeliefSource, PlannerGains, ArmSettings], Agent
 }
 
 
-def make_arm(name: str, *, scenario: str = "speed", settings: ArmSettings | None = None) -> Arm:
+def make_arm(
+    name: str,
+    *,
+    scenario: str = "speed",
+    settings: ArmSettings | None = None,
+    tracker: Callable[[BeliefSource, PlannerGains], Agent] | None = None,
+) -> Arm:
     """An arm with its tuned settings for a scenario.
 
     Parameters
@@ -168,6 +205,8 @@ def make_arm(name: str, *, scenario: str = "speed", settings: ArmSettings | None
         Whose tuned settings to take.
     settings : ArmSettings, optional
         Instead of the tuned ones.
+    tracker : callable, optional
+        Makes another controller from belief and gains than the task's own.
 
     Raises
     ------
@@ -194,7 +233,9 @@ def make_arm(name: str, *, scenario: str = "speed", settings: ArmSettings | None
         brake_share=settings.brake_share,
     )
     believe = belief(scenario, settings)
-    if scenario in CONTROLLERS:
+    if tracker is not None:
+        agent = tracker(believe, gains)
+    elif scenario in CONTROLLERS:
         agent = CONTROLLERS[scenario](believe, gains, settings)
     else:
         agent = SoilTracker(believe, gains)

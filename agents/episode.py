@@ -13,8 +13,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.arms import ARMS, believe_estimate, believe_prior, believe_truth, make_arm
+from agents.arms import ARMS, CONTROLLERS, believe_estimate, believe_prior, believe_truth, make_arm
+from agents.lqr import LqrTracker
 from agents.mppi import MppiAgent
+from agents.policies import LEARNED, learned_folder, load_policy, shipped_seeds
 from agents.protocol import Agent
 from agents.pure_pursuit import PurePursuitAgent
 from agents.recording import EpisodeLog
@@ -22,7 +24,7 @@ from agents.speed_planner import BeliefSource
 from agents.stanley import StanleyAgent
 from offroad_env.errors import InvalidParameter
 
-__all__ = ["AGENTS", "Drive", "HalfWayPicture", "agent_file", "find_agent"]
+__all__ = ["AGENTS", "Drive", "HalfWayPicture", "agent_file", "find_agent", "is_agent", "trained_name"]
 
 #: Agents that know nothing of the soil and drive every scenario.
 _TRACKERS: dict[str, Callable[[], Agent]] = {"pure_pursuit": PurePursuitAgent, "stanley": StanleyAgent}
@@ -34,8 +36,22 @@ _SAMPLERS: dict[str, tuple[str, BeliefSource]] = {
     "mppi_truth": ("truth", believe_truth),
 }
 
-#: Names that `find_agent` knows.
-AGENTS = (*_TRACKERS, *ARMS, *_SAMPLERS)
+#: The arms' beliefs and speed plans with another steering: name -> arm.
+_STEERED = {f"lqr_{arm}": arm for arm in ARMS}
+
+#: Names that `find_agent` knows. Those of trained policies end in the number of the training seed.
+AGENTS = (*_TRACKERS, *ARMS, *_STEERED, *_SAMPLERS, *(f"{arm}_SEED" for arm in LEARNED))
+
+
+def is_agent(name: str) -> bool:
+    """Whether `find_agent` may know it; a user's own agent is only looked for when it is to drive."""
+    return name in AGENTS or ":" in name or trained_name(name) is not None
+
+
+def trained_name(name: str) -> tuple[str, int] | None:
+    """(arm, training seed) of a trained policy's name."""
+    arm, _, seed = name.rpartition("_")
+    return (arm, int(seed)) if arm in LEARNED and seed.isdecimal() else None
 
 
 def find_agent(name: str, scenario: str, terrain_info: str | None) -> tuple[Agent, str]:
@@ -63,10 +79,25 @@ def find_agent(name: str, scenario: str, terrain_info: str | None) -> tuple[Agen
     if name in _SAMPLERS:
         needs, believe = _SAMPLERS[name]
         return MppiAgent(believe), _checked_info(name, needs, terrain_info)
+    if (trained := trained_name(name)) is not None:
+        return _shipped(*trained, scenario), _checked_info(name, LEARNED[trained[0]], terrain_info)
+    if name in _STEERED:
+        if scenario in CONTROLLERS:
+            raise InvalidParameter(f"{name} steers only, and {scenario!r} asks for more: an arm can do it")
+        arm = make_arm(_STEERED[name], scenario=scenario, tracker=LqrTracker)
+        return arm.agent, _checked_info(name, arm.terrain_info, terrain_info)
     if name not in ARMS:
         raise InvalidParameter(f"agent must be one of {', '.join(AGENTS)}, got {name!r}")
     arm = make_arm(name, scenario=scenario)
     return arm.agent, _checked_info(name, arm.terrain_info, terrain_info)
+
+
+def _shipped(arm: str, seed: int, scenario: str) -> Agent:
+    seeds = shipped_seeds(scenario, arm)
+    if seed not in seeds:
+        have = f"seeds {', '.join(map(str, seeds))}" if seeds else "none"
+        raise InvalidParameter(f"no policy {arm}_{seed} is shipped for {scenario!r}, there: {have}")
+    return load_policy(learned_folder(scenario, arm, seed))
 
 
 def _checked_info(name: str, needs: str, terrain_info: str | None) -> str:

@@ -9,10 +9,21 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
+from agents.guide import HOLD, Guide
+from offroad_env.env import CONTROL_PERIOD
 from offroad_env.errors import InvalidParameter
+from offroad_env.scenarios import Scenario
 from offroad_env.vector_env import OffroadBekkerVectorEnv
 
-__all__ = ["LearningVecEnv"]
+__all__ = ["OBJECTIVES", "LearningVecEnv"]
+
+#: What is learnt: the environment's reward, or minus what the benchmark measures (`_objective`).
+OBJECTIVES = ("reward", "score")
+#: Time that a metre of progress counts for in "score" [s/m]: 7 m/s.
+_PACE = 0.15
+#: What a failure is charged there, as a share of the task's time limit. With the whole of it few failures
+#: drown in their variance all that is to be learnt of speed.
+_CHARGE = 1.0 / 3.0
 
 
 class LearningVecEnv(VecEnv):
@@ -23,6 +34,11 @@ class LearningVecEnv(VecEnv):
     envs
         With ``autoreset_mode="SameStep"``: stable-baselines3 expects the first observation of the next
         episode with the end of the last one.
+    guided
+        Whether actions are words to a `Guide`, each of which holds for `HOLD` control periods; else they
+        are those of the environment.
+    objective : {"reward", "score"}
+        What is learnt.
 
     Notes
     -----
@@ -30,41 +46,97 @@ class LearningVecEnv(VecEnv):
     ``info``, ``terminal_observation``, ``TimeLimit.truncated`` and ``is_success``: a dictionary per
     episode and step would cost as much as the physics. For rewards and lengths of episodes wrap it in
     ``VecMonitor``.
+    An episode that begins while a word holds is driven by it for the rest, at most 0.08 s, without reward.
     """
 
-    def __init__(self, envs: OffroadBekkerVectorEnv) -> None:
+    def __init__(
+        self, envs: OffroadBekkerVectorEnv, *, guided: bool = False, objective: str = "reward"
+    ) -> None:
         if envs.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise InvalidParameter('stable-baselines3 needs make_vec(..., autoreset_mode="SameStep")')
+        if objective not in OBJECTIVES:
+            raise InvalidParameter(f"objective must be one of {', '.join(OBJECTIVES)}, got {objective!r}")
         self.envs = envs
         self.render_mode = envs.render_mode
+        self.objective = objective
+        first = envs.envs[0]
+        self._scenario: Scenario = first.scenario
+        if objective == "score" and self._scenario.measure == "cross_track":
+            raise InvalidParameter('objective must be "reward" where a distance from the path is measured')
+        self._guide = Guide(first.briefing) if guided else None
         self._actions: np.ndarray | None = None
+        self._seen: dict[str, np.ndarray] = {}
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
 
     def reset(self) -> dict[str, np.ndarray]:
         """Start all episodes, with the seeds that ``seed()`` has set."""
         seeds = None if all(seed is None for seed in self._seeds) else self._seeds
-        observations, _ = self.envs.reset(seed=seeds)
+        self._seen, infos = self.envs.reset(seed=seeds)
+        self._progress = infos["progress"].copy()
         self._reset_seeds()
         self._reset_options()
-        return observations
+        return self._shown(self._seen)
+
+    def _shown(self, observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """What the learner sees of them."""
+        return observations if self._guide is None else self._guide.mirrored(observations)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """One step of all episodes."""
-        observations, rewards, terminated, truncated, infos = self.envs.step(self._actions)
+        """One step of all episodes: a control period, or the time for which a word holds."""
+        if self._guide is None:
+            return self._one_period(self._actions)
+        rewards = np.zeros(self.num_envs, np.float32)
+        over = np.zeros(self.num_envs, np.bool_)
+        listed: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for _ in range(HOLD):
+            _, gained, done, ends = self._one_period(self._guide.actions(self._seen, self._actions))
+            rewards += np.where(over, np.float32(0.0), gained)
+            for i in np.flatnonzero(done & ~over):
+                listed[i] = ends[i]
+            over |= done
+        return self._shown(self._seen), rewards, over, listed
+
+    def _one_period(
+        self, actions: np.ndarray
+    ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        self._seen, rewards, terminated, truncated, infos = self.envs.step(actions)
         done = terminated | truncated
         listed: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for i in np.flatnonzero(done):
             listed[i] = {
                 **_row(infos["final_info"], i),
-                "terminal_observation": infos["final_obs"][i],
+                "terminal_observation": self._shown(infos["final_obs"][i]),
                 "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
                 "is_success": bool(infos["final_info"]["success"][i]),
             }
-        return observations, rewards.astype(np.float32), done, listed
+        if self.objective == "score":
+            rewards = self._objective(infos["progress"], done, listed)
+        return self._seen, rewards.astype(np.float32), done, listed
+
+    def _objective(self, progress: np.ndarray, done: np.ndarray, ends: list[dict[str, Any]]) -> np.ndarray:
+        """Minus the score that a period adds, shaped by progress.
+
+        In tasks that measure time, a period costs its time, and a failure a share of the time limit; a metre
+        of progress counts for `_PACE` seconds, a potential (A. Y. Ng, D. Harada, S. Russell, ICML 1999):
+        without a discount the sum of an episode that arrives is minus its score but for a constant of the
+        course. Where the way is measured, it is the way.
+        """
+        last = np.array([end["progress"] if done[i] else progress[i] for i, end in enumerate(ends)])
+        advance = last - self._progress
+        self._progress = progress.copy()
+        timed = self._scenario.measure == "time"
+        gained = _PACE * advance - CONTROL_PERIOD if timed else advance
+        for i in np.flatnonzero(done):
+            end = ends[i]
+            regular = end["success"] or (self._scenario.stalling and end["failure"] in ("", "immobilised"))
+            if regular:
+                continue
+            gained[i] -= _CHARGE * self._scenario.time_limit if timed else end["progress"]
+        return gained
 
     def close(self) -> None:
         """Close the environments."""

@@ -24,7 +24,7 @@ from agents.speed_planner import Belief, BeliefSource, speed_limit
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.contact import SUNK
-from offroad_env.physics.full_model import full_advance
+from offroad_env.physics.full_model import WORK_ROWS, full_continue, full_derivative
 from offroad_env.physics.packing import pack, unpack
 from offroad_env.physics.path_kernels import PathTable, path_point, project
 from offroad_env.simulator import make_plant
@@ -96,13 +96,14 @@ def roll_out(start, packed, path, plans, limits, gains, costs):
     costs (K,) : added to
     """
     plant = unpack(packed)
-    readings = np.zeros(at.READINGS_SIZE)
+    work, readings = np.empty((WORK_ROWS, at.READINGS_SIZE)), np.empty(at.READINGS_SIZE)
     looks, period, dt, corridor = int(gains[3]), gains[4], gains[5], gains[6]
     steps = round(period / dt)
     for k in range(plans.shape[0]):
         x, warm, hint = start.copy(), np.zeros((2, at.CONTACT_SIZE)), 0
         s_0, _, _, _, hint = project(path, x[at.X], x[at.Y], hint)
         s, left = s_0, plans.shape[1] * looks
+        full_derivative(x, (0.0, 0.0, 0.0), plant, warm, work[0], readings)
         for i in range(plans.shape[1] * looks):
             wanted = plans[k, i // looks]
             command, s, error, hint = _follow(path, x, hint, wanted, plant.vehicle, gains)
@@ -112,7 +113,7 @@ def roll_out(start, packed, path, plans, limits, gains, costs):
             if abs(error) > corridor:
                 costs[k] += _OUT + left * period
                 break
-            if full_advance(x, warm, command, plant, dt, steps, readings) >= SUNK:
+            if full_continue(x, warm, command, plant, (dt, steps), work, readings) >= SUNK:
                 costs[k] += _OUT + left * period
                 break
         speed = x[at.V_X]

@@ -74,7 +74,8 @@ def goal_point(curvature, preview, distance):
     return x, y, yaw
 
 
-def pursuit_curvature(cross_track: float, course_error: float, goal: tuple[float, float, float]) -> float:
+@kernel
+def pursuit_curvature(cross_track, course_error, goal):
     """Curvature [1/m] of the circle that leaves along the course and passes the goal point.
 
     With y' the goal point's distance to the left of the course and D its distance,
@@ -82,11 +83,11 @@ def pursuit_curvature(cross_track: float, course_error: float, goal: tuple[float
 
     Parameters
     ----------
-    cross_track
+    cross_track : float
         Distance left of the path [m].
-    course_error
+    course_error : float
         Direction in which the vehicle points or moves, less the path's [rad].
-    goal
+    goal : tuple
         From `goal_point`.
     """
     dx, dy = goal[0], goal[1] - cross_track

@@ -49,7 +49,7 @@ class Section:
     name: str  #: short name, used for the address within the page
     title: str
     sees: str  #: one plain sentence: what one sees
-    command: str  #: the command that makes this part
+    command: str = ""  #: the command that makes this part; empty where the page names one for all
     pictures: tuple[Picture, ...] = ()
     tables: tuple[Table, ...] = ()
     notes: tuple[str, ...] = ()

@@ -10,13 +10,34 @@ import math
 
 from agents.protocol import Senses
 from agents.speed_planner import Belief, BeliefSource, PlannerGains, SoilTracker
+from offroad_env.physics._jit import kernel
 
-__all__ = ["StopController"]
+__all__ = ["StopController", "stopping_speed"]
 
 #: Share of the zone before the line that is kept free [-].
 _AIM = 0.3
 #: Speed below which the brakes are simply held [m/s].
 _HOLD = 0.6
+
+
+@kernel
+def stopping_speed(distance, zone, speed, braking, lag):
+    """Highest speed [m/s] from which the vehicle comes to stand in the zone before a line.
+
+    Parameters
+    ----------
+    distance, zone : float
+        Way to the line, and length of the zone before it [m].
+    speed : float
+        Of the vehicle [m/s]; below walking pace inside the zone the brakes are simply held.
+    braking : float
+        Deceleration [m/s^2].
+    lag : float
+        Time between a command and its effect [s].
+    """
+    if distance < zone and speed < _HOLD:
+        return 0.0
+    return math.sqrt(2.0 * braking * max(distance - _AIM * zone - lag * speed, 0.0))
 
 
 class StopController(SoilTracker):
@@ -35,10 +56,7 @@ class StopController(SoilTracker):
         target, acceleration, slip_limit = super()._wanted(senses, belief, lateral)
         zone, speed = self._briefing.stop_zone, max(senses.speed, 0.0)
         braking = self.gains.brake_share * self._capability.braking_limit(belief.low, belief.high)
-        ahead = senses.distance - _AIM * zone - self.gains.lag * speed
-        allowed = math.sqrt(2.0 * braking * max(ahead, 0.0))
-        if senses.distance < zone and speed < _HOLD:
-            return 0.0, -braking, slip_limit
+        allowed = stopping_speed(senses.distance, zone, speed, braking, self.gains.lag)
         if allowed < target:
             return allowed, -braking, slip_limit
         return target, acceleration, slip_limit

@@ -3,85 +3,109 @@
 PPO (J. Schulman et al., Proximal policy optimization algorithms, arXiv 1707.06347, 2017) and SAC
 (T. Haarnoja et al., Soft actor-critic, ICML 2018) as implemented by stable-baselines3. A policy that
 shall find out about the soil by itself gets memory: a recurrent network (RecurrentPPO of sb3-contrib)
-or the last observations side by side (``frames``).
+or the last observations side by side (``frames``). Noise that is drawn anew at every step averages out
+before the vehicle has answered; PPO explores by functions of the state that hold for some seconds (A.
+Raffin, J. Kober, F. Stulp, Smooth exploration for robotic reinforcement learning, CoRL 2021).
+
+A run can be interrupted: it goes on from its last checkpoint as if nothing had happened.
 """
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
+import pickle
 import time
-from collections import deque
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 
 from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
-from agents.protocol import EpisodeResult, Observation
-from offroad_env.errors import InvalidParameter, OffroadError
+from agents.commands.output import write_bytes
+from agents.policies import (
+    CLIP,
+    KIND,
+    SCALING,
+    WEIGHTS,
+    ZIP,
+    MissingExtraError,
+    Network,
+    PolicyAgent,
+    find_learner,
+    load_policy,
+)
+from agents.protocol import EpisodeResult
+from offroad_env.errors import InvalidParameter
+from offroad_env.scenarios import find_scenario
 from offroad_env.vector_env import make_vec
 
 __all__ = [
-    "ALGORITHMS",
     "CurvePoint",
-    "MissingExtraError",
-    "PolicyAgent",
     "TrainArgs",
     "TrainResult",
     "configuration_hash",
-    "load_policy",
+    "objective",
     "train",
 ]
 
-ALGORITHMS = ("ppo", "recurrent_ppo", "sac")
-
-_POLICY, _SCALING, _KIND, _REPORT = "policy.zip", "scaling.npz", "policy.json", "training.json"
-_CLIP = 10.0
-#: Fewest environment steps between two points of a learning curve.
+#: Files of a run beside those of the policy.
+_REPORT, _CHECKPOINT, _BOARD = "training.json", "checkpoint.pkl", "tensorboard"
+#: Fewest steps between two points of a learning curve.
 _CURVE_STEPS = 64
-
-
-class MissingExtraError(OffroadError, ImportError):
-    """Learning needs packages that the base install leaves out."""
+#: What of the noise a checkpoint keeps.
+_NOISE = ("exploration_mat", "exploration_matrices")
+#: Arguments that do not decide what is learnt.
+_INDIFFERENT = {"out", "resume", "checkpoint_steps", "tensorboard", "threads"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainArgs:
-    """Arguments of one training run."""
+    """Arguments of one training run. A step is an action of the policy."""
 
     scenario: str = "speed"  #: what to learn
     algorithm: str = "ppo"  #: ppo, recurrent_ppo (memory) or sac
     terrain_info: str = "estimate"  #: what the policy is told about the soil
     seed: int = 0  #: of network, actions and episodes
-    total_steps: int = 1_000_000  #: environment steps at most
+    total_steps: int = 30_000  #: steps of the policy at most
     time_budget: float | None = None  #: wall time after which training stops [s]
-    out: Path = Path("out/train")  #: folder for policy, scaling and learning curve
+    out: Path = Path("out/train")  #: folder for policy, scaling, checkpoint and learning curve
+    resume: bool = False  #: go on from the checkpoint in that folder
+    checkpoint_steps: int = 8_000  #: steps between two checkpoints; 0 = none
+    tensorboard: bool = False  #: also write what TensorBoard shows to out/tensorboard
+    guided: bool = True  #: offset and speed for pure pursuit, five times a second; else the pedals, fifty
+    objective: str | None = None  #: reward, or score: what the benchmark measures; default where it is time
     frames: int = 1  #: last observations that the policy sees side by side: memory without recurrence
-    n_envs: int = 8  #: environments stepped together
-    n_steps: int = 512  #: steps of each environment between two updates (not SAC)
-    batch_size: int = 512  #: samples of one gradient step
-    n_epochs: int = 5  #: passes over the samples of an update (not SAC)
-    learning_rate: float = 3e-4  #: of Adam
-    gamma: float = 0.99  #: discount per step; 1/(1 - gamma) steps are 2 s
-    gae_lambda: float = 0.95  #: bias against variance of the advantage (not SAC)
-    log_std: float = -1.0  #: first log standard deviation of the actions (not SAC)
+    n_envs: int = 32  #: environments stepped together
+    threads: int | None = None  #: threads that step them, default one per usable processor
+    n_steps: int = 32  #: steps of each environment between two updates (not SAC)
+    batch_size: int = 256  #: samples of one gradient step
+    n_epochs: int = 8  #: passes over the samples of an update (not SAC)
+    learning_rate: float = 1.5e-3  #: of Adam at the start; falls to 0 with the last step
+    gamma: float = 0.96  #: discount per step; 1/(1 - gamma) guided steps are 5 s
+    gae_lambda: float = 0.9  #: bias against variance of the advantage (not SAC)
+    log_std: float = -2.4  #: first log standard deviation of the noise (not SAC)
+    noise_steps: int = 25  #: > 1: noise is a function of the state, drawn anew after so many steps (not SAC)
     buffer_size: int = 300_000  #: steps that SAC remembers
     hidden: tuple[int, ...] = (64, 64)  #: layers of policy and value network
-    eval_episodes: int = 3  #: episodes that the reloaded policy drives at the end
+    check_steps: int = 7_500  #: steps between two drives of the tuning episodes; the best policy is kept
+    check_episodes: int = 8  #: of such a drive; 0 = none, the last policy is kept
+    eval_episodes: int = 3  #: test episodes that the reloaded policy drives at the end
 
 
 @dataclass(frozen=True, kw_only=True)
 class CurvePoint:
     """Learning curve after one update."""
 
-    steps: int  #: environment steps so far
+    steps: int  #: steps of the policy so far
     wall_time: float  #: since the start [s]
     reward: float | None  #: mean sum of rewards of the last 100 episodes
     length: float | None  #: mean length of the same [steps]
+    score: float | None = None  #: mean score of the tuning episodes, driven without noise; where asked for
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,128 +113,214 @@ class TrainResult:
     """What a run has made."""
 
     policy: Path
-    steps: int  #: environment steps
-    wall_time: float  #: of learning, without set-up and evaluation [s]
-    steps_per_second: float  #: environment steps per second while learning
+    configuration: str  #: hash of what decides it
+    steps: int  #: of the policy
+    periods: int  #: control periods of the environment that they lasted
+    wall_time: float  #: of learning with its drives between, without set-up and evaluation [s]
+    periods_per_second: float  #: the same in control periods: environment steps per second
     curve: tuple[CurvePoint, ...]
     evaluation: tuple[EpisodeResult, ...] = field(default=())  #: of the reloaded policy
 
 
-def _learner(algorithm: str) -> Any:
-    """The class of stable-baselines3 or sb3-contrib."""
-    if algorithm not in ALGORITHMS:
-        raise InvalidParameter(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {algorithm!r}")
-    try:
-        import sb3_contrib
-        import stable_baselines3
-    except ImportError as error:
-        raise MissingExtraError(
-            f"learning needs stable-baselines3, sb3-contrib and torch ({error}): "
-            "pip install offroad-bekker[rl]"
-        ) from error
-    if algorithm == "recurrent_ppo":
-        return sb3_contrib.RecurrentPPO
-    return stable_baselines3.SAC if algorithm == "sac" else stable_baselines3.PPO
+class _Envs(NamedTuple):
+    """The environments of a run, layer by layer."""
+
+    episodes: Any  #: `LearningVecEnv`
+    monitor: Any  #: ``VecMonitor`` around it
+    scaler: Any  #: ``VecNormalize`` around that
+    seen: Any  #: what the learner sees: that, or its last frames
 
 
-class PolicyAgent:
-    """A trained policy as an agent: scaled observation in, most likely action out.
-
-    Parameters
-    ----------
-    model
-        With ``predict`` of stable-baselines3.
-    scaling
-        Key of the observation -> (mean, standard deviation).
-    frames
-        Last observations that the policy sees side by side, the newest last; zeros before the first.
-    """
-
-    def __init__(
-        self, model: Any, scaling: dict[str, tuple[np.ndarray, np.ndarray]], *, frames: int = 1
-    ) -> None:
-        self._model = model
-        self._scaling = scaling
-        self._frames = frames
-        self.reset(None)
-
-    def reset(self, briefing: Any) -> None:
-        """Forget what the policy remembers."""
-        self._past = {
-            key: deque([np.zeros_like(mean, np.float32)] * self._frames, maxlen=self._frames)
-            for key, (mean, _) in self._scaling.items()
-        }
-        self._memory, self._starts = None, np.ones(1, dtype=bool)
-
-    def act(self, observation: Observation) -> np.ndarray:
-        """Action (2,)."""
-        for key, (mean, sd) in self._scaling.items():
-            scaled = np.clip((observation[key] - mean) / sd, -_CLIP, _CLIP)
-            self._past[key].append(scaled.astype(np.float32))
-        seen = {key: np.concatenate(past) for key, past in self._past.items()}
-        action, self._memory = self._model.predict(
-            seen, state=self._memory, episode_start=self._starts, deterministic=True
-        )
-        self._starts = np.zeros(1, dtype=bool)
-        return action
-
-
-def load_policy(folder: Path) -> PolicyAgent:
-    """The policy that `train` saved in ``folder``.
-
-    Raises
-    ------
-    MissingExtraError
-        Without stable-baselines3.
-    FileNotFoundError
-        If ``folder`` holds no policy.
-    """
-    kind = json.loads((folder / _KIND).read_text(encoding="utf-8"))
-    model = _learner(kind["algorithm"]).load(folder / _POLICY, device="cpu")
-    with np.load(folder / _SCALING) as table:
-        keys = sorted({name.partition(".")[0] for name in table.files})
-        scaling = {key: (table[f"{key}.mean"], table[f"{key}.sd"]) for key in keys}
-    return PolicyAgent(model, scaling, frames=kind["frames"])
+def objective(args: TrainArgs) -> str:
+    """What is learnt: "reward" or "score"."""
+    timed = find_scenario(args.scenario).measure == "time"
+    return args.objective or ("score" if timed else "reward")
 
 
 def configuration_hash(args: TrainArgs) -> str:
-    """Digest of everything that decides what is learnt, but for the folder."""
-    decisive = {key: value for key, value in asdict(args).items() if key != "out"}
-    return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:16]
+    """Digest of everything that decides what is learnt."""
+    return hashlib.sha256(json.dumps(_decisive(args), sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _save(model: Any, scaler: Any, args: TrainArgs) -> Path:
+def _decisive(args: TrainArgs) -> dict[str, Any]:
+    names = [entry.name for entry in fields(TrainArgs) if entry.name not in _INDIFFERENT]
+    return {name: getattr(args, name) for name in names}
+
+
+def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> _Envs:
+    """Fresh environments, or those of a checkpoint."""
+    from stable_baselines3.common.vec_env import VecFrameStack, VecMonitor, VecNormalize
+
+    from agents.learning_env import LearningVecEnv
+
+    if held is None:
+        kinds = {"scenario": args.scenario, "terrain_info": args.terrain_info, "threads": args.threads}
+        envs = make_vec(args.n_envs, autoreset_mode="SameStep", **kinds)
+        episodes = LearningVecEnv(envs, guided=args.guided, objective=objective(args))
+        episodes.seed(args.seed)
+        monitor = VecMonitor(episodes)
+        scaler = VecNormalize(monitor, gamma=args.gamma, clip_obs=CLIP)
+    else:
+        episodes = held["episodes"]
+        monitor = VecMonitor(episodes)
+        monitor.episode_returns, monitor.episode_lengths = held["sums"]
+        scaler = held["scaler"]
+        scaler.set_venv(monitor)
+        scaler.returns = held["returns"]
+    seen = VecFrameStack(scaler, args.frames) if args.frames > 1 else scaler
+    if held is not None and args.frames > 1:
+        seen.stacked_obs = held["frames"]
+    return _Envs(episodes, monitor, scaler, seen)
+
+
+def _checkpoint(model: Any, envs: _Envs, watch: Any, args: TrainArgs) -> dict[str, Any]:
+    """Everything that the run needs to go on as if it had not been interrupted."""
+    import torch
+
+    packed = io.BytesIO()
+    model.save(packed)
+    return {
+        "configuration": configuration_hash(args),
+        "model": packed.getvalue(),
+        "memory": getattr(model, "_last_lstm_states", None),
+        "replay": getattr(model, "replay_buffer", None),
+        "episodes": envs.episodes,
+        "sums": (envs.monitor.episode_returns, envs.monitor.episode_lengths),
+        "scaler": envs.scaler,
+        "returns": envs.scaler.returns,
+        "frames": getattr(envs.seen, "stacked_obs", None),
+        "random": (torch.get_rng_state(), np.random.get_state()),  # noqa: NPY002 - what the learner draws from
+        "noise": {name: getattr(_noise(model), name, None) for name in _NOISE},
+        "watch": watch.state(),
+    }
+
+
+def _read_checkpoint(args: TrainArgs) -> dict[str, Any] | None:
+    """The checkpoint to go on from; None to begin."""
+    path = args.out / _CHECKPOINT
+    if not args.resume or not path.is_file():
+        return None
+    held = pickle.loads(path.read_bytes())
+    if held["configuration"] != configuration_hash(args):
+        raise InvalidParameter(f"{path} belongs to another configuration - another folder, or no --resume?")
+    return held
+
+
+def _make_model(args: TrainArgs, envs: _Envs, held: dict[str, Any] | None) -> Any:
+    learner = find_learner(args.algorithm)
+    if held is None:
+        policy = "MultiInputLstmPolicy" if args.algorithm == "recurrent_ppo" else "MultiInputPolicy"
+        model = learner(policy, envs.seen, seed=args.seed, device="cpu", **_settings(args))
+    else:
+        model = learner.load(io.BytesIO(held["model"]), env=envs.seen, device="cpu", force_reset=False)
+        if held["memory"] is not None:
+            model._last_lstm_states = held["memory"]
+        if held["replay"] is not None:
+            model.replay_buffer = held["replay"]
+    if args.tensorboard:
+        model.tensorboard_log = _board(args)
+    return model
+
+
+def _noise(model: Any) -> Any:
+    """Where the learner keeps the noise that holds for several steps."""
+    return getattr(model.policy, "action_dist", None)
+
+
+def _restore_chance(model: Any, held: dict[str, Any]) -> None:
+    """Generators and noise of a checkpoint; after the learner, which draws when it sets out, has drawn."""
+    import torch
+
+    torch.set_rng_state(held["random"][0])
+    np.random.set_state(held["random"][1])  # noqa: NPY002 - what the learner draws from
+    for name, value in held["noise"].items():
+        if value is not None:
+            setattr(_noise(model), name, value)
+
+
+def _board(args: TrainArgs) -> str:
+    """Folder for TensorBoard."""
+    try:
+        import tensorboard  # noqa: F401 - only whether it is there
+    except ImportError as error:
+        raise MissingExtraError(f"TensorBoard is missing ({error}): pip install tensorboard") from error
+    return str(args.out / _BOARD)
+
+
+def _settings(args: TrainArgs) -> dict[str, Any]:
+    """Arguments of the learner."""
+    from stable_baselines3.common.utils import LinearSchedule
+
+    network: dict[str, Any] = {"net_arch": list(args.hidden)}
+    common = {
+        "batch_size": args.batch_size,
+        "learning_rate": LinearSchedule(args.learning_rate, 0.0, 1.0),
+        "gamma": args.gamma,
+        "policy_kwargs": network,
+    }
+    if args.algorithm == "sac":
+        return {**common, "buffer_size": args.buffer_size, "learning_starts": 10 * args.batch_size}
+    network["log_std_init"] = args.log_std
+    found = {**common, "n_steps": args.n_steps, "n_epochs": args.n_epochs, "gae_lambda": args.gae_lambda}
+    if args.noise_steps > 1:
+        found |= {"use_sde": True, "sde_sample_freq": args.noise_steps}
+    return found
+
+
+def _scaling(scaler: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    return {
+        key: (statistics.mean.copy(), np.sqrt(statistics.var + scaler.epsilon))
+        for key, statistics in scaler.obs_rms.items()
+    }
+
+
+def _save(model: Any, scaler: Any, args: TrainArgs) -> None:
+    """Write the policy so that `load_policy` finds it."""
     folder = args.out
     folder.mkdir(parents=True, exist_ok=True)
-    model.save(folder / _POLICY)
-    kind = {
-        "algorithm": args.algorithm,
-        "frames": args.frames,
-        "scenario": args.scenario,
-        "terrain_info": args.terrain_info,
-        "configuration": configuration_hash(args),
-    }
-    (folder / _KIND).write_text(json.dumps(kind, indent=1) + "\n", encoding="utf-8")
+    model.save(folder / ZIP)
+    if args.algorithm == "ppo":
+        Network.of(model).save(folder / WEIGHTS)
+    kind = {"configuration": configuration_hash(args), **_decisive(args)}
+    (folder / KIND).write_text(json.dumps(kind, indent=1) + "\n", encoding="utf-8")
     table = {}
-    for key, statistics in scaler.obs_rms.items():
-        table[f"{key}.mean"] = statistics.mean
-        table[f"{key}.sd"] = np.sqrt(statistics.var + scaler.epsilon)
-    np.savez(folder / _SCALING, **table)
-    return folder / _POLICY
+    for key, (mean, sd) in _scaling(scaler).items():
+        table[f"{key}.mean"], table[f"{key}.sd"] = mean, sd
+    np.savez(folder / SCALING, **table)
 
 
-def _watch(args: TrainArgs, progress: Callable[[int, float], None] | None) -> Any:
-    """Callback that keeps the learning curve and stops when the time is over."""
+def _watch(
+    args: TrainArgs,
+    envs: _Envs,
+    held: dict[str, Any] | None,
+    progress: Callable[[int, float], None] | None,
+) -> Any:
+    """Callback: learning curve, drives between, checkpoints, and the end when the time is over."""
     from stable_baselines3.common.callbacks import BaseCallback
 
     class Watch(BaseCallback):
         def __init__(self) -> None:
             super().__init__()
             self.curve: list[CurvePoint] = []
+            self.best = np.inf
+            self.last = {"checkpoint": 0, "check": 0}
+            self.before = 0.0
             self._start = time.perf_counter()
+            self._held = held
+
+        def state(self) -> dict[str, Any]:
+            """What a checkpoint keeps of it."""
+            found = {"curve": self.curve, "best": self.best, "last": self.last}
+            return {**found, "before": self.wall_time()}
 
         def wall_time(self) -> float:
-            return time.perf_counter() - self._start
+            return self.before + time.perf_counter() - self._start
+
+        def _due(self, name: str, every: int) -> bool:
+            due = every > 0 and self.num_timesteps - self.last[name] >= every
+            if due:
+                self.last[name] = self.num_timesteps
+            return due
 
         def _on_training_start(self) -> None:
             self._start = time.perf_counter()
@@ -218,9 +328,34 @@ def _watch(args: TrainArgs, progress: Callable[[int, float], None] | None) -> An
         def _on_step(self) -> bool:
             return args.time_budget is None or self.wall_time() < args.time_budget
 
+        def _on_rollout_start(self) -> None:
+            if self._held is not None:
+                _restore_chance(self.model, self._held)
+                self._held = None
+            # Here and not at the end of one: the network has learnt from all that was driven.
+            if args.check_episodes > 0 and (self.num_timesteps == 0 or self._due("check", args.check_steps)):
+                self.check()
+            if self._due("checkpoint", args.checkpoint_steps):
+                content = pickle.dumps(_checkpoint(self.model, envs, self, args))
+                write_bytes(args.out / _CHECKPOINT, content)
+
+        def check(self) -> None:
+            """Drive the tuning episodes; keep the policy if it is the best so far."""
+            score = _check(self.model, envs.scaler, args)
+            self.logger.record("check/score", score)
+            self._add(score)
+            if score < self.best:
+                self.best = score
+                _save(self.model, envs.scaler, args)
+
         def _on_rollout_end(self) -> None:
             if self.curve and self.num_timesteps - self.curve[-1].steps < _CURVE_STEPS:
                 return  # SAC learns after every step
+            self._add(None)
+            if progress is not None:
+                progress(self.num_timesteps, self.wall_time())
+
+        def _add(self, score: float | None) -> None:
             episodes = self.model.ep_info_buffer or ()
             self.curve.append(
                 CurvePoint(
@@ -228,12 +363,22 @@ def _watch(args: TrainArgs, progress: Callable[[int, float], None] | None) -> An
                     wall_time=self.wall_time(),
                     reward=float(np.mean([e["r"] for e in episodes])) if episodes else None,
                     length=float(np.mean([e["l"] for e in episodes])) if episodes else None,
+                    score=score,
                 )
             )
-            if progress is not None:
-                progress(self.num_timesteps, self.wall_time())
 
     return Watch()
+
+
+def _check(model: Any, scaler: Any, args: TrainArgs) -> float:
+    """Mean score of the tuning episodes, driven without noise."""
+    network = Network.of(model) if args.algorithm == "ppo" else model
+    agent = PolicyAgent(network, _scaling(scaler), frames=args.frames, guided=args.guided)
+    env = gym.make(ENV_ID, scenario=args.scenario, terrain_info=args.terrain_info)
+    draws = draw_episodes(args.scenario, args.check_episodes, 0, training=True)
+    scores = [run_episode(env, agent, draw.seed, n=draw.n).score for draw in draws]
+    env.close()
+    return float(np.mean(scores))
 
 
 def train(args: TrainArgs, *, progress: Callable[[int, float], None] | None = None) -> TrainResult:
@@ -243,7 +388,7 @@ def train(args: TrainArgs, *, progress: Callable[[int, float], None] | None = No
     ----------
     args
     progress
-        Called after every batch of experience with (environment steps, wall time [s]).
+        Called after every batch of experience with (steps, wall time [s]).
 
     Returns
     -------
@@ -256,54 +401,45 @@ def train(args: TrainArgs, *, progress: Callable[[int, float], None] | None = No
     MissingExtraError
         Without stable-baselines3.
     """
-    learner = _learner(args.algorithm)
-    from stable_baselines3.common.vec_env import VecFrameStack, VecMonitor, VecNormalize
-
-    from agents.learning_env import LearningVecEnv
-
-    kinds = {"scenario": args.scenario, "terrain_info": args.terrain_info}
-    episodes = LearningVecEnv(make_vec(args.n_envs, autoreset_mode="SameStep", **kinds))
-    episodes.seed(args.seed)
-    envs = VecNormalize(VecMonitor(episodes), gamma=args.gamma, clip_obs=_CLIP)
-    seen = VecFrameStack(envs, args.frames) if args.frames > 1 else envs
-    policy = "MultiInputLstmPolicy" if args.algorithm == "recurrent_ppo" else "MultiInputPolicy"
-    model = learner(policy, seen, seed=args.seed, device="cpu", **_settings(args))
-    watch = _watch(args, progress)
-    model.learn(args.total_steps, callback=watch)
+    find_learner(args.algorithm)
+    held = _read_checkpoint(args)
+    envs = _make_envs(args, held)
+    model = _make_model(args, envs, held)
+    watch = _watch(args, envs, held, progress)
+    if held is not None:
+        vars(watch).update(held["watch"])
+    model.learn(args.total_steps - model.num_timesteps, callback=watch, reset_num_timesteps=held is None)
+    if args.check_episodes > 0:
+        watch.check()
+    else:
+        _save(model, envs.scaler, args)
     wall_time = watch.wall_time()
-    policy = _save(model, envs, args)
-    seen.close()
-    result = TrainResult(
-        policy=policy,
-        steps=model.num_timesteps,
-        wall_time=wall_time,
-        steps_per_second=model.num_timesteps / wall_time,
-        curve=tuple(watch.curve),
-        evaluation=_evaluate(args, kinds),
-    )
+    envs.seen.close()
+    result = _result(args, model.num_timesteps, wall_time, tuple(watch.curve))
     _write_report(args, result)
     return result
 
 
-def _settings(args: TrainArgs) -> dict[str, Any]:
-    """Arguments of the learner."""
-    network: dict[str, Any] = {"net_arch": list(args.hidden)}
-    common = {
-        "batch_size": args.batch_size,
-        "learning_rate": args.learning_rate,
-        "gamma": args.gamma,
-        "policy_kwargs": network,
-    }
-    if args.algorithm == "sac":
-        return {**common, "buffer_size": args.buffer_size, "learning_starts": 10 * args.batch_size}
-    network["log_std_init"] = args.log_std
-    return {**common, "n_steps": args.n_steps, "n_epochs": args.n_epochs, "gae_lambda": args.gae_lambda}
+def _result(args: TrainArgs, steps: int, wall_time: float, curve: tuple[CurvePoint, ...]) -> TrainResult:
+    from agents.guide import HOLD
+
+    periods = steps * (HOLD if args.guided else 1)
+    return TrainResult(
+        policy=args.out,
+        configuration=configuration_hash(args),
+        steps=steps,
+        periods=periods,
+        wall_time=wall_time,
+        periods_per_second=periods / wall_time,
+        curve=curve,
+        evaluation=_evaluate(args),
+    )
 
 
-def _evaluate(args: TrainArgs, kinds: dict[str, str]) -> tuple[EpisodeResult, ...]:
+def _evaluate(args: TrainArgs) -> tuple[EpisodeResult, ...]:
     """Episodes of the policy as it was saved."""
     agent = load_policy(args.out)
-    env = gym.make(ENV_ID, **kinds)
+    env = gym.make(ENV_ID, scenario=args.scenario, terrain_info=args.terrain_info)
     draws = draw_episodes(args.scenario, args.eval_episodes, args.seed)
     episodes = tuple(run_episode(env, agent, draw.seed, n=draw.n) for draw in draws)
     env.close()
@@ -313,7 +449,7 @@ def _evaluate(args: TrainArgs, kinds: dict[str, str]) -> tuple[EpisodeResult, ..
 def _write_report(args: TrainArgs, result: TrainResult) -> None:
     report = {"arguments": asdict(args), "result": asdict(result)}
     text = json.dumps(report, indent=1, default=str)
-    (args.out / _REPORT).write_text(text + "\n", encoding="utf-8")
+    write_bytes(args.out / _REPORT, f"{text}\n".encode())
 
 
 def main() -> None:

@@ -3,8 +3,9 @@
 The same search for each arm, over the same training episodes (never those of a benchmark): the
 middle and a low-discrepancy sample of the box of its knobs, then rounds in which the best survive,
 change a little, and drive more episodes. In the final every arm drives the best knobs that any arm
-has found (with its own n or z), so that no arm is better or worse by the luck of its search. The
-lowest mean score wins (`agents.benchmark.runner`). The result is the module `agents.tuned`.
+has found (with its own n or z), and its own from the search before, so that no arm is better or worse by
+the luck of its search. The lowest mean score wins (`agents.benchmark.runner`). The result is the module
+`agents.tuned`.
 """
 
 from __future__ import annotations
@@ -20,14 +21,17 @@ from scipy.stats import qmc
 
 from agents.arms import ARMS, ArmSettings, make_arm
 from agents.benchmark.runner import draw_episodes, run_jobs
+from agents.tuned import SETTINGS
 
 __all__ = [
     "COMMON",
+    "HERE",
     "OWN",
     "Round",
     "TuneArgs",
     "Tuned",
     "knobs",
+    "own_knobs",
     "search_arm",
     "tune_scenario",
     "write_settings",
@@ -51,10 +55,18 @@ COMMON: dict[str, dict[str, tuple[float, float]]] = {
 #: doubt is not the aware arm.
 OWN: dict[str, dict[str, tuple[float, float]]] = {"nominal": {"n": (0.0, 1.0)}, "aware": {"z": (0.25, 2.0)}}
 
+#: Further knobs of an arm in a task: only in `patches` does the soil change on the way.
+HERE: dict[tuple[str, str], dict[str, tuple[float, float]]] = {("patches", "aware"): {"change": (0.0, 1.0)}}
+
+
+def own_knobs(scenario: str, name: str) -> dict[str, tuple[float, float]]:
+    """Knobs that no other arm of the task has, with their ranges."""
+    return OWN.get(name, {}) | HERE.get((scenario, name), {})
+
 
 def knobs(scenario: str, name: str) -> dict[str, tuple[float, float]]:
     """Knobs of an arm in a task: name -> (lowest, highest) value of the search."""
-    return COMMON[scenario] | OWN.get(name, {})
+    return COMMON[scenario] | own_knobs(scenario, name)
 
 
 @dataclass(frozen=True)
@@ -73,9 +85,9 @@ class TuneArgs:
     scenario: str = "speed"  #: scenario to tune for
     seed: int = 0  #: of the candidates and the training episodes
     n_jobs: int = 2  #: local processes
-    rounds: tuple[Round, ...] = (Round(0, 8, 5), Round(2, 2, 8))  #: the search of each arm
+    rounds: tuple[Round, ...] = (Round(0, 10, 6), Round(3, 2, 10))  #: the search of each arm
     finalists: int = 1  #: candidates that each arm sends to the final
-    final_episodes: int = 12  #: training episodes of each candidate in the final
+    final_episodes: int = 30  #: training episodes of each candidate in the final
     spread: float = 0.1  #: standard deviation of a change, as a share of the knob's range [-]
 
 
@@ -162,8 +174,9 @@ def tune_scenario(
     pool = [settings for finalists, _ in found.values() for settings in finalists]
     tuned = {}
     for name, (finalists, driven) in found.items():
-        own = {knob: getattr(finalists[0], knob) for knob in OWN.get(name, {})}
-        candidates = [s if s in finalists else replace(s, **own) for s in pool]
+        own = {knob: getattr(finalists[0], knob) for knob in own_knobs(args.scenario, name)}
+        held = ArmSettings(**SETTINGS[args.scenario, name])
+        candidates = [s if s in finalists else replace(s, **own) for s in pool] + [held]
         scores = _scores(name, candidates, args, args.final_episodes, progress)
         best = int(np.argmin(scores))
         driven += args.final_episodes * len(candidates)

@@ -47,6 +47,7 @@ from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.contact import SUNK
+from offroad_env.physics.numerics import all_finite, copy_into
 from offroad_env.physics.packing import PackedPlant, pack, unpack
 from offroad_env.physics.records import Ground, Soil, SoilMap, Vehicle
 from offroad_env.physics.sensor_kernels import ImuMount
@@ -176,20 +177,21 @@ def _rest(memory, assumed, command):
 
 
 @kernel
-def _wake(memory, assumed, nav, plant, torque_free):
+def _wake(memory, assumed, nav, plant):
     """Settle every copy on its own soil, rolling at the navigation filter's speed."""
     belief, copies, warms = memory.belief[:], memory.copies[:], memory.warms[:]
     scale = math.sqrt(assumed.weights[3] * belief[1])
     for i in range(3):
         eta = belief[0] + scale * (0.0 if i == 0 else 3.0 - 2.0 * i)
         own = plant_with_exponent(plant, to_range(eta, assumed.bounds[0], assumed.bounds[1]))
-        status, x, warm = settle(own, (nav[X], nav[Y], nav[YAW]), nav[V], torque_free)
-        warms[i] = warm
-        if status >= SUNK or not np.isfinite(x).all():
+        status, x, warm = settle(own, (nav[X], nav[Y], nav[YAW]), nav[V])
+        copy_into(warms[i].reshape(-1), warm.reshape(-1))
+        if status >= SUNK or not all_finite(x):
             memory.surprise = math.inf
             return
-        x[at.V_Y], x[at.STEER :] = nav[V_SIDE], copies[i, at.STEER :]
-        copies[i] = x
+        x[at.V_Y] = nav[V_SIDE]
+        copy_into(x[at.STEER :], copies[i, at.STEER :])
+        copy_into(copies[i], x)
     memory.last[:] = math.nan
     memory.change[:] = 0.0
     memory.watched = 0.0
@@ -272,13 +274,17 @@ def _learn(memory, points, predicted, z, R, weights, shares):
     """Unscented update that removes a share of the variance between ``shares``, or none."""
     least, most = shares
     belief = memory.belief[:]
-    mean, cov = belief[:1].copy(), belief[1:].copy().reshape(1, 1)
+    mean, cov = np.empty(1), np.empty((1, 1))
+    mean[0], cov[0, 0] = belief[0], belief[1]
     nis, repairs = unscented_update(mean, cov, points, predicted, z, R, weights)
     memory.repairs += repairs
     removed = 1.0 - cov[0, 0] / belief[1]
     if removed > most:
         # With R times this factor the share removed is close to `most`.
-        softer = R * (removed / (1.0 - removed) * (1.0 - most) / most)
+        softer, factor = np.empty(R.shape), removed / (1.0 - removed) * (1.0 - most) / most
+        for j in range(R.shape[0]):
+            for k in range(R.shape[0]):
+                softer[j, k] = R[j, k] * factor
         mean[0], cov[0, 0] = belief[0], belief[1]
         _, repairs = unscented_update(mean, cov, points, predicted, z, softer, weights)
         memory.repairs += repairs
@@ -297,7 +303,7 @@ def _place(memory, assumed, nav, imu, command, points):
     """
     belief = memory.belief[:]
     belief[1] += assumed.drift * assumed.drift * assumed.dt
-    if not (nav[V] > assumed.hold_speed and np.isfinite(imu).all()) or memory.awake < 0.5:
+    if not (nav[V] > assumed.hold_speed and all_finite(imu)) or memory.awake < 0.5:
         _rest(memory, assumed, command)
         return False
     factor = np.empty((1, 1))
@@ -319,8 +325,8 @@ def _compare(memory, assumed, nav, imu, points, predicted):
     copies, last, dt, w = memory.copies[:], memory.last[:], assumed.dt, assumed.weights
     weights, R = (w[0], w[1], w[2], w[3]), assumed.R[:]
     channels = np.empty((3, 3))
-    channels[:, 0], channels[:, 1], channels[:, 2] = predicted[:, 0], predicted[:, 1], predicted[:, 4]
     for i in range(3):
+        channels[i, 0], channels[i, 1], channels[i, 2] = predicted[i, 0], predicted[i, 1], predicted[i, 4]
         _pull(copies[i], nav, imu, assumed.gains[:], dt)
     if math.isfinite(last[0]):
         shares = (assumed.least_information * dt, dt / assumed.settle_time)
@@ -333,7 +339,7 @@ def _compare(memory, assumed, nav, imu, points, predicted):
 @inline_kernel
 def _conclude(memory, assumed, nav, imu, points, predicted, status):
     """After the copies' step: compare and learn, or put copies without contact to sleep."""
-    if status < SUNK and np.isfinite(predicted).all() and np.isfinite(memory.copies[:]).all():
+    if status < SUNK and all_finite(predicted.reshape(-1)) and all_finite(memory.copies[:].reshape(-1)):
         _compare(memory, assumed, nav, imu, points, predicted)
     else:
         _sleep(memory)
@@ -360,7 +366,7 @@ def learn_full(memory, assumed, map_, nav, imu, command):
     """
     packed, mount = _believed(assumed, map_)
     if memory.awake < 0.5 and nav[V] > assumed.hold_speed:
-        _wake(memory, assumed, nav, unpack(packed), True)
+        _wake(memory, assumed, nav, unpack(packed))
     eta, n, predicted = np.empty((3, 1)), np.empty(3), np.empty((3, 5))
     if _place(memory, assumed, nav, imu, command, (eta, n)):
         copies, warms = memory.copies[:], memory.warms[:]
@@ -373,7 +379,7 @@ def learn_paper(memory, assumed, map_, nav, imu, command):
     """`learn_full` for the paper's model, where ``command`` is (steering [rad], F_u [N], NaN)."""
     packed, mount = _believed(assumed, map_)
     if memory.awake < 0.5 and nav[V] > assumed.hold_speed:
-        _wake(memory, assumed, nav, unpack(packed), False)
+        _wake(memory, assumed, nav, unpack(packed))
     eta, n, predicted = np.empty((3, 1)), np.empty(3), np.empty((3, 5))
     if _place(memory, assumed, nav, imu, command, (eta, n)):
         copies, warms = memory.copies[:], memory.warms[:]

@@ -159,12 +159,12 @@ def hypothesis(model, eta, variance, pose, v_x):
     worst = 0.0
     for sign in (-1.0, 1.0):
         plant = plant_with_exponent(model.plant, to_range(eta + sign * _START_STEP, model.low, model.high))
-        status, state, _ = settle(plant, pose, v_x, False)
+        status, state, _ = settle(plant, pose, v_x)
         worst = max(worst, status)
         for i in range(ETA):
             slope[i] = state[i] if sign < 0.0 else (state[i] - slope[i]) / (2.0 * _START_STEP)
     plant = plant_with_exponent(model.plant, to_range(eta, model.low, model.high))
-    status, state, warm = settle(plant, pose, v_x, False)
+    status, state, warm = settle(plant, pose, v_x)
     mean[:ETA], mean[ETA], slope[ETA] = state[:ETA], eta, 1.0
     return max(worst, status), mean, variance * np.outer(slope, slope), warm
 

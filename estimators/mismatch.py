@@ -9,9 +9,7 @@ The drive force of the paper's rows is open loop, and nothing in the model ties 
 vehicle that is 10 % heavier would stand still after half a minute. A driver therefore holds the
 speed of the nominal run by a slow correction of the force, which every filter knows as a command.
 
-Slip sinkage is M. Lyasko's (J. Terramechanics 47, 2010): a wheel at slip s sinks
-K = (1 + |s|)/(1 - |s|/2) times as deep as Bekker says. The pressure at the depth h is then
-Bekker's at h/K, that is k (h/K)^n: moduli K^-n times as large, the exponent being the same.
+Slip sinkage is that of `nuisances.slip_sinkage`: moduli that are smaller, the exponent being the same.
 """
 
 from __future__ import annotations
@@ -22,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.joint import CHANNELS, ETA, SIZE, JointSettings, advance_point, joint_model, read_point
+from estimators.nuisances import slip_sinkage
 from estimators.paper import CHOICES, Row, row_truth
 from estimators.protocol_runs import RowTwin, row_plant
 from estimators.transforms import from_range
@@ -163,8 +162,7 @@ def _true_plant(row: Row, mismatch: Mismatch, rng: np.random.Generator) -> Plant
     vehicle = plant.vehicle._replace(m=plant.vehicle.m * (1.0 + float(signs[0]) * mismatch.mass))
     soil = plant.soil._replace(k_phi=plant.soil.k_phi * (1.0 + float(signs[1]) * mismatch.stiffness))
     if mismatch.slip_sinkage:
-        s = abs(plant.slip)
-        factor = ((1.0 + s) / (1.0 - 0.5 * s)) ** -soil.n
+        factor = slip_sinkage(plant.slip) ** -soil.n
         soil = soil._replace(k_c=soil.k_c * factor, k_phi=soil.k_phi * factor)
     direction, waves = rng.uniform(0.0, 2.0 * math.pi), plant.ground.waves.copy()
     dx, dy = mismatch.map_shift * math.cos(direction), mismatch.map_shift * math.sin(direction)

@@ -2,12 +2,13 @@
 
 =============  ================================================================================
 ``bank``       `estimators.bank`: many soils, one exact model; inertial unit
-``robust``     `estimators.robust`: many soils, every nuisance in the belief; inertial unit
+``robust``     `estimators.robust`: many soils, every nuisance in the belief; inertial unit, rims
 ``embedded``   `estimators.embedded`: n alone, constant gains; inertial unit, rim speeds, GNSS
 ``propagated`` the paper's: n alone, its own state; inertial unit
 =============  ================================================================================
 
-The propagated filter has no validity flag: it counts as one that always vouches for itself.
+The propagated filter has no validity flag of its own: it gets that of `row_filters.innovation_flag`,
+which looks at the size of its innovations and the width of its interval.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 from estimators.bank import BankSettings, run_bank
 from estimators.consistency import coverage
 from estimators.embedded import EmbeddedParameterUKF
-from estimators.joint import JointSettings, joint_model
+from estimators.joint import IMU_CHANNELS, JointSettings, joint_model
 from estimators.mismatch import MismatchTwin
 from estimators.nuisances import doubt_model
 from estimators.paper import CHOICES, SETTINGS
@@ -30,6 +31,7 @@ from estimators.parameter import run_parameter_filter
 from estimators.protocol import Pose
 from estimators.protocol_runs import row_plant
 from estimators.robust import RobustSettings, run_robust_bank
+from estimators.row_filters import innovation_flag
 from estimators.transforms import interval
 from offroad_env.sensors import ImuConfig
 from offroad_env.simulator import settled_state
@@ -47,7 +49,7 @@ __all__ = [
 
 _SPEED = CHOICES["start_speed"].value
 _POSE = (0.0, 0.0, 0.0)
-_NORMAL_95 = 1.959964
+_NORMAL_95, _NORMAL_99 = 1.959964, 2.575829
 #: An error of n beyond this share, outside of the interval and vouched for, is a silent divergence.
 _DIVERGED = 0.2
 #: ... when it lasts so long [s].
@@ -119,8 +121,11 @@ def _propagated(twin: MismatchTwin, seen: np.ndarray) -> tuple[np.ndarray, ...]:
     plant = plant._replace(soil=plant.soil._replace(n=settings.n_prior))
     start = settled_state(plant, v_x=_SPEED)
     run = run_parameter_filter(plant, start, twin.inputs, seen[:, :5], twin.dt, settings)
-    ends = [interval(eta, v, *settings.n_range) for eta, v in zip(run.eta, run.variance, strict=True)]
-    return run.n, run.sd, *np.transpose(ends), np.ones(len(seen), dtype=bool)
+    beliefs = list(zip(run.eta, run.variance, strict=True))
+    low, high = np.transpose([interval(eta, v, *settings.n_range) for eta, v in beliefs])
+    wide = np.array([interval(eta, v, *settings.n_range, _NORMAL_99) for eta, v in beliefs])
+    valid = innovation_flag(run.nis, wide[:, 1] - wide[:, 0], IMU_CHANNELS, twin.dt)
+    return run.n, run.sd, low, high, valid
 
 
 class Candidate(NamedTuple):
@@ -133,7 +138,7 @@ class Candidate(NamedTuple):
 
 
 FILTERS: dict[str, Candidate] = {
-    "robust": Candidate(_robust, "imu", "estimators.robust", "robust bank"),
+    "robust": Candidate(_robust, "imu+wheels", "estimators.robust", "robust bank"),
     "bank": Candidate(_bank, "imu", "estimators.bank", "plain bank"),
     "embedded": Candidate(_embedded, "imu+wheels+gnss", "estimators.embedded", "embedded UKF"),
     "propagated": Candidate(_propagated, "imu", "estimators.parameter", "propagated"),

@@ -23,6 +23,7 @@ import numpy as np
 from estimators.protocol import Pose
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics._jit import kernel
+from offroad_env.physics.numerics import all_finite
 from offroad_env.physics.records import Vehicle
 
 __all__ = ["NavigationFilter", "NavigationNoise", "navigate"]
@@ -92,7 +93,9 @@ def _predict(x, P, imu, noise, dt):
     cos, sin = math.cos(x[YAW]), math.sin(x[YAW])
     v, side = x[V], x[V_SIDE]
     rate, along = imu[4] - x[GYRO_BIAS], imu[0] - x[ACCEL_BIAS]
-    F = np.eye(SIZE)
+    F = np.zeros((SIZE, SIZE))
+    for i in range(SIZE):
+        F[i, i] = 1.0
     F[X, YAW], F[X, V], F[X, V_SIDE] = -dt * (v * sin + side * cos), dt * cos, -dt * sin
     F[Y, YAW], F[Y, V], F[Y, V_SIDE] = dt * (v * cos - side * sin), dt * sin, dt * cos
     F[YAW, GYRO_BIAS] = -dt
@@ -179,12 +182,12 @@ def navigate(belief, sensors, steer, axles, noise, dt):
     """
     x, P = belief
     imu, rim_speeds, gnss = sensors
-    if np.isfinite(imu).all():
+    if all_finite(imu):
         _predict(x, P, imu, noise, dt)
         _correct_side(x, P, imu[4], steer, axles, noise)
-    if np.isfinite(rim_speeds).all():
+    if all_finite(rim_speeds):
         _correct_wheels(x, P, rim_speeds, noise)
-    if np.isfinite(gnss).all():
+    if all_finite(gnss):
         _correct_gnss(x, P, gnss, noise)
 
 

@@ -1,7 +1,7 @@
 """The paper's half-car with everything about it that nobody knows exactly.
 
 `estimators.joint` believes its model: mass, soil moduli, map, steering and sensors are exact, and
-n is what remains. Here the belief holds the ten states, eta and fourteen nuisances, each with an
+n is what remains. Here the belief holds the ten states, eta and fifteen nuisances, each with an
 honest prior (`Doubt`):
 
 =====================  =========================================================================
@@ -10,11 +10,15 @@ lag                    of the steering [s]: the wheels stand where the command s
 bump_f, bump_r         height of the ground under an axle above the map [m], and their rates
 bias (5)               of the inertial unit [m/s^2, rad/s]
 roll, pitch            misalignment of the inertial unit [rad]; the accelerometers feel gravity
+rim                    logarithm of what the rims read over what they should: radius and slip [-]
 =====================  =========================================================================
 
-A map that is shifted is a vehicle that stands elsewhere: that is a wide prior of X and Y. Slip
-sinkage at constant slip is a factor of the moduli (`estimators.mismatch`), so the belief about
-the stiffness holds it too.
+A map that is shifted is a vehicle that stands elsewhere: that is a wide prior of X and Y.
+
+Slip sinkage is M. Lyasko's (J. Terramechanics 47, 2010): a wheel at slip s sinks
+K = (1 + |s|)/(1 - |s|/2) times as deep as Bekker says. The pressure at the depth h is then
+Bekker's at h/K, that is k (h/K)^n: moduli K^-n times as large, the exponent being the same. At
+constant slip the belief about the stiffness holds it: anything between none of it and all.
 
 A bump is coloured noise of the second order, e'' + (a + b) v e' + a b v^2 e = white, a and b being
 the wavenumbers between which its spectrum falls with the square of the frequency, as that of
@@ -54,6 +58,7 @@ __all__ = [
     "LENGTH",
     "MASS",
     "PITCH_ERROR",
+    "RIM",
     "ROLL_ERROR",
     "STIFFNESS",
     "Doubt",
@@ -64,6 +69,7 @@ __all__ = [
     "linearise",
     "process_noise",
     "settled_belief",
+    "slip_sinkage",
     "tie",
 ]
 
@@ -71,8 +77,8 @@ __all__ = [
 STIFFNESS, MASS, LAG = 11, 12, 13
 BUMP = 14  #: height front, its rate, height rear, its rate
 BIAS = 18  #: a_x, a_y, a_z, pitch_rate, yaw_rate
-ROLL_ERROR, PITCH_ERROR = 23, 24
-LENGTH = 25
+ROLL_ERROR, PITCH_ERROR, RIM = 23, 24, 25
+LENGTH = 26
 #: Channels: the inertial unit and the rims, the first seven of `joint.CHANNELS`.
 CHANNELS = 7
 #: Depth whose pressure stands for the moduli [m]; where the logarithm of its factor is that of theirs [-].
@@ -92,7 +98,8 @@ _ACC = (at.A_X, at.A_Y, at.A_Z, at.PITCH_ACC, at.YAW_ACC)
 class Doubt:
     """Standard deviations of what is uncertain: what a careful engineer would state beforehand."""
 
-    stiffness: float = 0.15  #: log of the factor of the moduli [-]: ±20 % is 1.3 of them
+    stiffness: float = 0.2  #: log of the factor of the moduli [-]: a catalogue is right to ±20 %
+    slip_sinkage: tuple[float, float] = (0.5, 0.29)  #: mean and sd of the share of it that acts [-]
     mass: float = 0.07  #: log of the mass's factor [-]
     lag: float = 0.05  #: of the steering [s]
     bump_lengths: tuple[float, float] = (20.0, 2.0)  #: longest and shortest waves that the map lacks [m]
@@ -100,11 +107,16 @@ class Doubt:
     acceleration_bias: float = 0.1  #: [m/s^2]
     rate_bias: float = 0.005  #: [rad/s]
     misalignment: float = 0.035  #: roll and pitch of the inertial unit [rad]
-    #: What the model leaves out, per channel of the inertial unit [m/s^2, rad/s], and how long such an
-    #: error lasts [s]. A filter that believes in white noise must count it as a variance of
-    #: 2 error^2 time/dt per sample. Vertically it is large: how the front's bumps reach the rear, and
-    #: what inertia of the wheels they stir, is not in the belief.
-    error: tuple[float, float, float, float, float] = (0.03, 0.03, 0.1, 0.01, 0.002)
+    rim: float = 0.02  #: log of the rims' factor: a tyre's radius, a slip that differs [-]
+    #: What the model leaves out, per channel of the inertial unit [m/s^2, rad/s] and of the rims [m/s],
+    #: and how long such an error lasts [s]. A filter that believes in white noise must count it as a
+    #: variance of 2 error^2 time/dt per sample. Half as much along, across and at the rims covers each
+    #: mismatch alone, but not all at once. Vertically it is large: how the front's bumps reach the rear,
+    #: and what inertia of the wheels they stir, is not in the belief. With a third of it, and a map that
+    #: is wrong by a centimetre, the vertical motion on clay chooses twice the true n.
+    error: tuple[float, float, float, float, float, float, float] = (
+        0.06, 0.06, 0.3, 0.03, 0.004, 0.04, 0.04,
+    )  # fmt: skip
     error_time: float = 0.2
     #: Process noise beyond that of `joint.JointSettings`: v_x, v_y, v_z [m/s/sqrt(s)], pitch_rate,
     #: yaw_rate [rad/s/sqrt(s)].
@@ -115,7 +127,7 @@ class Doubt:
             values = getattr(self, name)
             if not all(value > 0.0 for value in (values if isinstance(values, tuple) else (values,))):
                 raise InvalidParameter(f"{name} must be > 0, got {values}")
-        for name, count in (("process", 5), ("error", 5), ("bump_lengths", 2)):
+        for name, count in (("process", 5), ("error", CHANNELS), ("bump_lengths", 2), ("slip_sinkage", 2)):
             if len(getattr(self, name)) != count:
                 raise InvalidParameter(f"{name} must have {count} numbers, got {getattr(self, name)}")
 
@@ -129,7 +141,8 @@ class DoubtModel(NamedTuple):
     high: float
     Q: np.ndarray  #: (LENGTH,) variances of the process noise per step, but for the bumps
     R: np.ndarray  #: (CHANNELS,) variances of the sensor noise
-    P: np.ndarray  #: (LENGTH,) variances of the start, but for eta and the bumps
+    P: np.ndarray  #: (LENGTH,) variances of the start, but for eta, the bumps and slip sinkage
+    sinks: tuple[float, float]  #: mean and sd of the logarithm of the sinkage's factor [-]
     bump_poles: tuple[float, float]  #: wavenumbers between which the bumps' spectrum falls [rad/m]
 
 
@@ -150,9 +163,9 @@ def doubt_model(plant: Plant, dt: float, settings: JointSettings, doubt: Doubt) 
     P[[STIFFNESS, MASS, LAG]] = doubt.stiffness**2, doubt.mass**2, doubt.lag**2
     P[BUMP : BUMP + 4] = 0.0
     P[BIAS : BIAS + 5] = np.repeat([doubt.acceleration_bias**2, doubt.rate_bias**2], (3, 2))
-    P[[ROLL_ERROR, PITCH_ERROR]] = doubt.misalignment**2
+    P[[ROLL_ERROR, PITCH_ERROR]], P[RIM] = doubt.misalignment**2, doubt.rim**2
     R = model.R[:CHANNELS].copy()
-    R[:5] += np.square(doubt.error) * 2.0 * doubt.error_time / dt
+    R += np.square(doubt.error) * 2.0 * doubt.error_time / dt
     return DoubtModel(
         plant=plant,
         dt=float(dt),
@@ -161,8 +174,15 @@ def doubt_model(plant: Plant, dt: float, settings: JointSettings, doubt: Doubt) 
         Q=Q,
         R=R,
         P=P,
+        sinks=tuple(float(share) * math.log(slip_sinkage(plant.slip)) for share in doubt.slip_sinkage),
         bump_poles=tuple(2.0 * math.pi / float(length) for length in doubt.bump_lengths),
     )
+
+
+@kernel
+def slip_sinkage(slip):
+    """How many times as deep as Bekker says a wheel sinks at this slip (Lyasko 2010)."""
+    return (1.0 + abs(slip)) / (1.0 - 0.5 * abs(slip))
 
 
 @kernel
@@ -202,7 +222,7 @@ def _believed(point, model):
 
 @kernel
 def _forces(point, u, model, warm, x, readings):
-    """Readings of the vehicle of ``point`` (25,) under ``u`` = (steer, F_u, steer's rate).
+    """Readings of the vehicle of ``point`` (26,) under ``u`` = (steer, F_u, steer's rate).
 
     ``x`` (10,) is scratch: the state as the ground with its bumps feels it.
     """
@@ -260,12 +280,13 @@ def _reading(point, readings, out):
     out[4] = point[at.YAW_RATE] + roll * point[at.PITCH_RATE]
     for j in range(5):
         out[j] += point[BIAS + j]
-    out[5], out[6] = readings[at.R_OMEGA], readings[at.AXLE + at.R_OMEGA]
+    factor = math.exp(point[RIM])
+    out[5], out[6] = factor * readings[at.R_OMEGA], factor * readings[at.AXLE + at.R_OMEGA]
 
 
 @kernel
 def process_noise(v_x, bump, model, Q):
-    """Variances of the process noise of one step (25,) into ``Q``; ``v_x`` [m/s], bumps of ``bump`` [m]."""
+    """Variances of the process noise of one step (26,) into ``Q``; ``v_x`` [m/s], bumps of ``bump`` [m]."""
     fast, square = _bump_rates(v_x, model)
     Q[:] = model.Q
     Q[BUMP + 1] = Q[BUMP + 3] = 2.0 * fast * square * bump**2 * model.dt
@@ -273,7 +294,7 @@ def process_noise(v_x, bump, model, Q):
 
 @kernel
 def advance(point, warm, inputs, model):
-    """Carry a point (25,) over a sample, in place, by Runge-Kutta's rule; returns the contact status.
+    """Carry a point (26,) over a sample, in place, by Runge-Kutta's rule; returns the contact status.
 
     ``inputs`` (3, 3) : (steer, F_u, NaN) at the start, middle and end of the step.
     """
@@ -310,7 +331,7 @@ def _bump_slopes(model, slopes, other):
 
 @kernel
 def linearise(point, warm, inputs, model, A, H, out):
-    """Slopes of motion A (25, 25) and reading H (7, 25) at ``point``, and the reading; contact status.
+    """Slopes of motion A (26, 26) and reading H (7, 26) at ``point``, and the reading; contact status.
 
     ``inputs`` = (steer, F_u, rate of the steering) of the moment.
     """
@@ -349,12 +370,19 @@ def linearise(point, warm, inputs, model, A, H, out):
     H[0, PITCH_ERROR], H[2, PITCH_ERROR] = a_z, -base[at.A_X]
     H[1, ROLL_ERROR], H[2, ROLL_ERROR] = a_z, -base[at.A_Y]
     H[3, ROLL_ERROR], H[4, ROLL_ERROR] = -point[at.YAW_RATE], point[at.PITCH_RATE]
+    H[5, RIM], H[6, RIM] = out[5], out[6]
     return worst
 
 
 @kernel
+def _expected(n, model):
+    """What the start expects of the stiffness on a soil: the catalogue's moduli, less by slip sinkage."""
+    return tie(n) - n * model.sinks[0]
+
+
+@kernel
 def settled_belief(model, eta, variance, bump, pose, v_x):
-    """(status, mean (25,), covariance, warm (2, 3)) of a vehicle settled on the soil of ``eta``.
+    """(status, mean (26,), covariance, warm (2, 3)) of a vehicle settled on the soil of ``eta``.
 
     The settled start is linearised in eta, stiffness, mass and place: heave and pitch follow them
     and the bumps, of size ``bump`` [m], within the covariance.
@@ -369,8 +397,8 @@ def settled_belief(model, eta, variance, bump, pose, v_x):
         for sign in (-1.0, 1.0):
             trial[STIFFNESS] = 0.0
             trial[j] += sign * step
-            trial[STIFFNESS] += tie(to_range(trial[ETA], model.low, model.high))
-            status, x, _ = settle(_believed(trial, model), (trial[at.X], trial[at.Y], yaw), v_x, False)
+            trial[STIFFNESS] += _expected(to_range(trial[ETA], model.low, model.high), model)
+            status, x, _ = settle(_believed(trial, model), (trial[at.X], trial[at.Y], yaw), v_x)
             worst = max(worst, status)
             slope[:ETA, j] += sign * x[:ETA] / (2.0 * step)
             slope[STIFFNESS, j] += sign * trial[STIFFNESS] / (2.0 * step)
@@ -388,11 +416,12 @@ def settled_belief(model, eta, variance, bump, pose, v_x):
         slope[z, front], slope[z, rear] = v.l_r / base, v.l_f / base
         slope[tilt, front], slope[tilt, rear] = 1.0 / base, -1.0 / base
     mean[ETA] = eta
-    mean[STIFFNESS] = tie(to_range(eta, model.low, model.high))
-    status, x, warm = settle(_believed(mean, model), pose, v_x, False)
+    mean[STIFFNESS] = _expected(to_range(eta, model.low, model.high), model)
+    status, x, warm = settle(_believed(mean, model), pose, v_x)
     mean[:ETA] = x[:ETA]
     variances = model.P.copy()
     variances[ETA] = variance
+    variances[STIFFNESS] += (to_range(eta, model.low, model.high) * model.sinks[1]) ** 2
     for i in (BUMP, BUMP + 2):
         variances[i], variances[i + 1] = bump**2, bump**2 * _bump_rates(v_x, model)[1]
     return max(worst, status), mean, (slope * variances) @ slope.T, warm
@@ -400,7 +429,7 @@ def settled_belief(model, eta, variance, bump, pose, v_x):
 
 @kernel
 def _bound(truth, cov, warm, inputs, measured, noise, variances):
-    """Fill the bound on the variances of the belief (T, 25); returns the failed step, or T.
+    """Fill the bound on the variances of the belief (T, 26); returns the failed step, or T.
 
     ``noise`` = (model, size of the bumps [m]).
     """
@@ -443,7 +472,7 @@ def bound_with_doubt(
 
     Returns
     -------
-    (T,) bound on sd(n) [-], (T, 25) bounds on the standard deviations of the belief.
+    (T,) bound on sd(n) [-], (T, 26) bounds on the standard deviations of the belief.
 
     Raises
     ------

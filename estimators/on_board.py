@@ -601,7 +601,7 @@ class OnBoardFilter:
             beside, sides = rules.spread * math.sqrt(variance), np.empty((3, at.STATE_SIZE))
             for i, step in enumerate((0.0, beside, -beside)):
                 own = plant_with_exponent(self.plant, to_range(eta + step, rules.low, rules.high))
-                status, sides[i], warm = settle(own, pose, nav[V], self._full)
+                status, sides[i], warm = settle(own, pose, nav[V])
                 if status >= SUNK or not np.isfinite(sides[i]).all():
                     state.memory[SURPRISE] = math.inf
                     return

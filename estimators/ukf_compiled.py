@@ -143,7 +143,9 @@ def unscented_update(mean, cov, points, predicted, z, R, weights):
                 total += a_i * (points[i, p] - mean[p]) * (predicted[i, j] - expected[j])
             A[p, j] = total
         _solve_lower(S, A[p])
-    innovation = z - expected
+    innovation = np.empty(m)
+    for j in range(m):
+        innovation[j] = z[j] - expected[j]
     _solve_lower(S, innovation)
     nis = 0.0
     for j in range(m):

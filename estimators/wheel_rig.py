@@ -9,16 +9,20 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimators.logs.config import LogConfig
+from estimators.logs.log import Log
+from estimators.logs.writing import content_hash
 from offroad_env.datasets import verify
 from offroad_env.errors import DataError, InvalidParameter, SolverFailure
 from offroad_env.physics.records import Soil, Wheel
+from offroad_env.soils import SOILS
 from offroad_env.vehicles import make_wheel
 from offroad_env.wheel import wheel_forces
 
@@ -32,6 +36,7 @@ __all__ = [
     "Prediction",
     "RigComparison",
     "RigTrials",
+    "cmu_rig_log",
     "compare",
     "load_cmu_single_wheel",
     "longitudinal_slip",
@@ -256,6 +261,25 @@ def load_cmu_single_wheel(path: str | PathLike[str], *, published: bool = True) 
         rim_speed=rim,
         condition=np.unique(labels, axis=1, return_inverse=True)[1].reshape(-1),
     )
+
+
+def cmu_rig_log(path: str | PathLike[str]) -> Log:
+    """The same trials as a log of a wheel rig, with the sand of the plate tests as the prior.
+
+    Raises
+    ------
+    DataError
+        As `load_cmu_single_wheel`.
+    """
+    trials = load_cmu_single_wheel(path)
+    names = ("slip", "slip_angle", "load", "drawbar", "side_force", "sinkage")
+    channels = {name: getattr(trials, name).copy() for name in names}
+    channels["condition"] = trials.condition.astype(float)
+    for array in channels.values():
+        array.flags.writeable = False
+    config = LogConfig(soil=SOILS["cmu_sand"], wheel=CMU_WHEEL)
+    log = Log(name="cmu_single_wheel", t=None, channels=channels, references={}, config=config, hash="")
+    return replace(log, hash=content_hash(log))
 
 
 #: Fields that are read, with the range a value can have on this rig [N, mm, mm/s, deg].

@@ -394,11 +394,9 @@ class OffroadBekkerEnv(gym.Env):
             ("distances", PREVIEW),
             ("bounds", self._layout.bounds),
             ("truth_shown", self.terrain_info == "truth"),
-            ("learns", self._learner is not None),
         ):
             rules[name] = value
-        if self._learner is not None:
-            rules["assumptions"] = self._learner.assumptions[0]
+        self._memory.assumptions = None if self._learner is None else self._learner.assumptions
 
     def _soil_map(self) -> SoilMap:
         """Stretches of the course where n is another, by their places in ``n_range``."""
@@ -499,7 +497,9 @@ class OffroadBekkerEnv(gym.Env):
         if self.is_compiled:
             self._run(phases)
             return
-        self._memory.rules["learns"] = 0
+        if self._memory.assumptions is not None:  # somebody has put another estimator in place of ours
+            self._memory.assumptions = None
+            self._bind()
         self._run(phases & ~REPORT)
         self.ask_estimator()
         self._run(REPORT)

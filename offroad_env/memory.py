@@ -38,6 +38,8 @@ class Memory:
         self.noise = np.zeros((count, NOISE_ROWS, CHANNELS))
         self.actions = np.zeros((count, 2))
         self.shown = np.zeros((count, SHOWN), np.float32)
+        #: What the filter in the compiled period assumes (1,); None where none runs there.
+        self.assumptions: np.ndarray | None = None
 
     def lay_out(self, row: int, path: PathTable, plant: Plant, known: Ground) -> None:
         """Write the course of an episode into its table; all tables grow where it is longer.
@@ -65,4 +67,5 @@ class Memory:
             self.noise[rows],
             self.actions[rows],
             self.shown[rows],
+            self.assumptions,
         )

@@ -30,6 +30,7 @@ from offroad_env.physics import state as at
 from offroad_env.physics._jit import cache_folder, inline_kernel, kernel
 from offroad_env.physics.contact import NO_ROOT, SUNK
 from offroad_env.physics.full_model import WORK_ROWS, full_continue, full_derivative
+from offroad_env.physics.numerics import copy_into
 from offroad_env.physics.packing import PackedPlant, unpack
 from offroad_env.physics.paper_model import paper_advance
 from offroad_env.physics.path_kernels import PathTable, project
@@ -106,6 +107,7 @@ EPISODE = np.dtype(
         ("readings", "f8", at.READINGS_SIZE),
         ("sound_state", "f8", at.STATE_SIZE),  # before a step that diverged
         ("sound_readings", "f8", at.READINGS_SIZE),
+        ("slope", "f8", at.STATE_SIZE),  # time derivative of the sound state, full model
         ("plant", "f8", ASSUMPTIONS["plant"].shape[0]),
         ("n", "f8"),  # of the base soil
         ("status", "f8"),  # worst contact status of the period
@@ -163,8 +165,6 @@ RULES = np.dtype(
         ("distances", "f8", len(PREVIEW)),
         ("bounds", "f4", (2, SHOWN)),
         ("truth_shown", "i8"),
-        ("learns", "i8"),  # whether the filter runs in the compiled call
-        ("assumptions", ASSUMPTIONS),
     ]
 )
 
@@ -174,7 +174,7 @@ def announce_compilation() -> None:
     """Say once, on the log, that the first step will take a while, where nothing is compiled yet."""
     if not numba.config.DISABLE_JIT and not any(cache_folder(__name__).rglob("*.nbi")):
         logging.getLogger("offroad_env").warning(
-            "OffroadBekker compiles its physics, which takes a minute or so: only once, the result is kept"
+            "OffroadBekker compiles its physics, which takes half a minute: only once, the result is kept"
         )
 
 
@@ -198,7 +198,7 @@ def _sense(e, noise, i):
     e.tick += 1
     e.noise_row += 1
     if due[0]:
-        rims[:] = sample[WHEEL]
+        copy_into(rims, sample[WHEEL])
 
 
 @inline_kernel
@@ -226,9 +226,19 @@ def _paper_command(rules, action):
 def _keep_sound(e):
     """What is reported of a diverged episode is its last sound state, never a NaN."""
     if e.status >= NO_ROOT:
-        e.state[:][:], e.readings[:][:] = e.sound_state[:], e.sound_readings[:]
+        copy_into(e.state[:], e.sound_state[:])
+        copy_into(e.readings[:], e.sound_readings[:])
     else:
-        e.sound_state[:][:], e.sound_readings[:][:] = e.state[:], e.readings[:]
+        copy_into(e.sound_state[:], e.state[:])
+        copy_into(e.sound_readings[:], e.readings[:])
+
+
+@inline_kernel
+def _same(x, y):
+    apart = 0
+    for i in range(x.shape[0]):
+        apart += x[i] != y[i]
+    return apart == 0
 
 
 @kernel
@@ -236,16 +246,21 @@ def _drive_full(e, rules, table, noise):
     """DRIVE: hold the command for as many samples as the period has; from SUNK on it is broken off."""
     plant, command = _plant(e, table), _full_command(rules, e.action[:])
     state, warm, readings = e.state[:], e.warm[:], e.readings[:]
+    work = np.empty((WORK_ROWS, at.READINGS_SIZE))
+    slope, last = e.slope[:], work[0][: at.STATE_SIZE]
+    if e.steps > 0 and e.status < SUNK and _same(state, e.sound_state[:]):
+        copy_into(last, slope)  # the last period has ended with it, and with these readings
+    else:
+        full_derivative(state, command, plant, warm, last, readings)
     e.samples[:][:] = 0.0
     e.status = 0.0
-    work = np.empty((WORK_ROWS, at.READINGS_SIZE))
-    full_derivative(state, command, plant, warm, work[0], readings)
     for i in range(e.count):
         status = full_continue(state, warm, command, plant, (rules.dt, e.steps), work, readings)
         e.status = max(e.status, status)
         if e.status >= SUNK:
             break
         _sense(e, noise, i)
+    copy_into(slope, last)
     _keep_sound(e)
 
 
@@ -276,40 +291,40 @@ def _navigate(e, rules, command, i):
 
 
 @inline_kernel
-def _note_estimate(e, rules):
-    mean, sd, nis, valid, repairs = summary(e.filter, rules.assumptions)
+def _note_estimate(e, assumed):
+    mean, sd, nis, valid, repairs = summary(e.filter, assumed)
     estimate = e.estimate[:]
     estimate[0], estimate[1], estimate[2], estimate[3], estimate[4] = mean, sd, nis, valid, repairs
 
 
 @kernel
-def _believe_full(e, rules, table):
+def _believe_full(e, rules, table, assumptions):
     """BELIEVE: what the samples and the command tell. The filter knows of the ground what a map shows."""
     command, known = _full_command(rules, e.action[:]), (table[e.patches_end : e.known_end], table[:0])
     if e.status >= SUNK:
         return
     for i in range(e.count):
         _navigate(e, rules, command, i)
-        if rules.learns > 0:
+        if assumptions is not None:
             imu = e.samples[:][i][IMU]
-            learn_full(e.filter, rules.assumptions, known, e.navigation[:], imu, command)
-    if rules.learns > 0:
-        _note_estimate(e, rules)
+            learn_full(e.filter, assumptions[0], known, e.navigation[:], imu, command)
+    if assumptions is not None:
+        _note_estimate(e, assumptions[0])
 
 
 @kernel
-def _believe_paper(e, rules, table):
+def _believe_paper(e, rules, table, assumptions):
     """`_believe_full` for the paper's model."""
     command, known = _paper_command(rules, e.action[:]), (table[e.patches_end : e.known_end], table[:0])
     if e.status >= SUNK:
         return
     for i in range(e.count):
         _navigate(e, rules, command, i)
-        if rules.learns > 0:
+        if assumptions is not None:
             imu = e.samples[:][i][IMU]
-            learn_paper(e.filter, rules.assumptions, known, e.navigation[:], imu, command)
-    if rules.learns > 0:
-        _note_estimate(e, rules)
+            learn_paper(e.filter, assumptions[0], known, e.navigation[:], imu, command)
+    if assumptions is not None:
+        _note_estimate(e, assumptions[0])
 
 
 @inline_kernel
@@ -411,7 +426,7 @@ def _report(e, rules, table, shown):
 
 
 @kernel
-def period_full(episodes, rules, tables, noise, actions, shown):
+def period_full(episodes, rules, tables, noise, actions, shown, assumptions):
     """Move every episode on as its ``phases`` say, full model.
 
     Parameters
@@ -423,6 +438,8 @@ def period_full(episodes, rules, tables, noise, actions, shown):
     noise (N, NOISE_PERIODS SAMPLES, CHANNELS) : standard normal numbers; a sample takes the next row
     actions (N, 2) : finite; what lies outside [-1, 1] is clipped
     shown (N, SHOWN) float32 : the observations, written
+    assumptions (1,) : of the type `ASSUMPTIONS`; None where no filter runs in this call: an edition of its
+        own, which is compiled in two thirds of the time
     """
     for i in range(episodes.shape[0]):
         e, r = episodes[i], rules[0]
@@ -430,13 +447,13 @@ def period_full(episodes, rules, tables, noise, actions, shown):
             _take_action(e, actions[i])
             _drive_full(e, r, tables[i], noise[i])
         if e.phases & BELIEVE:
-            _believe_full(e, r, tables[i])
+            _believe_full(e, r, tables[i], assumptions)
         if e.phases & REPORT:
             _report(e, r, tables[i], shown[i])
 
 
 @kernel
-def period_paper(episodes, rules, tables, noise, actions, shown):
+def period_paper(episodes, rules, tables, noise, actions, shown, assumptions):
     """`period_full` for the paper's model."""
     for i in range(episodes.shape[0]):
         e, r = episodes[i], rules[0]
@@ -444,6 +461,6 @@ def period_paper(episodes, rules, tables, noise, actions, shown):
             _take_action(e, actions[i])
             _drive_paper(e, r, tables[i], noise[i])
         if e.phases & BELIEVE:
-            _believe_paper(e, r, tables[i])
+            _believe_paper(e, r, tables[i], assumptions)
         if e.phases & REPORT:
             _report(e, r, tables[i], shown[i])

@@ -14,8 +14,9 @@ import numpy as np
 
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
+from offroad_env.physics.batch import full_rows
 from offroad_env.physics.contact import SUNK
-from offroad_env.physics.full_model import full_advance
+from offroad_env.physics.packing import pack
 from offroad_env.physics.paper_model import simulate_paper
 from offroad_env.physics.records import Ground, Soil, SoilMap, Vehicle
 from offroad_env.physics.settle import settle
@@ -120,7 +121,7 @@ def settled_state(
         When the soil cannot carry the vehicle.
     """
     pose = (float(x), float(y), float(yaw))
-    status, state, warm = settle(plant, pose, float(v_x), plant_model(plant) == "full")
+    status, state, warm = settle(plant, pose, float(v_x))
     if status >= SUNK:
         raise SolverFailure(
             f"the soil (n = {plant.soil.n:g}) does not carry the vehicle ({plant.vehicle.m:g} kg): "
@@ -174,7 +175,7 @@ def simulate(
 
 
 def _checked_commands(commands: np.ndarray) -> np.ndarray:
-    rows = np.asarray(commands, dtype=np.float64)
+    rows = np.ascontiguousarray(commands, dtype=np.float64)
     if rows.ndim != 2 or rows.shape[1] != 3:
         raise InvalidParameter(f"commands must be (K, 3): steer, drive, brake, got shape {rows.shape}")
     if not np.isfinite(rows).all():
@@ -215,21 +216,18 @@ def simulate_commands(
     steps = round(interval / dt)
     if steps < 1 or abs(steps * dt - interval) > 1e-9 * interval:
         raise InvalidParameter(f"interval must be a multiple of dt = {dt:g} s, got {interval:g} s")
-    x, warm = state.copy(), warm.copy()
-    states, readings = (
-        np.empty((len(commands) + 1, at.STATE_SIZE)),
-        np.zeros((len(commands) + 1, at.READINGS_SIZE)),
+    packed = pack(plant)
+    alone = packed._replace(numbers=packed.numbers[None])
+    start = np.array(state, dtype=np.float64)[None], np.array(warm, dtype=np.float64)[None]
+    rows = len(commands) + 1
+    states, readings = np.empty((rows, 1, at.STATE_SIZE)), np.empty((rows, 1, at.READINGS_SIZE))
+    outcome = np.empty((1, 2))
+    full_rows(alone, start, commands[None], (float(dt), steps), (0, 1), (states, readings, outcome))
+    worst, done = outcome[0].tolist()
+    if done < len(commands):
+        raise SolverFailure(
+            f"the simulation failed at t = {done * interval:.3f} s (contact status {worst:g})"
+        )
+    return Trajectory(
+        t=interval * np.arange(rows), states=states[:, 0], readings=readings[:, 0], status=worst
     )
-    states[0] = x
-    # No step: only the readings of the start, which depend on the actuators' state and not on the command.
-    worst = full_advance(x, warm, (0.0, 0.0, 0.0), plant, float(dt), 0, readings[0])
-    for i, row in enumerate(commands):
-        command = (float(row[0]), float(row[1]), float(row[2]))
-        status = full_advance(x, warm, command, plant, float(dt), steps, readings[i + 1])
-        worst = max(worst, status)
-        if status >= SUNK:
-            raise SolverFailure(
-                f"the simulation failed at t = {i * interval:.3f} s (contact status {status:g})"
-            )
-        states[i + 1] = x
-    return Trajectory(t=interval * np.arange(len(states)), states=states, readings=readings, status=worst)

@@ -126,9 +126,22 @@ class OffroadBekkerVectorEnv(VectorEnv):
         count = _threads(threads, self.num_envs)
         edges = [round(i * self.num_envs / count) for i in range(count + 1)]
         self._shares = [slice(low, high) for low, high in pairwise(edges)]
-        self._pool = ThreadPoolExecutor(count - 1) if count > 1 else None
+        self._pool = self._make_pool()
         self._elapsed = np.zeros(self.num_envs, np.int64)
         self._over = np.zeros(self.num_envs, np.bool_)
+
+    def _make_pool(self) -> ThreadPoolExecutor | None:
+        """Threads for all shares but the first, which the caller's own thread takes."""
+        return ThreadPoolExecutor(len(self._shares) - 1) if len(self._shares) > 1 else None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the threads, which no file can hold."""
+        return {key: value for key, value in self.__dict__.items() if key != "_pool"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """With threads of its own."""
+        self.__dict__.update(state)
+        self._pool = self._make_pool()
 
     # ------------------------------------------------------------------ Gymnasium
 
@@ -252,7 +265,7 @@ class OffroadBekkerVectorEnv(VectorEnv):
         if not asking:
             self._run(np.where(moving, _EVERYTHING, 0))
             return
-        self._memory.rules["learns"] = 0
+        self._memory.assumptions = None
         self._run(np.where(moving, DRIVE | BELIEVE, 0))
         for i in asking:
             self.envs[i].ask_estimator()

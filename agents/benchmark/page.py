@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from agents.benchmark.learned import LearnedArm, learned_verdict
 from agents.benchmark.summary import Benchmark, Difference
 from agents.figures.arms import arms_figure
 from agents.figures.headroom import headroom_figure
@@ -61,12 +62,49 @@ def verdict(result: Benchmark) -> str:
 
 
 def benchmark_sections(
-    results: Mapping[tuple[str, str], Benchmark], physics: Picture, *, command: str, seconds: float
+    results: Mapping[tuple[str, str], Benchmark],
+    physics: Picture,
+    trained: Mapping[tuple[str, str], list[LearnedArm]],
+    *,
+    command: str,
+    seconds: float,
 ) -> list[Section]:
-    """The page: an overview, what the soil changes, then one section a task and form."""
+    """The page: an overview, what the soil changes, then one section a task and form, then the policies."""
     sections = [_overview(results, command, seconds), _physics(physics, command)]
     sections += [_section(result, command) for result in results.values()]
+    if trained:
+        sections.append(_learned(results, trained, command))
     return sections
+
+
+def _learned(
+    results: Mapping[tuple[str, str], Benchmark],
+    trained: Mapping[tuple[str, str], list[LearnedArm]],
+    command: str,
+) -> Section:
+    verdicts = tuple(learned_verdict(arms, results[place].unit) for place, arms in trained.items())
+    rows = []
+    for (task, form), arms in trained.items():
+        unit = results[task, form].unit
+        for arm in arms:
+            each = ", ".join(f"{mean:.3g}" for mean in arm.means)
+            failed = f"{_percent(arm.failed)} %"
+            rows.append((task, form, arm.arm, f"{arm.score:.3g} {unit}", each, failed))
+    heading = ("task", "form", "policy", "mean over training seeds", "each seed", "failures")
+    return Section(
+        name="policies",
+        title="Trained policies",
+        sees=" ".join(verdicts),
+        command=command,
+        tables=(Table(heading=heading, rows=tuple(rows), texts=3),),
+        notes=(
+            "Guided policies of PPO: five times a second they tell pure pursuit and a speed plan where to go "
+            "a little differently and how much to trust the soil. ppo_aware sees the estimate, ppo_oblivious "
+            "does not, ppo_memory sees its last two seconds instead.",
+            "Brackets are Student's 95 % intervals over training seeds.",
+        ),
+        data={f"{task}.{form}": arms for (task, form), arms in trained.items()},
+    )
 
 
 def _physics(picture: Picture, command: str) -> Section:

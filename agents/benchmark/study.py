@@ -15,16 +15,18 @@ from typing import Any
 import gymnasium as gym
 
 from agents.arms import ARMS
+from agents.benchmark.learned import LearnedArm, summarise_learned
 from agents.benchmark.runner import ENV_ID, FORMS, draw_episodes, run_episode
 from agents.benchmark.summary import Benchmark, summarise
-from agents.episode import AGENTS, agent_file, find_agent
+from agents.episode import AGENTS, agent_file, find_agent, is_agent, trained_name
+from agents.policies import LEARNED, WEIGHTS, learned_folder, shipped_seeds
 from agents.protocol import ArmResult, EpisodeResult
 from agents.studies.units import Key, run_units, stamp_of
 from agents.tuned import SETTINGS
 from offroad_env.errors import InvalidParameter
 from offroad_env.scenarios import SCENARIOS, find_scenario
 
-__all__ = ["EPISODES", "BenchmarkArgs", "drive_unit", "run_study"]
+__all__ = ["EPISODES", "BenchmarkArgs", "drive_unit", "run_learned", "run_study"]
 
 #: What is driven: everything that decides a result. A change of any of it makes its units anew.
 _SOURCES = ("agents.benchmark.runner", "agents.episode", "offroad_env.env")
@@ -54,7 +56,7 @@ class BenchmarkArgs:
         for task in self.tasks:
             find_scenario(task)
         for agent in self.agents:
-            if agent not in AGENTS and ":" not in agent:
+            if not is_agent(agent):
                 raise InvalidParameter(f"agent must be one of {', '.join(AGENTS)}, got {agent!r}")
         for form in self.forms:
             if form not in FORMS:
@@ -77,8 +79,13 @@ def drive_unit(
 
 
 def _stamp(task: str, agent: str) -> str:
-    """Stamp of what stands behind an agent's episodes: sources, its tuned settings or a user's own file."""
-    own = agent_file(agent).read_bytes() if ":" in agent else repr(SETTINGS.get((task, agent))).encode()
+    """Stamp of what stands behind an agent's episodes: sources, and its settings, weights or own file."""
+    if ":" in agent:
+        own = agent_file(agent).read_bytes()
+    elif (trained := trained_name(agent)) is not None:
+        own = (learned_folder(task, *trained) / WEIGHTS).read_bytes()
+    else:
+        own = repr(SETTINGS.get((task, agent.removeprefix("lqr_")))).encode()
     return f"{stamp_of(*_SOURCES)}-{hashlib.sha256(own).hexdigest()[:10]}"
 
 
@@ -119,6 +126,30 @@ def run_study(
             )
             results[task, form] = summarise(task, args.seed, arms, form=form)
     return results
+
+
+def run_learned(args: BenchmarkArgs, out: Path) -> dict[tuple[str, str], list[LearnedArm]]:
+    """Drive the shipped policies on the same episodes: (task, form) -> arms, where there are any."""
+    keys = [
+        (task, form, f"{arm}_{seed}", episode, args.episodes, args.seed)
+        for task in args.tasks
+        for form in args.forms
+        for arm in LEARNED
+        for seed in shipped_seeds(task, arm)
+        for episode in range(args.episodes)
+    ]
+    if not keys:
+        return {}
+    stamps = {key: _stamp(key[0], key[2]) for key in keys}
+    done = run_units(out / EPISODES, drive_unit, stamps, label="policies", n_jobs=args.n_jobs)
+    found: dict[tuple[str, str], list[LearnedArm]] = {}
+    for task, form, arm in dict.fromkeys((key[0], key[1], key[2].rpartition("_")[0]) for key in keys):
+        episodes = {}
+        for seed in shipped_seeds(task, arm):
+            units = [done[key] for key in keys if key[:3] == (task, form, f"{arm}_{seed}")]
+            episodes[seed] = [unit["score"] for unit in units], [unit["success"] for unit in units]
+        found.setdefault((task, form), []).append(summarise_learned(task, arm, episodes))
+    return found
 
 
 def _result(task: str, agent: str, units: Sequence[dict[str, Any]]) -> ArmResult:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from agents.commands.output import console, say, table, write_bytes, write_json
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from agents.benchmark.learned import LearnedArm
     from agents.benchmark.study import BenchmarkArgs
     from agents.benchmark.summary import Benchmark
 
@@ -35,6 +36,7 @@ class BenchmarkRun:
     quick: bool = False  #: 20 episodes each instead of 100, twin form only
     tasks: tuple[str, ...] = ("track", "speed", "climb", "brake", "ride", "patches")  #: what is driven
     agents: tuple[str, ...] = ("pure_pursuit", "nominal", "conservative", "aware", "oracle")  #: who drives
+    policies: bool = True  #: also the policies that are shipped, trained with several seeds each
     forms: tuple[Form, ...] = ("twin", "mismatch")  #: vehicle as modelled; mass, k_phi and lag unlike it
     episodes: int = 100  #: paired episodes of each agent
     seed: int = 0  #: of the episodes
@@ -43,12 +45,15 @@ class BenchmarkRun:
 
     def run(self) -> None:
         """Drive what is missing, compare, write and print."""
-        from agents.benchmark.study import run_study
+        from agents.benchmark.study import run_learned, run_study
 
         start = time.perf_counter()
         args = self.arguments()
         results = run_study(args, self.out)
-        write_results(results, args, self.out, self.json, seconds=time.perf_counter() - start)
+        trained = run_learned(args, self.out) if self.policies else {}
+        write_results(
+            results, args, self.out, self.json, trained=trained, seconds=time.perf_counter() - start
+        )
 
     def arguments(self) -> BenchmarkArgs:
         """What is compared on what."""
@@ -72,8 +77,10 @@ def write_results(
     numbers: Path | None,
     *,
     seconds: float,
+    trained: Mapping[tuple[str, str], list[LearnedArm]] | None = None,
 ) -> None:
     """Page and numbers into ``out``, and the verdicts on the screen."""
+    from agents.benchmark.learned import learned_verdict
     from agents.benchmark.page import benchmark_sections, verdict
     from agents.figures.tasks import tasks_figure
     from agents.report import figure_picture, render_page
@@ -85,7 +92,7 @@ def write_results(
     physics = figure_picture(tasks_figure(task_curves()), caption)
     write_bytes(out / "tasks.png", physics.png)
     page = render_page(
-        benchmark_sections(results, physics, command=command, seconds=seconds),
+        benchmark_sections(results, physics, trained or {}, command=command, seconds=seconds),
         title="OffroadBekker: does knowing the soil pay?",
         intro="Controllers that know more or less of the soil drive the same episodes. First what perfect "
         "knowledge is worth, then how much of it an estimate from the vehicle's sensors recovers.",
@@ -95,6 +102,7 @@ def write_results(
         "version": __version__,
         "arguments": args,
         "results": {f"{task}.{form}": result.to_dict() for (task, form), result in results.items()},
+        "policies": {f"{task}.{form}": arms for (task, form), arms in (trained or {}).items()},
     }
     path = write_bytes(out / "benchmark.html", page.encode())
     numbers = write_json(numbers or out / "benchmark.json", content)
@@ -105,4 +113,15 @@ def write_results(
         title = f"{result.scenario}, {result.form} form, {result.episodes} episodes"
         console().print(table(title, ("agent", f"score [{result.unit}]", "failures"), rows))
         say(f"{verdict(result)}\n")
+    for (task, form), arms in (trained or {}).items():
+        unit = results[task, form].unit
+        _print_learned(f"{task}, {form} form, trained policies", arms, unit)
+        say(f"{learned_verdict(arms, unit)}\n")
     say(f"page: {path}\nnumbers: {numbers}")
+
+
+def _print_learned(title: str, arms: list[LearnedArm], unit: str) -> None:
+    rows: list[Any] = [
+        (arm.arm, f"{len(arm.seeds)}", f"{arm.score:.3g}", f"{100.0 * arm.failed:.0f} %") for arm in arms
+    ]
+    console().print(table(title, ("policy", "seeds", f"score [{unit}]", "failures"), rows))

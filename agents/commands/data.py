@@ -1,17 +1,17 @@
-"""``offroad data``: which measured data there are, and how to get them from their publisher."""
+"""``offroad data``: which measured data there are, how to get them, and how to make logs of them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 from tyro.conf import Positional
 
 from agents.commands.output import say, write_json
 
-__all__ = ["Data", "Get", "List"]
+__all__ = ["Data", "Get", "List", "Log"]
 
 
 @dataclass(kw_only=True)
@@ -67,8 +67,43 @@ class List:
             write_json(self.json, content)
 
 
+@dataclass(kw_only=True)
+class Log:
+    """Write a measured data set in the log format of this project: data and description side by side.
+
+    The soil-bin trials are looked for where the other commands look for them; a drive of the 1:10 car
+    (data set f1tenth_indoor, github.com/AhmadAmine998/FrictionMaps) is given by its file.
+    """
+
+    name: Positional[Literal["cmu_single_wheel", "f1tenth_indoor"]]  #: which data set
+    path: Positional[Path | None] = None  #: the published file; needed for f1tenth_indoor
+    corrected: bool = False  #: f1tenth_indoor: with the units and the mounting that the data show
+    out: Path = Path("out")  #: folder for the log
+
+    def run(self) -> None:
+        """Read, write, say where."""
+        from estimators.logs import write_log
+
+        log = self._read()
+        self.out.mkdir(parents=True, exist_ok=True)
+        say(f"log: {write_log(self.out / f'{log.name}.csv', log)}")
+
+    def _read(self):
+        from estimators.logs import f1tenth_log
+        from estimators.wheel_rig import cmu_rig_log
+        from offroad_env.datasets import locate
+        from offroad_env.errors import DataError
+
+        if self.name == "cmu_single_wheel":
+            return cmu_rig_log(locate(self.name) if self.path is None else self.path)
+        if self.path is None:
+            raise DataError(f"{self.name}: name the file of the drive, DS1.csv, DS2.csv or DS3.csv")
+        return f1tenth_log(self.path, corrected=self.corrected)
+
+
 #: What tyro parses for ``offroad data``.
 Data = (
     Annotated[Get, tyro.conf.subcommand("get", prefix_name=False)]
     | Annotated[List, tyro.conf.subcommand("list", prefix_name=False)]
+    | Annotated[Log, tyro.conf.subcommand("log", prefix_name=False)]
 )

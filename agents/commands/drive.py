@@ -33,7 +33,7 @@ class Drive(Results):
     """
 
     scenario: str = "track"  #: track, speed, climb, brake, ride or patches
-    agent: str = "pure_pursuit"  #: pure_pursuit, stanley, an arm (nominal, ..., oracle) or mppi_truth ...
+    agent: str = "pure_pursuit"  #: stanley, an arm (aware, ...), lqr_aware, mppi_truth, ppo_aware_0 ...
     policy: Path | None = None  #: drive with the policy that offroad train wrote into this folder instead
     terrain_info: Literal["none", "estimate", "truth"] | None = None  #: default: what the agent needs
     n: float | None = None  #: true sinkage exponent; default: drawn from the scenario's range [-]
@@ -190,11 +190,11 @@ def _load_policy(folder: Path, terrain_info: str | None) -> tuple[Agent, str]:
     """The policy, and what it is told about the soil: by default what it was told in training."""
     import json
 
-    from agents.train import load_policy
+    from agents.policies import KIND, load_policy
 
     try:
-        report = json.loads((folder / "training.json").read_text(encoding="utf-8"))
-        agent, trained = load_policy(folder), report["arguments"]["terrain_info"]
+        kind = json.loads((folder / KIND).read_text(encoding="utf-8"))
+        agent, trained = load_policy(folder), kind["terrain_info"]
     except (OSError, ValueError, KeyError) as error:
         raise DataError(f"no policy in {folder} - train one with: offroad train --out {folder}") from error
     if terrain_info == "none" and trained != "none":

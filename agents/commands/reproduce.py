@@ -14,10 +14,12 @@ STUDIES: dict[str, tuple[str, str, str]] = {
     "filters": ("filters", "Filters", "all filters on the same twins: error, bound, coverage, cost"),
     "gate": ("gate", "Gate", "an estimate holds and its sd grows while the motion says nothing of the soil"),
     "headroom": ("headroom", "Headroom", "what knowing n is worth, over soils and widths of the prior"),
+    "learning": ("learning", "Learning", "trained policies with the estimate, without it, with memory"),
     "changing": ("changing", "Changing", "n that changes on the way: how soon the filters answer"),
     "prediction": ("prediction", "Prediction", "position error after 10 s with prior, estimated and true n"),
     "carried": ("carried", "Carried", "the estimators that the environment can carry: error, band, cost"),
     "sensors": ("sensors", "Sensors", "what wheel speeds and satellite fixes add to the inertial unit"),
     "diagnosis": ("diagnosis", "DiagnosisStudy", "hide and find: false alarms, power, sets, wrong names"),
+    "rig": ("rig", "RigStudy", "hide and find on wheel rigs; the measured soil bin, angle by angle"),
     "mismatch": ("mismatch", "Mismatches", "filters whose model is wrong: error, coverage, validity flag"),
 }

@@ -52,6 +52,8 @@ class SpeedCommand(Results):
         console().print(table(title, heading, map(_row, speed.ratios), texts=2))
         for name in speed.missing:
             say(f"left out: {name} is not installed")
+        if speed.diagnosis_s is not None:
+            say(f"diagnosis of a log of 60 s: {speed.diagnosis_s:.1f} s of CPU time")
         if speed.fresh is not None:
             console().print(table("new interpreters", ("what", "measured"), _fresh_rows(speed.fresh)))
 
@@ -71,8 +73,13 @@ def _fresh_rows(fresh: Fresh) -> Iterator[tuple[str, str]]:
     yield "import offroad_env", f"{fresh.import_s:.2f} s"
     yield "import gymnasium, numba, scipy", f"{fresh.import_others_s:.2f} s"
     yield "make, reset and first step, compiled before", f"{fresh.first_step_s:.2f} s"
-    if fresh.compile_s is not None:
-        yield "the same with nothing compiled", f"{fresh.compile_s:.1f} s"
+    for name, times in (("", fresh.compile_s), (", with the parameter UKF", fresh.compile_filter_s)):
+        if times is not None:
+            cpu, clock = times
+            yield (
+                f"the same with nothing compiled{name}",
+                f"{cpu:.1f} s of CPU time, {clock:.1f} s by the clock",
+            )
     yield "peak memory of one environment", f"{fresh.peak_mb:.0f} MB"
     yield "one environment more in a vector", f"{fresh.per_environment_kb:.0f} kB"
     yield "of it the record of its episode", f"{fresh.state_kb:.1f} kB"

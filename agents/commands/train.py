@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from agents.commands.output import console, say, write_json
-from agents.train import TrainArgs, train
+from agents.commands.output import console, say, table, write_json
+from agents.train import TrainArgs, TrainResult, train
 from offroad_env.errors import InvalidParameter
+from offroad_env.scenarios import MEASURES, find_scenario
 
 __all__ = ["Train"]
 
@@ -16,8 +17,9 @@ __all__ = ["Train"]
 class Train(TrainArgs):
     """Train a policy by PPO, RecurrentPPO or SAC of stable-baselines3 (needs the extra rl).
 
-    Writes the policy, the scaling of its observations and the learning curve to --out, and drives
-    test episodes with the policy as it was saved.
+    Writes the policy, the scaling of its observations, checkpoints and the learning curve to --out, and
+    drives test episodes with the policy as it was saved. With --resume an interrupted run goes on from its
+    last checkpoint and ends as if it had not been interrupted.
     """
 
     json: Path | None = None  #: also write the result to this file
@@ -35,7 +37,9 @@ class Train(TrainArgs):
                 bar.update(task, completed=done, description=f"training, {steps} steps")
 
             result = train(self, progress=report)
-        say(f"{result.steps} steps in {result.wall_time:.0f} s ({result.steps_per_second:.0f} steps/s)")
+        rate = f"{result.periods_per_second:.0f} environment steps/s"
+        self._show_curve(result)
+        say(f"{result.steps} steps in {result.wall_time:.0f} s ({rate})")
         if result.evaluation:
             arrived = sum(episode.success for episode in result.evaluation)
             say(f"{arrived} of {len(result.evaluation)} test episodes reached the goal")
@@ -43,10 +47,25 @@ class Train(TrainArgs):
         if self.json is not None:
             write_json(self.json, result)
 
+    def _show_curve(self, result: TrainResult) -> None:
+        """The learning curve where the tuning episodes were driven."""
+        unit = MEASURES[find_scenario(self.scenario).measure][1]
+        rows = [
+            (f"{point.steps}", f"{point.wall_time:.0f}", f"{point.score:.3g}")
+            for point in result.curve
+            if point.score is not None
+        ]
+        if rows:
+            title = f"{self.check_episodes} tuning episodes, driven without noise"
+            console().print(table(title, ("steps", "time [s]", f"mean score [{unit}]"), rows, texts=0))
+
     def _check(self) -> None:
-        for name in ("total_steps", "frames", "n_envs", "n_steps", "batch_size", "n_epochs"):
+        for name in ("total_steps", "frames", "n_envs", "n_steps", "batch_size", "n_epochs", "check_steps"):
             if getattr(self, name) < 1:
                 raise InvalidParameter(f"{name} must be >= 1, got {getattr(self, name)}")
+        for name in ("checkpoint_steps", "check_episodes", "eval_episodes"):
+            if getattr(self, name) < 0:
+                raise InvalidParameter(f"{name} must be >= 0, got {getattr(self, name)}")
         for name in ("gamma", "gae_lambda"):
             if not 0.0 < getattr(self, name) <= 1.0:
                 raise InvalidParameter(f"{name} must be in (0, 1], got {getattr(self, name):g}")

@@ -6,9 +6,10 @@ from agents.benchmark.runner import run_arms
 from agents.benchmark.statistics import Interval
 from agents.benchmark.summary import Benchmark
 from agents.figures.arms import arms_figure
+from agents.policies import MissingExtraError
 from agents.report import Section, Table, figure_picture
 from agents.sections.context import Run
-from agents.train import MissingExtraError, TrainArgs, TrainResult, train
+from agents.train import TrainArgs, TrainResult, train
 
 __all__ = ["arms_section", "arms_sentence", "learning_section"]
 
@@ -89,13 +90,15 @@ def learning_section(run: Run) -> Section:
     settings, title = run.settings, "Learning to drive"
     command = (
         f"offroad train --scenario {settings.scenario} --seed {settings.seed} "
-        f"--time-budget {settings.learning_time:g}"
+        f"--time-budget {settings.learning_time:g} --check-episodes 0"
     )
     args = TrainArgs(
         scenario=settings.scenario,
         seed=settings.seed,
         time_budget=settings.learning_time,
         out=settings.out / "policy",
+        check_episodes=0,
+        checkpoint_steps=0,
         eval_episodes=settings.test_episodes,
     )
     try:
@@ -104,8 +107,8 @@ def learning_section(run: Run) -> Section:
         return Section(name="learning", title=title, sees=f"Left out: {error}.", command=command)
     arrived = sum(episode.success for episode in result.evaluation)
     sees = (
-        f"PPO ran for {result.wall_time:.0f} s ({result.steps} environment steps, "
-        f"{result.steps_per_second:.0f} a second) and its policy, saved and loaded again, reaches the goal "
+        f"PPO ran for {result.wall_time:.0f} s ({result.periods} environment steps, "
+        f"{result.periods_per_second:.0f} a second) and its policy, saved and loaded again, reaches the goal "
         f"in {arrived} of {len(result.evaluation)} test episodes: so short a run shows that environment and "
         "trainer fit together, not what learning can do."
     )
@@ -116,7 +119,7 @@ def learning_section(run: Run) -> Section:
         command=command,
         tables=(_learning_table(result),),
         notes=("A longer run: the same command with another --time-budget [s], or with --total-steps.",),
-        key=(("PPO smoke run", f"{result.steps} steps in {result.wall_time:.0f} s"),),
+        key=(("PPO smoke run", f"{result.periods} steps in {result.wall_time:.0f} s"),),
         data={"result": result},
     )
 

@@ -23,7 +23,15 @@ from agents.studies.units import Key, run_units, stamp_of
 from estimators.discrepancy.diagnosis import Diagnosis, diagnose
 from estimators.discrepancy.fit import fit_runs
 from estimators.discrepancy.gain import held_out
-from estimators.discrepancy.hide import HIDERS, STRANGERS, Case, Hidden, draw_case, hidden_log
+from estimators.discrepancy.hide import (
+    HIDERS,
+    ONE_SIDED,
+    STRANGERS,
+    Case,
+    Hidden,
+    draw_case,
+    hidden_log,
+)
 from estimators.discrepancy.run_model import RunModel
 from estimators.discrepancy.screen import DETECTABLE, Screen, candidates_for, screen
 from estimators.discrepancy.windows import FIT, REPORT
@@ -38,7 +46,7 @@ __all__ = ["DiagnosisStudy", "counted", "run_unit", "wilson"]
 _FIRST_SEED = 1000
 MULTIPLES = (0.5, 1.0, 2.0, 4.0)
 #: Effects that cannot be negative.
-_ONE_SIDED = ("steer_delay", "steer_lag", "aero_drag")
+_ONE_SIDED = (*ONE_SIDED, "aero_drag")
 #: The hider acts in ticks of this length: a delay is a whole number of them [s].
 _TICK = 0.005
 #: Effects that are hidden by the same means, and cannot be hidden together.

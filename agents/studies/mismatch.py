@@ -24,7 +24,7 @@ from estimators.mismatch_runs import (
     run_filter,
     summarise_verdicts,
 )
-from estimators.nuisances import bound_with_doubt, doubt_model
+from estimators.nuisances import CHANNELS, bound_with_doubt, doubt_model
 from estimators.paper import ROWS
 from estimators.protocol_runs import REPORT_SEEDS, TUNING_SEEDS, row_plant
 from estimators.robust import RobustSettings
@@ -40,7 +40,7 @@ BARS = {"error": 0.05, "error_all": 0.1, "coverage": 0.9, "flag_twin": 0.9, "fla
 
 
 class BoundLine(NamedTuple):
-    """The least standard deviation of n on a row without mismatch, relative to n."""
+    """The least standard deviation of n on a row without mismatch, by the robust bank's sensors, over n."""
 
     row: int
     doubting: float  #: with every doubt of the robust bank, at the end [-]
@@ -51,19 +51,20 @@ class BoundLine(NamedTuple):
 def _bounds(row: int, seed: int, duration: float) -> dict:
     """Bounds on sd(n)/n at the end, along the truth without mismatch."""
     settings = RobustSettings()
-    sure = dict.fromkeys(("mass", "lag", "place", "acceleration_bias", "rate_bias", "misalignment"), 1e-06)
-    none = {"process": (1e-9,) * 5, "error": (1e-9,) * 5}
+    names = ("mass", "lag", "place", "acceleration_bias", "rate_bias", "misalignment", "rim")
+    sure = dict.fromkeys(names, 1e-06)
+    none = {"process": (1e-9,) * 5, "error": (1e-9,) * CHANNELS}
     doubts = {
         "doubting": settings.doubt,
         "moduli_only": type(settings.doubt)(**sure, **none),
-        "certain": type(settings.doubt)(stiffness=1e-6, **sure, **none),
+        "certain": type(settings.doubt)(stiffness=1e-6, slip_sinkage=(1e-6, 1e-6), **sure, **none),
     }
     twin = mismatched_twin(ROWS[row - 1], "none", seed, settings.joint, duration=duration)
-    seen = twin.readings("imu")
+    seen = twin.readings(FILTERS["robust"].sensors)
     result = {}
     for name, doubt in doubts.items():
         model = doubt_model(row_plant(twin.row), twin.dt, settings.joint, doubt)
-        prior = (settings.n_prior_sd, min(settings.bumps))
+        prior = (settings.n_prior_sd, settings.bump)
         bound, _ = bound_with_doubt(model, prior, twin.truth, twin.inputs, seen)
         result[name] = float(bound[-1] / twin.n[-1])
     return result

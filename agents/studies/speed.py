@@ -21,6 +21,8 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 
+from estimators.discrepancy.diagnosis import diagnose
+from estimators.discrepancy.hide import HIDERS, draw_case, hidden_log
 from estimators.embedded import EmbeddedParameterUKF
 from estimators.joint import CHANNELS, JointSettings, joint_model, joint_step, only_imu, prior
 from estimators.protocol import Pose
@@ -104,7 +106,8 @@ class Fresh:
     import_s: float  #: import offroad_env [s]
     import_others_s: float  #: import gymnasium, numba, scipy [s]
     first_step_s: float  #: make, reset and first step, everything compiled before [s]
-    compile_s: float | None  #: CPU time of the same with nothing compiled [s]; None when left out
+    compile_s: tuple[float, float] | None  #: CPU and clock, with nothing compiled [s]; None when left out
+    compile_filter_s: tuple[float, float] | None  #: the same of an environment with the parameter UKF
     peak_mb: float  #: memory of one environment after 300 steps [MB]
     per_environment_kb: float  #: by how much that grows with each environment of a vector [kB]
     state_kb: float  #: of it the record of an episode [kB]
@@ -120,6 +123,7 @@ class Speed:
     missing: tuple[str, ...]  #: peers that are not installed
     processors: int
     rounds: int
+    diagnosis_s: float | None = None  #: CPU time of `diagnose` on a log of a minute [s]; None when left out
     fresh: Fresh | None = field(default=None)
 
 
@@ -332,9 +336,9 @@ _IMPORT = "import time; t = time.process_time(); import {}; print(time.process_t
 _STEP = """
 import time; clock, cpu = time.perf_counter(), time.process_time()
 import gymnasium as gym, numpy as np
-env = gym.make("offroad_env:OffroadBekker-v0", scenario="speed")
+env = gym.make("offroad_env:OffroadBekker-v0", scenario="speed", terrain_info="{terrain_info}")
 env.reset(seed=0); env.step(np.zeros(2, np.float32))
-print(time.process_time() - cpu)
+print(time.process_time() - cpu, time.perf_counter() - clock)
 """
 _ONE = """
 import gymnasium as gym, numpy as np
@@ -354,8 +358,8 @@ print(peak())
 """
 
 
-def _fresh(code: str, **environment: str) -> float:
-    """The number that ``code`` prints in a new interpreter."""
+def _fresh(code: str, **environment: str) -> tuple[float, ...]:
+    """The numbers that ``code`` prints last in a new interpreter."""
     done = subprocess.run(
         [sys.executable, "-c", code],
         capture_output=True,
@@ -363,29 +367,41 @@ def _fresh(code: str, **environment: str) -> float:
         check=True,
         env={**os.environ, **environment},
     )
-    return float(done.stdout.split()[-1])
+    return tuple(float(number) for number in done.stdout.splitlines()[-1].split())
+
+
+def _first_step(terrain_info: str) -> tuple[float, float]:
+    """CPU time and clock [s] of make, reset and first step where nothing is compiled."""
+    with tempfile.TemporaryDirectory() as folder:
+        return _fresh(_STEP.format(terrain_info=terrain_info), OFFROAD_CACHE=folder)
+
+
+def _diagnosis() -> float:
+    """CPU time [s] of `diagnose`: 60 s on flat ground with unknown n, whose steering acts 0.1 s late."""
+    log = hidden_log(draw_case(34, road="flat", duration=60.0, gnss=False), HIDERS["steer_delay"](0.1))
+    diagnose([log])  # compiled now
+    start = time.process_time()
+    diagnose([log])
+    return time.process_time() - start
 
 
 def measure_fresh(*, rounds: int, cold: bool) -> Fresh:
     """What new interpreters say; ``cold`` also compiles everything once more, into a folder of its own."""
     imports = [
-        (_fresh(_IMPORT.format("offroad_env")), _fresh(_IMPORT.format("gymnasium, numba, scipy")))
+        (*_fresh(_IMPORT.format("offroad_env")), *_fresh(_IMPORT.format("gymnasium, numba, scipy")))
         for _ in range(rounds)
     ]
     few, many = 64, 512
-    grown = [_fresh(_PEAK + _MANY.format(count=count)) for count in (few, many)]
-    compile_s = None
-    if cold:
-        with tempfile.TemporaryDirectory() as folder:
-            compile_s = _fresh(_STEP, OFFROAD_CACHE=folder)
+    grown = [_fresh(_PEAK + _MANY.format(count=count))[0] for count in (few, many)]
     env = OffroadBekkerEnv()
     ours, others = np.median(imports, axis=0)
     return Fresh(
         import_s=float(ours),
         import_others_s=float(others),
-        first_step_s=min(_fresh(_STEP) for _ in range(rounds)),
-        compile_s=compile_s,
-        peak_mb=_fresh(_PEAK + _ONE),
+        first_step_s=min(_fresh(_STEP.format(terrain_info="none"))[0] for _ in range(rounds)),
+        compile_s=_first_step("none") if cold else None,
+        compile_filter_s=_first_step("estimate") if cold else None,
+        peak_mb=_fresh(_PEAK + _ONE)[0],
         per_environment_kb=1024.0 * (grown[1] - grown[0]) / (many - few),
         state_kb=env.memory_size / 1024.0,
     )
@@ -469,5 +485,6 @@ def measure_speed(
         missing=missing,
         processors=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
         rounds=rounds,
+        diagnosis_s=None if quick else _diagnosis(),
         fresh=measure_fresh(rounds=1 if quick else 3, cold=not quick),
     )

@@ -18,7 +18,7 @@ from estimators.logs.quality import Finding, quality
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 
-__all__ = ["VERDICTS", "Diagnosis", "diagnose"]
+__all__ = ["VERDICTS", "Diagnosis", "diagnose", "split_runs"]
 
 VERDICTS = (
     "DATA PROBLEM", "NUMERICS", "NOT TESTABLE", "UNEXPLAINED", "NAMED + UNEXPLAINED REST", "ONE OF", "NAMED",
@@ -54,6 +54,14 @@ class Diagnosis:
     search: Search | None = None
     report: tuple[Held, Held] | None = None  #: nominal and extended model on the report split
     logs: tuple[Log, ...] = ()
+
+    @property
+    def model(self) -> Fit | None:
+        """The fit with the causes that are named; the nominal one without; None where nothing was fitted."""
+        if self.search is None:
+            return None
+        # What the search found and the gate did not let through is no model.
+        return self.search.extended if self.causes else self.search.nominal
 
     @property
     def unexplained(self) -> tuple[Rest, ...]:
@@ -93,7 +101,7 @@ def diagnose(
     findings = tuple(finding for log in logs for finding in quality(log).problems)
     if findings:
         return Diagnosis(verdict="DATA PROBLEM", findings=findings, logs=tuple(logs))
-    parts = _split(logs)
+    parts = split_runs(logs)
     progress("nominal model")
     nominal = fit_runs(parts[FIT], white=white)
     progress("search")
@@ -113,7 +121,8 @@ def diagnose(
         checks={
             "solver": solver,
             "gate": list(found.gate),
-            "converged": nominal.converged,
+            # A model that lacks much need not have a clean minimum: the one that is reported must.
+            "converged": found.extended.converged,
             "threshold": found.threshold,
         },
         search=found,
@@ -126,7 +135,7 @@ def diagnose(
     return result
 
 
-def _split(logs: Sequence[Log]) -> dict[int, list[RunModel]]:
+def split_runs(logs: Sequence[Log]) -> dict[int, list[RunModel]]:
     """Windows by their use: by run where there are three runs or more, else by time."""
     if len(logs) < 3:
         return {use: _with_windows([RunModel(log, use=use) for log in logs]) for use in (FIT, SELECT, REPORT)}

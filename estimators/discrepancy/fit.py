@@ -31,12 +31,17 @@ class Nuisance:
     step: float  #: of its finite difference
     sensors_only: bool
     channel: int = 0
+    limit: float = np.inf  #: nothing healthy has more, either way
+    effect: str | None = None  #: on hard ground alone: the effect whose size it is
 
 
 #: Beliefs about a healthy vehicle; a bias beyond them is an effect.
 NUISANCES = (
     Nuisance(name="ground", spread=0.5, step=0.005, sensors_only=False),
-    Nuisance(name="shift", spread=1.0, step=0.25, sensors_only=False),
+    # Tyres are known by one stiffness at best, and never in front as behind.
+    Nuisance(name="balance", spread=0.3, step=0.02, sensors_only=False, limit=0.8, effect="front_grip"),
+    # Half a sample either way, in standard deviations; inputs that are later than that are an effect.
+    Nuisance(name="shift", spread=1.0, step=0.25, sensors_only=False, limit=3.0**0.5),
     *(Nuisance(name=f"bias_{i}", spread=0.02, step=0.01, sensors_only=True, channel=i) for i in range(3)),
     *(Nuisance(name=f"bias_{i}", spread=5e-4, step=1e-3, sensors_only=True, channel=i) for i in (3, 4)),
     # Each axle's wheel speeds err by 0.2 %: their mean and half their difference by less.
@@ -154,6 +159,11 @@ class Fit:
                 setup = setup.with_soil(C_alpha=soil.C_alpha * float(np.exp(value)))
             elif nuisance.name == "ground":
                 setup = setup.with_soil(n=max(soil.n + float(value), 0.05))
+            elif nuisance.effect is not None and soil.rigid < 0.5:
+                continue
+            elif nuisance.effect is not None:
+                values = {EFFECTS[nuisance.effect].size.name: float(value)}
+                setup = apply(setup, [(nuisance.effect, values)])
             elif nuisance.name == "shift":
                 # Half a sample of the inputs either way is nobody's fault.
                 shift = 0.5 * period / np.sqrt(3.0) * float(value)
@@ -248,6 +258,9 @@ class Fit:
         for i, nuisance in enumerate(NUISANCES):
             point = self.nuisances.copy()
             point[i] += nuisance.step
+            if nuisance.effect is not None and self.runs[0].setup.plant.soil.rigid < 0.5:
+                columns.append(np.zeros(len(self.window)))
+                continue
             setups = self._setups(point)
             if nuisance.sensors_only:
                 columns.append(self._sensed(setups, nuisance.step))
@@ -334,10 +347,11 @@ class Fit:
         cost = 0.5 * float(np.sum((self.nuisances / spread) ** 2))
         back = []
         order = np.argsort(self.window, kind="stable")
-        edges = np.searchsorted(self.window[order], np.arange(self.window[order][-1] + 2))
         starts = np.concatenate([s[:, run.free] for s, run in zip(self.starts, self.runs, strict=True)])
         centre = np.concatenate([s[:, run.free] for s, run in zip(self._centre, self.runs, strict=True)])
         weight = 1.0 / self.runs[0].spread ** 2
+        # A window in a gap of the log has no rows.
+        edges = np.searchsorted(self.window[order], np.arange(len(starts) + 1))
         for w in range(len(starts)):
             rows = order[edges[w] : edges[w + 1]]
             A, G, r = states[rows], shared[rows], residual[rows]
@@ -363,7 +377,8 @@ class Fit:
             starts.append(moved)
         if not len(change):
             return self.nuisances, self.sizes, starts
-        nuisances = self.nuisances + share * change[:count]
+        limit = np.array([nuisance.limit for nuisance in NUISANCES])
+        nuisances = np.clip(self.nuisances + share * change[:count], -limit, limit)
         return nuisances, self._bounded(self.sizes + share * change[count:]), starts
 
     def _bounded(self, sizes: np.ndarray) -> np.ndarray:
@@ -507,14 +522,24 @@ class Fit:
 
 def fit_runs(runs: Sequence[RunModel], *, white: bool = False) -> Fit:
     """The nominal model fitted: starts, nuisances and the colour of the noise."""
+    fit = _fitted(runs, white=white, wide=False)
+    if not fit.converged:
+        # Far from the data, noise as small as the sensors' leads into the nearest valley.
+        other = _fitted(runs, white=white, wide=True)
+        fit = min(fit, other, key=lambda each: each.cost_of(each.residual()) + each.whitener.log_scale())
+    fit.residual()
+    fit.drawn = None if white else healthy_residuals(fit)
+    return fit
+
+
+def _fitted(runs: Sequence[RunModel], *, white: bool, wide: bool) -> Fit:
     fit = Fit(runs)
     fit.begin()
-    first_noise(fit)
+    first_noise(fit, wide=wide)
     fit.descend()
     # Once more from the starts that the fitted ground leads to: no sensor may have told the speed.
     fit.begin()
     settle(fit, white=white)
-    fit.drawn = None if white else healthy_residuals(fit)
     return fit
 
 
@@ -531,10 +556,16 @@ def settle(fit: Fit, *, white: bool = False) -> None:
     fit.descend(fresh=False)
 
 
-def first_noise(fit: Fit) -> None:
-    """White noise as small as the second differences of every channel say."""
+def first_noise(fit: Fit, *, wide: bool = False) -> None:
+    """White noise as small as the second differences of every channel say; ``wide``: as the start errs."""
     from estimators.discrepancy.noise import ChannelNoise
 
+    if wide:
+        residual = fit.residual()
+        for name, pieces in fit.whitener.pieces.items():
+            own = np.concatenate([residual[piece] for piece in pieces])
+            fit.whitener.noise[name] = ChannelNoise.white(max(float(np.sqrt(np.mean(own**2))), 1e-6))
+        return
     y = np.concatenate([run.y for run in fit.runs])
     for name, pieces in fit.whitener.pieces.items():
         bends = np.concatenate([np.diff(y[piece], 2) for piece in pieces if piece.stop - piece.start > 2])

@@ -88,7 +88,8 @@ def _blocks(fit: Fit, name: str, piece: slice) -> list[slice]:
                 and channel.rows.start + offset <= piece.start < channel.rows.stop + offset
             ):
                 start = piece.start - channel.rows.start - offset
-                step = np.median(np.diff(channel.t[start : start + piece.stop - piece.start]))
-                size = max(round(_BLOCK / step), 1) if np.isfinite(step) else 1
+                steps = np.diff(channel.t[start : start + piece.stop - piece.start])
+                # Lost samples may leave one alone.
+                size = max(round(_BLOCK / float(np.median(steps))), 1) if len(steps) else 1
                 return [slice(a, min(a + size, piece.stop)) for a in range(piece.start, piece.stop, size)]
     raise ValueError(f"no channel {name} at row {piece.start}")

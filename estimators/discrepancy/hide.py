@@ -1,199 +1,30 @@
-"""Logs with something hidden in them, for tests of the finder.
+"""What can be hidden in a drive, for tests of the finder.
 
-What is hidden here is written a second time: as changes of the commands, of the records and of the state
-between steps, never with the laws of `offroad_env.effects`. The truth also runs with another step than the
-finder, on soil whose n the log does not state, and with sensors as imperfect as healthy ones are.
+Everything here is written a second time: as changes of the commands, of the samples, of the records and of
+the state between steps, never with the laws of `offroad_env.effects`. A test binds every one of them to the
+effect that it mirrors. Four of the library's effects act inside the suspension or on one axle's soil, where
+nothing can be changed from outside; they are not hidden here.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimators.logs.config import StartSpec, TerrainSpec
-from estimators.logs.log import Log
-from estimators.logs.runs import Recorder, config_of
-from offroad_env.errors import SolverFailure
+from estimators.discrepancy.hidden_run import TICK, Case, Hidden, draw_case, hidden_log
 from offroad_env.physics import state as at
-from offroad_env.physics.contact import SUNK
-from offroad_env.physics.full_model import full_advance
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.records import SoilMap
-from offroad_env.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
-from offroad_env.simulator import Plant, make_plant, settled_state
-from offroad_env.soils import SOILS, make_soil
-from offroad_env.terrain import flat, rough_terrain
-from offroad_env.vehicles import VEHICLES
+from offroad_env.physics.sensor_kernels import WHEEL
+from offroad_env.simulator import Plant
 
-__all__ = ["HIDERS", "STRANGERS", "Case", "Hidden", "draw_case", "hidden_log"]
-
-#: Hider's tick, and steps of the plant in it: another step than the finder's [s].
-_TICK, _STEPS = 0.005, 2
-#: Ticks of a sensor sample, and of a command.
-_SAMPLE, _COMMAND = 2, 4
-_SOILS = ("dry_sand", "sandy_loam", "lete_sand", "rubicon_sandy_loam", "upland_sandy_loam")
-#: What a healthy IMU and healthy wheel speeds may be off by [m/s^2, rad/s, -].
-HEALTHY_ACCELERATION, HEALTHY_RATE, HEALTHY_WHEEL = 0.02, 5e-4, 0.002
-
-
-@dataclass(frozen=True, kw_only=True)
-class Case:
-    """Everything of a run but what is hidden in it."""
-
-    seed: int
-    soil: str
-    n: float  #: true sinkage exponent; the log states the catalogue's [-]
-    road: str  #: "flat", "known" or "unknown"
-    scatter: float  #: standard deviation of n over the ground [-]
-    gnss: bool
-    duration: float = 60.0  #: [s]
-    drive: str = "lively"  #: "lively", or "steady": straight on at one speed
-    accel_noise: float = 0.1  #: [m/s^2]
-    gyro_noise: float = 0.01  #: [rad/s]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Hidden:
-    """What is wrong, by what it does; every part may be left out."""
-
-    plant: Callable[[Plant], Plant] = field(default=lambda plant: plant)
-    command: Callable[[list[tuple[float, float, float]]], tuple[float, float, float]] = field(
-        default=lambda past: past[-1]
-    )  #: what acts, from all logged commands so far, one a tick
-    step: Callable[[np.ndarray, np.ndarray, Plant], Plant] | None = None  #: state, readings -> plant
-    feel: Callable[[np.ndarray, np.ndarray, Plant], None] | None = None  #: adds to the readings after a step
-    sample: Callable[[np.ndarray], None] = field(default=lambda sample: None)  #: what sensors say, in place
-
-
-def draw_case(seed: int, **fixed) -> Case:
-    """A run drawn from its seed; ``fixed`` sets fields of it."""
-    rng = np.random.default_rng([seed, 7])
-    soil = str(rng.choice(_SOILS))
-    values = {
-        "soil": soil,
-        "n": float(SOILS[soil].n + rng.uniform(-0.08, 0.08)),
-        "road": str(rng.choice(["flat", "known", "unknown"])),
-        "scatter": 0.0,
-        "gnss": bool(rng.random() < 0.7),
-        "accel_noise": float(rng.choice([0.05, 0.1, 0.2])),
-        "gyro_noise": float(rng.choice([0.003, 0.01, 0.0175])),
-    }
-    values |= fixed
-    # A map of the bumps is worth nothing to a vehicle that does not know where it is.
-    values["gnss"] = bool(values["gnss"] or values["road"] == "known")
-    return Case(seed=seed, **values)
-
-
-class _Driver:
-    """Chases a speed that changes every few seconds and swings the steering."""
-
-    def __init__(self, rng: np.random.Generator, case: Case) -> None:
-        count = int(case.duration / 4.0) + 2
-        steady = case.drive == "steady"
-        self._targets = np.full(count, 4.0) if steady else rng.uniform(2.0, 7.0, count)
-        self._amplitudes = rng.uniform(0.05, 0.2, 2) * (0.0 if steady else 1.0)
-        self._frequencies, self._phases = rng.uniform(0.6, 2.5, 2), rng.uniform(0.0, 6.0, 2)
-        self._wiggle = 0.0 if steady else 0.5
-
-    def __call__(self, t: float, v: float) -> tuple[float, float, float]:
-        vehicle = VEHICLES["mrzr"]
-        error = self._targets[int(t / 4.0)] - v + self._wiggle * math.sin(1.3 * t)
-        pedal = min(max(0.25 + 0.35 * error, -0.5), 1.0)
-        steer = float(self._amplitudes @ np.sin(self._frequencies * t + self._phases))
-        return steer, max(pedal, 0.0) * vehicle.drive_torque_max, max(-pedal, 0.0) * vehicle.brake_torque_max
-
-
-def _ground(case: Case, rng: np.random.Generator):
-    if case.road == "flat":
-        return flat(), TerrainSpec(kind="flat")
-    ground = rough_terrain("A" if rng.random() < 0.5 else "B", rng)
-    if case.road == "unknown":
-        rms = float(np.sqrt(0.5 * np.sum(ground.waves[:, 0] ** 2)))
-        return ground, TerrainSpec(kind="unknown", rms=rms)
-    rows = tuple(tuple(float(value) for value in row) for row in ground.waves)
-    return ground, TerrainSpec(kind="waves", waves=rows)
-
-
-def _scatter(case: Case, rng: np.random.Generator) -> SoilMap:
-    if case.scatter == 0.0:
-        return SoilMap(0.3, np.empty((0, 4)))
-    rows = [
-        (rng.uniform(-50.0, 400.0), rng.uniform(-150.0, 150.0), rng.uniform(5.0, 20.0), n)
-        for n in rng.normal(case.n, case.scatter, 400)
-    ]
-    return SoilMap(2.0, np.array(rows))
-
-
-def hidden_log(case: Case, hidden: Hidden | None = None, name: str = "run") -> Log:
-    """Drive the case with what is hidden, and log what its sensors say.
-
-    Raises
-    ------
-    SolverFailure
-        When the vehicle drowns.
-    """
-    hidden = hidden or Hidden()
-    rng = np.random.default_rng([case.seed, 11])
-    ground, terrain = _ground(case, rng)
-    believed = make_plant(VEHICLES["mrzr"], SOILS[case.soil], ground)
-    truth = believed._replace(soil=make_soil(case.soil, n=case.n), soil_map=_scatter(case, rng))
-    truth = hidden.plant(truth)
-    sensors = SensorSuite(
-        imu=ImuConfig(
-            accel_noise=case.accel_noise,
-            gyro_noise=case.gyro_noise,
-            accel_bias_sd=HEALTHY_ACCELERATION,
-            gyro_bias_sd=HEALTHY_RATE,
-        ),
-        wheel=WheelSpeedConfig(scale_sd=HEALTHY_WHEEL),
-        gnss=GnssConfig() if case.gnss else None,
-    )
-    sensors.reset(rng)
-    config = config_of(believed, sensors, StartSpec(v_x=3.0))
-    recorder = Recorder(replace(config, terrain=terrain), period=_TICK * _SAMPLE)
-    _drive(case, truth, hidden, (_Driver(rng, case), sensors, recorder))
-    return recorder.log(name)
-
-
-def _drive(case: Case, plant: Plant, hidden: Hidden, parts: tuple) -> None:
-    driver, sensors, recorder = parts
-    x, warm = settled_state(plant, v_x=3.0)
-    readings, past = np.zeros(at.READINGS_SIZE), []
-    full_advance(x, warm, (0.0, 0.0, 0.0), plant, _TICK, 0, readings)
-    recorder.start(_sample(x, readings, sensors, hidden))
-    command, pending = (0.0, 0.0, 0.0), []
-    for tick in range(round(case.duration / _TICK)):
-        if tick % _COMMAND == 0:
-            if pending:
-                recorder.hold(command, np.array(pending))
-            command, pending = driver(tick * _TICK, float(x[at.V_X])), []
-        past.append(command)
-        if hidden.step is not None:
-            plant = hidden.step(x, readings, plant)
-        status = full_advance(x, warm, hidden.command(past), plant, _TICK / _STEPS, _STEPS, readings)
-        if hidden.feel is not None:
-            hidden.feel(x, readings, plant)
-        if status >= SUNK:
-            raise SolverFailure(f"the hidden run {case.seed} drowns at {tick * _TICK:.2f} s")
-        if (tick + 1) % _SAMPLE == 0:
-            pending.append(_sample(x, readings, sensors, hidden))
-    recorder.hold(command, np.array(pending))
-
-
-def _sample(x, readings, sensors: SensorSuite, hidden: Hidden) -> np.ndarray:
-    sample = np.concatenate(sensors.sample(x, readings)[:3])
-    hidden.sample(sample)
-    return sample
-
-
-# ------------------------------------------------------------------ what can be hidden
+__all__ = ["HIDERS", "ONE_SIDED", "STRANGERS", "Case", "Hidden", "draw_case", "hidden_log"]
 
 
 def _late(delay: float) -> Hidden:
-    ticks = round(delay / _TICK)
+    ticks = round(delay / TICK)
 
     def command(past):
         return (past[max(len(past) - 1 - ticks, 0)][0], *past[-1][1:])
@@ -207,8 +38,10 @@ def _lagging(time: float) -> Hidden:
     def command(past):
         if not held:
             held.append(past[-1][0])
-        held[0] += (past[-1][0] - held[0]) * (1.0 - math.exp(-_TICK / time))
-        return (held[0], *past[-1][1:])
+        before = held[0]
+        held[0] += (past[-1][0] - before) * (1.0 - math.exp(-TICK / time))
+        # What acts is held for a tick: the middle of it.
+        return (0.5 * (before + held[0]), *past[-1][1:])
 
     return Hidden(command=command)
 
@@ -229,13 +62,12 @@ def _laden(share: float) -> Hidden:
 def _pushed(force: Callable[[np.ndarray, Plant], tuple[float, float, float]]) -> Hidden:
     """A force on the body (forward, left [N], moment [N m]): kicks, and what the IMU feels of it."""
 
-    def step(x, readings, plant):
+    def kick(x, readings, plant, span):
         F_x, F_y, M_z = force(x, plant)
         m, I_z = plant.vehicle.m, plant.vehicle.I_z
-        x[at.V_X] += F_x / m * _TICK
-        x[at.V_Y] += F_y / m * _TICK
-        x[at.YAW_RATE] += M_z / I_z * _TICK
-        return plant
+        x[at.V_X] += F_x / m * span
+        x[at.V_Y] += F_y / m * span
+        x[at.YAW_RATE] += M_z / I_z * span
 
     def feel(x, readings, plant):
         F_x, F_y, M_z = force(x, plant)
@@ -243,7 +75,7 @@ def _pushed(force: Callable[[np.ndarray, Plant], tuple[float, float, float]]) ->
         readings[at.A_Y] += F_y / plant.vehicle.m
         readings[at.YAW_ACC] += M_z / plant.vehicle.I_z
 
-    return Hidden(step=step, feel=feel)
+    return Hidden(kick=kick, feel=feel)
 
 
 def _dragging(area: float) -> Hidden:
@@ -299,19 +131,249 @@ def _biased(channel: int) -> Callable[[float], Hidden]:
     return make
 
 
+def _all_late(delay: float) -> Hidden:
+    ticks = round(delay / TICK)
+    return Hidden(command=lambda past: past[max(len(past) - 1 - ticks, 0)])
+
+
+def _scaled_steering(share: float) -> Hidden:
+    return Hidden(command=lambda past: (past[-1][0] * (1.0 + share), *past[-1][1:]))
+
+
+def _scaled_torque(share: float) -> Hidden:
+    return Hidden(command=lambda past: (past[-1][0], *(torque * (1.0 + share) for torque in past[-1][1:])))
+
+
+def _stretched(channels: slice) -> Callable[[float], Hidden]:
+    """Sensors that read a share too much."""
+
+    def make(share: float) -> Hidden:
+        def sample(sample: np.ndarray) -> None:
+            sample[channels] += share * sample[channels]
+
+        return Hidden(sample=sample)
+
+    return make
+
+
+def _pitched(angle: float) -> Hidden:
+    """An IMU whose x axis points up a little."""
+
+    def sample(sample: np.ndarray) -> None:
+        a_x, a_z = sample[0], sample[2]
+        sample[0] = math.cos(angle) * a_x + math.sin(angle) * a_z
+        sample[2] = math.cos(angle) * a_z - math.sin(angle) * a_x
+        sample[4] *= math.cos(angle)
+
+    return Hidden(sample=sample)
+
+
+def _rolled(angle: float) -> Hidden:
+    """An IMU whose left side is up a little; its pitch gyro, about the left axis, turns the other way."""
+
+    def sample(sample: np.ndarray) -> None:
+        a_y, a_z, pitch_rate, yaw_rate = sample[1:5]
+        sample[1] = math.cos(angle) * a_y + math.sin(angle) * a_z
+        sample[2] = math.cos(angle) * a_z - math.sin(angle) * a_y
+        sample[3] = math.cos(angle) * pitch_rate - math.sin(angle) * yaw_rate
+        sample[4] = math.cos(angle) * yaw_rate + math.sin(angle) * pitch_rate
+
+    return Hidden(sample=sample)
+
+
+def _displaced(ahead: float, up: float) -> Hidden:
+    """What an IMU away from the centre of gravity feels, the body taken for level."""
+
+    def feel(x, readings, plant):
+        yaw, pitch = x[at.YAW_RATE], x[at.PITCH_RATE]
+        yaw_acc, pitch_acc = readings[at.YAW_ACC], readings[at.PITCH_ACC]
+        readings[at.A_X] -= ahead * (yaw * yaw + pitch * pitch) + up * pitch_acc
+        readings[at.A_Y] += ahead * yaw_acc - 2.0 * up * pitch * yaw
+        readings[at.A_Z] += ahead * pitch_acc - up * pitch * pitch
+
+    return Hidden(feel=feel)
+
+
+def _climbing(slope: float) -> Hidden:
+    def force(x, plant):
+        pull = -slope * plant.vehicle.m * GRAVITY
+        return pull * math.cos(x[at.YAW]), -pull * math.sin(x[at.YAW]), 0.0
+
+    return _pushed(force)
+
+
+def _banked(slope: float) -> Hidden:
+    def force(x, plant):
+        pull = -slope * plant.vehicle.m * GRAVITY
+        return pull * math.sin(x[at.YAW]), pull * math.cos(x[at.YAW]), 0.0
+
+    return _pushed(force)
+
+
+def _twisted(moment: float) -> Hidden:
+    return _pushed(lambda x, plant: (0.0, 0.0, moment))
+
+
+def _one_sided(share: float) -> Hidden:
+    """Brake forces that are not the same left and right."""
+
+    def force(x, plant):
+        v = plant.vehicle
+        more_left = 0.5 * share * x[at.BRAKE] / v.r * min(max(x[at.V_X] / 0.2, -1.0), 1.0)
+        return 0.0, 0.0, 0.5 * v.track * more_left
+
+    return _pushed(force)
+
+
+def _at_wheels(force: Callable[[np.ndarray, Plant], tuple[float, float, float]]) -> Hidden:
+    """Forces along and across each axle's wheels [N], and a torque that holds them [N m]."""
+
+    def pushes(x, readings, plant):
+        v, total = plant.vehicle, np.zeros(3)
+        torques = []
+        for axle, angle, arm in ((0, x[at.STEER], v.l_f), (at.AXLE, 0.0, -v.l_r)):
+            along, across, torque = force(readings[axle : axle + at.AXLE], plant)
+            left = along * math.sin(angle) + across * math.cos(angle)
+            total += (along * math.cos(angle) - across * math.sin(angle), left, arm * left)
+            torques.append(torque)
+        return total, torques
+
+    def kick(x, readings, plant, span):
+        v = plant.vehicle
+        (F_x, F_y, M_z), torques = pushes(x, readings, plant)
+        x[at.V_X] += F_x / v.m * span
+        x[at.V_Y] += F_y / v.m * span
+        x[at.YAW_RATE] += M_z / v.I_z * span
+        x[at.PITCH_RATE] += F_x * v.h_cg / v.I_y * span
+        for i, torque in enumerate(torques):
+            x[at.OMEGA_F + i] -= torque / (v.wheels_per_axle * v.I_w) * span
+
+    def feel(x, readings, plant):
+        v = plant.vehicle
+        (F_x, F_y, M_z), _ = pushes(x, readings, plant)
+        readings[at.A_X] += F_x / v.m
+        readings[at.A_Y] += F_y / v.m
+        readings[at.YAW_ACC] += M_z / v.I_z
+        readings[at.PITCH_ACC] += F_x * v.h_cg / v.I_y
+
+    return Hidden(kick=kick, feel=feel)
+
+
+def _rutted(stress: float) -> Hidden:
+    def force(axle, plant):
+        rolling = min(max(axle[at.V_L] / 0.2, -1.0), 1.0)
+        return -4.0 * stress * plant.vehicle.r * axle[at.SINKAGE] * rolling, 0.0, 0.0
+
+    return _at_wheels(force)
+
+
+def _ploughing(stress: float) -> Hidden:
+    def force(axle, plant):
+        area = 2.0 * plant.vehicle.wheels_per_axle * plant.vehicle.r * axle[at.SINKAGE]
+        aside = axle[at.V_C] / math.hypot(axle[at.V_C], axle[at.V_L], 0.1)
+        return 0.0, -stress * area * aside, 0.0
+
+    return _at_wheels(force)
+
+
+def _treaded(share: float) -> Hidden:
+    def force(axle, plant):
+        thrust = share * axle[at.N] * math.tanh(10.0 * axle[at.SLIP])
+        return thrust, 0.0, thrust * plant.vehicle.r
+
+    return _at_wheels(force)
+
+
+def _growing(slope: float) -> Hidden:
+    """Under each axle a disc of soil that moves with it, with the n that grows along x."""
+    base: list[float] = []
+
+    def step(x, readings, plant):
+        if not base:
+            base.append(plant.soil.n)
+        axles = (readings[: at.AXLE], readings[at.AXLE : at.MOTION])
+        places = [(axle[at.WHEEL_X], axle[at.WHEEL_Y]) for axle in axles]
+        discs = np.array([(a, b, 0.5, base[0] + 0.01 * slope * (a - 80.0)) for a, b in places])
+        return plant._replace(soil_map=SoilMap(0.3, discs))
+
+    return Hidden(step=step)
+
+
+def _hurried(slope: float) -> Hidden:
+    """Soil that is the stiffer, the faster one drives."""
+    base: list = []
+
+    def step(x, readings, plant):
+        if not base:
+            base.append(plant.soil)
+        more = 1.0 + slope * abs(x[at.V_X])
+        return plant._replace(soil=base[0]._replace(k_c=more * base[0].k_c, k_phi=more * base[0].k_phi))
+
+    return Hidden(step=step)
+
+
+def _with_soil(change: Callable[..., dict[str, float]]) -> Callable[[float], Hidden]:
+    """Another value in the soil's record: ``change`` makes it from the soil and the size."""
+
+    def make(size: float) -> Hidden:
+        def plant(plant: Plant) -> Plant:
+            return plant._replace(soil=plant.soil._replace(**change(plant.soil, size)))
+
+        return Hidden(plant=plant)
+
+    return make
+
+
+def _shifted(back: float) -> Hidden:
+    def plant(plant: Plant) -> Plant:
+        v = plant.vehicle
+        return plant._replace(vehicle=v._replace(l_f=v.l_f + back, l_r=v.l_r - back))
+
+    return Hidden(plant=plant)
+
+
 #: Effect -> how to hide it, from its size. None of these uses the finder's own laws.
 HIDERS: dict[str, Callable[[float], Hidden]] = {
     "steer_delay": _late,
     "steer_lag": _lagging,
+    "clock_offset": _all_late,
     "steer_offset": _turned,
+    "steer_gain": _scaled_steering,
+    "torque_scale": _scaled_torque,
     "payload": _laden,
+    "cg_shift": _shifted,
     "rolling_resistance": _resisting,
     "aero_drag": _dragging,
+    "rut_drag": _rutted,
+    "grade": _climbing,
+    "bank": _banked,
+    "yaw_moment": _twisted,
+    "one_sided_brake": _one_sided,
     "slip_sinkage": _slipping,
+    "rate_damping": _hurried,
+    "bulldozing": _ploughing,
+    "grouser_thrust": _treaded,
     "n_step": _bordered,
-    "gyro_bias_yaw": _biased(4),
+    "n_trend": _growing,
+    "exit_angle": _with_soil(lambda soil, size: {"b_0": soil.b_0 + size}),
+    "friction_angle": _with_soil(lambda soil, size: {"phi": soil.phi + size}),
+    "shear_modulus": _with_soil(
+        lambda soil, size: {"k_x": soil.k_x * (1.0 + size), "k_y": soil.k_y * (1.0 + size)}
+    ),
+    "accel_bias_x": _biased(0),
     "accel_bias_y": _biased(1),
+    "accel_bias_z": _biased(2),
+    "gyro_bias_pitch": _biased(3),
+    "gyro_bias_yaw": _biased(4),
+    "accel_scale": _stretched(slice(0, 3)),
+    "wheel_radius_scale": _stretched(WHEEL),
+    "imu_misalignment_pitch": _pitched,
+    "imu_misalignment_roll": _rolled,
+    "lever_arm_x": lambda distance: _displaced(distance, 0.0),
+    "lever_arm_z": lambda distance: _displaced(0.0, distance),
 }
+#: What cannot be negative: nothing acts before it is asked to.
+ONE_SIDED = ("steer_delay", "steer_lag", "clock_offset")
 
 
 # ------------------------------------------------------------------ what no library holds
@@ -339,12 +401,10 @@ def _roped(share: float) -> Hidden:
 
 
 def _blown(share: float) -> Hidden:
-    """A side wind in gusts, behind the centre of gravity."""
-    time = [0.0]
+    """A side wind through the gaps of a hedge, behind the centre of gravity."""
 
     def force(x, plant):
-        time[0] += 0.5 * _TICK  # asked twice a tick
-        push = share * plant.vehicle.m * GRAVITY * math.sin(0.7 * time[0]) ** 2
+        push = share * plant.vehicle.m * GRAVITY * math.sin(0.17 * x[at.X]) ** 2
         return push * math.sin(x[at.YAW]), push * math.cos(x[at.YAW]), -0.5 * push * math.cos(x[at.YAW])
 
     return _pushed(force)

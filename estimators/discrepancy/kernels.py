@@ -9,7 +9,8 @@ import numpy as np
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.contact import SUNK
-from offroad_env.physics.full_model import full_advance
+from offroad_env.physics.full_model import WORK_ROWS, full_continue, full_derivative
+from offroad_env.physics.numerics import copy_into
 from offroad_env.physics.paper_model import paper_advance
 from offroad_env.physics.sensor_kernels import imu_reading
 
@@ -35,6 +36,7 @@ def run_full(starts, spans, commands, rims, plant, timing, out):
     dt, steps = timing
     worst = np.zeros(spans.shape[0])
     x, warm = np.empty(at.STATE_SIZE), np.empty((2, 3))
+    work = np.empty((WORK_ROWS, at.READINGS_SIZE))
     row = 0
     for w in range(spans.shape[0]):
         first, count = spans[w, 0], spans[w, 1]
@@ -49,9 +51,14 @@ def run_full(starts, spans, commands, rims, plant, timing, out):
                 if rims.shape[0] > 0:
                     x[at.OMEGA_F], x[at.OMEGA_R] = rims[k, 0], rims[k, 1]
                 command = (commands[k, 0], commands[k, 1], commands[k, 2])
-                status = full_advance(x, warm, command, plant, dt, steps if i > 0 else 0, readings[row])
+                seen = readings[row]
+                if i == 0 or rims.shape[0] > 0:
+                    full_derivative(x, command, plant, warm, work[0], seen)
+                else:  # each step goes on from the slope and readings that the last one has ended with
+                    copy_into(seen, readings[row - 1])
+                status = full_continue(x, warm, command, plant, (dt, steps if i > 0 else 0), work, seen)
                 worst[w] = max(worst[w], status)
-                states[row] = x
+                copy_into(states[row], x)
             row += 1
     return worst
 

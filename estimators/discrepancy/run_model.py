@@ -27,7 +27,7 @@ PAPER_STEP = 0.01
 #: Limits of the grid's step [s].
 _FINEST, _COARSEST = 0.005, 0.02
 #: Below this speed the course of a satellite receiver means nothing [m/s].
-_COURSE_SPEED = 1.0
+COURSE_SPEED = 1.0
 #: Half width of the mean that starts a window [s].
 _NEAR = 0.15
 
@@ -112,9 +112,7 @@ class RunModel:
             plant = plant._replace(vehicle=plant.vehicle._replace(I_w=1e9))
         self.setup = Setup(plant=plant, mount=imu.mount())
         self._rims = np.empty((0, 2)) if self.driven else self._measured_rims()
-        self.channels = self._find_channels()
-        data = [self.log.samples(c.name)[1][self._kept[c.name]] for c in self.channels]
-        self.y = np.concatenate(data) if data else np.empty(0)
+        self._find_data()
         self.free = tuple(_FREE) if full and self.driven else tuple(i for i in _FREE if i < at.OMEGA_F)
         r = plant.vehicle.r
         self.spread = np.array([_FREE[i] / (r if i >= at.OMEGA_F else 1.0) for i in self.free])
@@ -132,6 +130,13 @@ class RunModel:
         other.steps, other.dt = steps, self.step / steps
         return other
 
+    def with_windows(self, windows: Windows) -> RunModel:
+        """The same run in other windows, in the order of time and apart."""
+        other = copy.copy(self)
+        other.windows = windows
+        other._find_data()
+        return other
+
     def _has_torque(self) -> bool:
         return any(name in self.log.channels for name in ("torque_f", "torque_r"))
 
@@ -142,6 +147,11 @@ class RunModel:
         return np.ascontiguousarray(np.stack(columns * (3 - len(columns)), axis=1)[:, :2])
 
     # ------------------------------------------------------------------ data
+
+    def _find_data(self) -> None:
+        self.channels = self._find_channels()
+        data = [self.log.samples(c.name)[1][self._kept[c.name]] for c in self.channels]
+        self.y = np.concatenate(data) if data else np.empty(0)
 
     def _find_channels(self) -> tuple[Channel, ...]:
         self._kept: dict[str, np.ndarray] = {}
@@ -167,7 +177,7 @@ class RunModel:
         window = np.searchsorted(first, place, side="right") - 1
         inside = (window >= 0) & (place < (first + count)[np.maximum(window, 0)])
         if name == "course":
-            inside &= np.interp(t, *self.log.samples("speed")) > _COURSE_SPEED if self._has("speed") else True
+            inside &= np.interp(t, *self.log.samples("speed")) > COURSE_SPEED if self._has("speed") else True
         if not inside.any():
             return None
         self._kept[name] = inside
@@ -330,7 +340,7 @@ class RunModel:
         if (rate := self._near("yaw_rate", t)) is not None:
             x[at.YAW_RATE] = rate
         course = self._near("yaw", t)
-        if course is None and speed is not None and speed > _COURSE_SPEED:
+        if course is None and speed is not None and speed > COURSE_SPEED:
             course = self._near("course", t)
             course = None if course is None else course - math.atan2(x[at.V_Y], x[at.V_X])
         if course is not None:

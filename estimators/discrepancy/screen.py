@@ -78,7 +78,8 @@ def candidates_for(fit: Fit, library: Sequence[str]) -> list[Candidate]:
         effect = EFFECTS[name]
         if not effect.searched or run.setup.model not in effect.models:
             continue
-        if effect.soil_only and run.setup.plant.soil.rigid > 0.5:
+        hard = run.setup.plant.soil.rigid > 0.5
+        if (effect.soil_only and hard) or (effect.hard_only and not hard):
             continue
         if not all(any(channel in run.log.channels for channel in group) for group in effect.needs):
             continue

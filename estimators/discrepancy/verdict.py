@@ -3,28 +3,59 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from estimators.discrepancy.diagnosis import Diagnosis
+from estimators.discrepancy.rig import RigRest
 from estimators.discrepancy.search import Cause, Rival
 from offroad_env.effects import EFFECTS
 
-__all__ = ["extension_of", "lines_of", "next_experiment", "sentence_of", "to_dict"]
+if TYPE_CHECKING:
+    from estimators.discrepancy.evidence import Evidence
+    from estimators.discrepancy.open_loop import Prediction
+
+__all__ = [
+    "Score", "advice_of", "amount", "extension_of", "ground_of", "isolability_of", "lines_of", "scores_of",
+    "sentence_of", "to_dict",
+]  # fmt: skip
 
 _Z = 1.959964  #: of a 95 % interval
+#: How to vary what one cannot vary alone.
+_CHANGES = {
+    "time": "drive the same line again, later",
+    "position x": "drive the same ground the other way and at another speed",
+    "position y": "drive the same ground the other way and at another speed",
+}
+#: Lines for the terminal, besides the names of the files.
+_LINES = 21
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """How strongly the nominal model's residuals ask for an effect."""
+
+    effect: str
+    z: float  #: standard deviations, over all its places
+    limit: float  #: smallest size that would have been seen; infinite where nothing would
+    reason: str  #: why these data cannot test it; empty where they can
 
 
 def _interval(rival: Rival) -> tuple[float, float]:
     return rival.size - _Z * rival.deviation, rival.size + _Z * rival.deviation
 
 
+def amount(effect: str, size: float) -> str:
+    """A size of an effect with its unit."""
+    return f"{size:.3g} {EFFECTS[effect].size.unit}".removesuffix(" -")
+
+
 def _phrase(rival: Rival) -> str:
     effect = EFFECTS[rival.candidate.effect]
     low, high = _interval(rival)
-    unit = "" if effect.size.unit == "-" else f" {effect.size.unit}"
-    return f"{effect.describe(rival.size)} (95 %: {low:.3g} to {high:.3g}{unit})"
+    return f"{effect.describe(rival.size)} (95 %: {low:.3g} to {amount(effect.id, high)})"
 
 
 def _cause_phrase(cause: Cause) -> str:
@@ -60,17 +91,26 @@ def sentence_of(diagnosis: Diagnosis) -> str:
 
 def _rest_phrase(diagnosis: Diagnosis) -> str:
     rest = max(diagnosis.unexplained, key=lambda one: one.excess)
-    unit = "N m" if rest.equation == "yaw" else "N"
     size = float(np.sqrt(max(np.average(rest.force**2, weights=1.0 / rest.deviation**2), 0.0)))
-    phrase = f"a force of about {size:.3g} {unit} in the {rest.equation} equation"
+    if isinstance(rest, RigRest):
+        phrase = f"about {size:.3g} {rest.unit} of the {rest.equation.replace('_', ' ')}"
+    else:
+        unit = "N m" if rest.equation == "yaw" else "N"
+        phrase = f"a force of about {size:.3g} {unit} in the {rest.equation} equation"
     if rest.shapes and abs(rest.shapes[0].correlation) > 0.5:
         shape = rest.shapes[0]
         phrase += f" that follows the {shape.quantity.split(' [')[0]} (correlation {shape.correlation:.2f})"
     return phrase
 
 
-def next_experiment(diagnosis: Diagnosis) -> str | None:
-    """What to drive next, from what the library knows of its effects."""
+def advice_of(diagnosis: Diagnosis) -> str | None:
+    """What to do next, from what the library knows of its effects; what is unexplained comes first."""
+    if diagnosis.unexplained:
+        rest = max(diagnosis.unexplained, key=lambda one: one.excess)
+        if rest.shapes:
+            quantity = rest.shapes[0].quantity.split(" [")[0]
+            how = _CHANGES.get(quantity, f"vary the {quantity} alone")
+            return f"to learn what is left: {how}; the unnamed force follows the {quantity} most"
     for cause in diagnosis.causes:
         if len(cause.rivals) > 1:
             names = " from ".join(rival.candidate.effect for rival in cause.rivals[:2])
@@ -78,12 +118,6 @@ def next_experiment(diagnosis: Diagnosis) -> str | None:
             return f"to tell {names}: {next((text for text in advice if text), 'another manoeuvre')}"
     if diagnosis.verdict == "NOT TESTABLE":
         return "drive with steering, acceleration and braking, and log position or speed over ground"
-    if diagnosis.verdict == "UNEXPLAINED" and diagnosis.unexplained:
-        rest = max(diagnosis.unexplained, key=lambda one: one.excess)
-        if rest.shapes:
-            return (
-                f"vary the {rest.shapes[0].quantity.split(' [')[0]} alone: the unnamed force follows it most"
-            )
     return None
 
 
@@ -117,29 +151,78 @@ def _cause_dict(cause: Cause) -> dict[str, Any]:
     }
 
 
-def _ground(diagnosis: Diagnosis) -> dict[str, Any] | None:
-    """n of the soil before and after, under every member of every set; None on hard ground."""
+def scores_of(diagnosis: Diagnosis) -> list[Score]:
+    """All effects that were looked for, strongest first, then those that these data cannot test."""
+    if diagnosis.search is None:
+        return []
+    first, vehicle = diagnosis.search.first, diagnosis.search.nominal.runs[0].setup.plant.vehicle
+    strongest: dict[str, float] = {}
+    for candidate, z in zip(first.candidates, np.abs(first.z), strict=True):
+        strongest[candidate.effect] = max(strongest.get(candidate.effect, 0.0), float(z))
+    found = []
+    for name, z in strongest.items():
+        limit, reason = diagnosis.limits[name], ""
+        if not math.isfinite(limit):
+            reason = "these drives do not excite it"
+        elif name in diagnosis.not_testable:
+            most = amount(name, EFFECTS[name].plausible(vehicle))
+            reason = f"would show from {amount(name, limit)} on only; more than {most} is not plausible"
+        found.append(Score(effect=name, z=z, limit=limit, reason=reason))
+    for name, channels in diagnosis.missing.items():
+        found.append(Score(effect=name, z=0.0, limit=math.inf, reason=f"the log has no {channels}"))
+    return sorted(found, key=lambda score: (score.reason != "", -score.z))
+
+
+def isolability_of(diagnosis: Diagnosis) -> tuple[list[str], np.ndarray]:
+    """Effects that the data see, and how alike each two look (E, E): cosines of their whitened traces."""
+    if diagnosis.search is None:
+        return [], np.empty((0, 0))
+    first, best = diagnosis.search.first, {}
+    strength = np.diag(first.information)
+    for i in np.argsort(strength):
+        if strength[i] > 0.0:
+            best[first.candidates[i].effect] = int(i)
+    names = sorted(best)
+    index = [best[name] for name in names]
+    return names, first.cosines()[np.ix_(index, index)]
+
+
+def _ground_entry(value: float, deviation: float) -> dict[str, float]:
+    low, high = value - _Z * deviation, value + _Z * deviation
+    return {"value": float(value), "deviation": float(deviation), "low": float(low), "high": float(high)}
+
+
+def ground_of(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """n of the soil before and after, under every member of every set; None on hard ground.
+
+    ``single`` is the one value that may be quoted: None where a cause that explains the data as well puts n
+    outside the interval that the best gives.
+    """
     if diagnosis.search is None:
         return None
     nominal = diagnosis.search.nominal
     soil = nominal.runs[0].setup.plant.soil
     if soil.rigid > 0.5:
         return None
-    before = float(soil.n + nominal.nuisances[0])
     after = {
-        f"{rival.candidate.effect}": {"value": soil.n + rival.ground, "deviation": rival.ground_deviation}
+        rival.candidate.effect: _ground_entry(soil.n + rival.ground, rival.ground_deviation)
         for cause in diagnosis.causes
         for rival in cause.rivals
     }
+    before = _ground_entry(soil.n + nominal.nuisances[0], nominal.deviations()[0])
+    best = after[diagnosis.causes[0].best.candidate.effect] if diagnosis.causes else before
+    agreed = all(best["low"] <= entry["value"] <= best["high"] for entry in after.values())
     return {
         "prior": float(soil.n),
-        "before": {"value": before, "deviation": float(nominal.deviations()[0])},
+        "before": before,
         "after": after,
+        "single": best if agreed and not diagnosis.unexplained else None,
     }
 
 
 def to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Everything as JSON takes it."""
+    """The verdict and its numbers as JSON takes them."""
+    advice = advice_of(diagnosis)
     rest = [
         {
             "equation": one.equation,
@@ -168,8 +251,8 @@ def to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
             }
             for gain in diagnosis.gains
         },
-        "n": _ground(diagnosis),
-        "next_experiment": next_experiment(diagnosis),
+        "n": ground_of(diagnosis),
+        "next_experiment": None if advice is None else {"sentence": advice},
         "checks": {
             **diagnosis.checks,
             "noise_memory": _memory(diagnosis),
@@ -183,41 +266,68 @@ def _memory(diagnosis: Diagnosis) -> dict[str, int] | None:
     """How many samples the noise of each channel remembers."""
     if diagnosis.search is None:
         return None
-    return {name: noise.order for name, noise in diagnosis.search.extended.whitener.noise.items()}
+    return {name: noise.order for name, noise in diagnosis.model.whitener.noise.items()}
 
 
-def lines_of(diagnosis: Diagnosis) -> list[str]:
-    """The summary for a terminal, at most 25 lines."""
+def lines_of(diagnosis: Diagnosis, evidence: Evidence | None = None) -> list[str]:
+    """The summary for a terminal: with the names of the files that follow it, at most 25 lines."""
     lines = [f"{diagnosis.verdict}: {sentence_of(diagnosis)}"]
     for cause in diagnosis.causes:
         lines.append(
             f"cause, gains {0.5 * cause.delta:.0f} in the log-likelihood, chance {cause.chance:.1g}:"
         )
         lines += [f"  {rival.candidate.effect}: {_phrase(rival)}" for rival in cause.rivals[:4]]
-    ground = _ground(diagnosis)
-    if ground is not None and diagnosis.causes:
-        after = ", ".join(f"{entry['value']:.3f} with {name}" for name, entry in ground["after"].items())
-        lines.append(f"n: {ground['before']['value']:.3f} before; {after}")
+    lines += _ground_lines(diagnosis)
     gains = sorted(diagnosis.gains, key=lambda gain: -(1.0 - gain.extended / max(gain.nominal, 1e-300)))
     for gain in gains[:4]:
         lines.append(
             f"on unseen data {gain.channel}: {gain.nominal:.3g} -> {gain.extended:.3g} "
             f"({100.0 * gain.low:.0f} to {100.0 * gain.high:.0f} % less)"
         )
+    advice = advice_of(diagnosis)
+    if evidence is not None:
+        lines += _prediction_lines(evidence, causes=bool(diagnosis.causes))
+        if evidence.advice is not None and (advice is None or not diagnosis.unexplained):
+            advice = evidence.advice.sentence
     lines += [f"finding: {finding.sentence}" for finding in diagnosis.findings[:6]]
     if diagnosis.not_testable:
         lines.append(f"not testable with these data: {', '.join(diagnosis.not_testable)}")
     if diagnosis.missing:
         lines.append(f"no channel for: {', '.join(diagnosis.missing)}")
-    if (advice := next_experiment(diagnosis)) is not None:
-        lines.append(f"next experiment: {advice}")
-    return lines[:25]
+    last = [] if advice is None else [f"next experiment: {advice}"]
+    return [*lines[: _LINES - len(last)], *last]
+
+
+def _ground_lines(diagnosis: Diagnosis) -> list[str]:
+    ground = ground_of(diagnosis)
+    if ground is None or not diagnosis.causes:
+        return []
+    after = ", ".join(f"{entry['value']:.3f} with {name}" for name, entry in ground["after"].items())
+    lines = [f"n: {ground['prior']:.3f} stated, {ground['before']['value']:.3f} before; {after}"]
+    if ground["single"] is None:
+        lines.append("n: no single value can be quoted, the explanations differ")
+    return lines
+
+
+def _prediction_lines(evidence: Evidence, *, causes: bool) -> list[str]:
+    """The longest forecasts of every quantity in one line."""
+    longest: dict[str, Prediction] = {}
+    for one in evidence.predictions:
+        longest[one.quantity] = one
+    parts = [
+        f"{one.quantity} {one.nominal:.3g}{f' -> {one.extended:.3g}' if causes else ''} {one.unit}"
+        for one in longest.values()
+    ]
+    if not parts:
+        return []
+    horizon = next(iter(longest.values())).horizon
+    return [f"error after {horizon:.0f} s alone: {', '.join(parts)}"]
 
 
 def extension_of(diagnosis: Diagnosis) -> list[tuple[str, dict[str, float]]]:
     """Effects of the extended model with their parameters, as `offroad_env.effects.apply` takes them."""
     if not diagnosis.causes:
         return []
-    fit = diagnosis.search.extended
+    fit = diagnosis.model
     pairs = zip(fit.candidates, fit.sizes, strict=True)
     return [(candidate.effect, candidate.values(float(size))) for candidate, size in pairs]

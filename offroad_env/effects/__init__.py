@@ -9,6 +9,7 @@ from __future__ import annotations
 from offroad_env.effects.extension import Extension, read_extension
 from offroad_env.effects.library import EFFECTS, apply, find_effect
 from offroad_env.effects.protocol import Effect, Inputs, Parameter, SensorErrors, Setup
+from offroad_env.effects.rig_setup import RigErrors, RigSetup
 
 __all__ = [
     "EFFECTS",
@@ -16,6 +17,8 @@ __all__ = [
     "Extension",
     "Inputs",
     "Parameter",
+    "RigErrors",
+    "RigSetup",
     "SensorErrors",
     "Setup",
     "apply",

@@ -28,6 +28,7 @@ EFFECT = Effect(
     sentence="the side of a wheel pushes soil with {size} of the area that has sunk",
     look_alikes=("shear_modulus", "friction_angle"),
     separated_by="a steady circle at several speeds",
+    models=("full", "paper", "rig"),
     soil_only=True,
     law=_law,
 )

@@ -20,6 +20,7 @@ EFFECT = Effect(
     sentence="the exit angle is {size} of the entry angle larger",
     look_alikes=("n_step", "payload"),
     separated_by="wheel tests with a pressure cell",
+    models=("full", "paper", "rig"),
     soil_only=True,
     change=_change,
 )

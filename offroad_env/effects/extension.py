@@ -15,13 +15,15 @@ from offroad_env.simulator import MODELS
 __all__ = ["Extension", "read_extension"]
 
 _FORMAT = "offroad-extension-1"
+#: What an extended model can be of: a preset of the vehicle, or the wheel of a rig.
+_MODELS = (*MODELS, "rig")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Extension:
     """A preset of the vehicle model and the effects that it lacks."""
 
-    model: str  #: "full" or "paper"
+    model: str  #: "full", "paper" or "rig"
     effects: tuple[tuple[str, dict[str, float]], ...]  #: (effect, its parameters)
 
     def to_dict(self) -> dict[str, Any]:
@@ -49,8 +51,8 @@ def read_extension(path: str | Path) -> Extension:
         raise DataError(f"{path}: is not JSON: {error}") from None
     if not isinstance(content, dict) or content.get("format") != _FORMAT:
         raise DataError(f"{path}: is no extended model; its format must be {_FORMAT!r}")
-    if content.get("model") not in MODELS:
-        raise DataError(f"{path}: model must be one of {', '.join(MODELS)}, got {content.get('model')!r}")
+    if content.get("model") not in _MODELS:
+        raise DataError(f"{path}: model must be one of {', '.join(_MODELS)}, got {content.get('model')!r}")
     try:
         effects = tuple(_effect(entry) for entry in content["effects"])
     except (KeyError, TypeError, ValueError, AttributeError) as error:

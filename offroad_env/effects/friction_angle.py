@@ -21,6 +21,7 @@ EFFECT = Effect(
     sentence="the angle of internal friction is {size} larger",
     look_alikes=("grouser_thrust", "shear_modulus"),
     separated_by="a shear box",
+    models=("full", "paper", "rig"),
     soil_only=True,
     change=_change,
 )

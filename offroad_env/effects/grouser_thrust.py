@@ -27,6 +27,7 @@ EFFECT = Effect(
     sentence="the tread adds {size} of the load to the thrust",
     look_alikes=("friction_angle", "shear_modulus"),
     separated_by="steady pulls at several slips",
+    models=("full", "paper", "rig"),
     soil_only=True,
     law=_law,
 )

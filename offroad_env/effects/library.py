@@ -133,6 +133,8 @@ def _check(effect: Effect, setup: Setup, values: Values) -> None:
         raise InvalidParameter(f"effect {effect.id} means nothing in the {setup.model} model")
     if effect.soil_only and setup.plant.soil.rigid > 0.5:
         raise InvalidParameter(f"effect {effect.id} means nothing on hard ground")
+    if effect.hard_only and setup.plant.soil.rigid < 0.5:
+        raise InvalidParameter(f"effect {effect.id} means nothing on soil")
 
 
 def _with_law(setup: Setup, effect: Effect, values: Values) -> Setup:

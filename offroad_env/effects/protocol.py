@@ -115,8 +115,9 @@ class Effect:
     needs: tuple[tuple[str, ...], ...] = ()  #: for each entry the log must hold one of its channels
     look_alikes: tuple[str, ...] = ()  #: effects that a log can hardly tell from this one
     separated_by: str = ""  #: the experiment that can
-    models: tuple[str, ...] = ("full", "paper")
+    models: tuple[str, ...] = ("full", "paper")  #: where it means something; "rig": on a wheel rig
     soil_only: bool = False  #: means nothing on hard ground
+    hard_only: bool = False  #: means nothing on soil
     sensors_only: bool = False  #: changes sensors alone: the vehicle's motion stays
     searched: bool = True  #: a cause that a finder may name; else only a probe
     change: Callable[[Setup, Values], Setup] | None = None

@@ -27,6 +27,7 @@ EFFECT = Effect(
     sentence="the walls of the rut drag with {size} of their area",
     look_alikes=("rolling_resistance", "grade"),
     separated_by="the same line again, in its own ruts",
+    models=("full", "paper", "rig"),
     soil_only=True,
     law=_law,
 )

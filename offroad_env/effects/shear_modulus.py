@@ -21,6 +21,7 @@ EFFECT = Effect(
     sentence="the shear moduli are {size} of their value larger",
     look_alikes=("friction_angle", "steer_gain"),
     separated_by="steady pulls at several slips",
+    models=("full", "paper", "rig"),
     soil_only=True,
     change=_change,
 )

@@ -28,6 +28,7 @@ EFFECT = Effect(
     sentence="n grows by {size} from rolling to full slip",
     look_alikes=("bulldozing", "grouser_thrust"),
     separated_by="steady pulls at several slips",
+    models=("full", "paper", "rig"),
     soil_only=True,
     law=_law,
 )

@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import TypeVar
 
 import numba
-from numba import njit
+
+from offroad_env.physics._staged import Kernel
 
 __all__ = ["cache_folder", "inline_kernel", "kernel", "merged_kernel"]
 
@@ -83,12 +84,10 @@ def cache_folder(module: str) -> Path:
 def _compile(function: F, **options) -> F:
     if numba.config.DISABLE_JIT:
         return function
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_folder(function.__module__))
-    try:
-        return njit(function, cache=True, error_model="numpy", nogil=True, fastmath={"contract"}, **options)
-    finally:
-        numba.config.CACHE_DIR = before
+    options |= {"nopython": True, "error_model": "numpy", "nogil": True, "fastmath": {"contract"}}
+    compiled = Kernel(function, {}, options)
+    compiled.keep_in(str(cache_folder(function.__module__)))
+    return compiled
 
 
 def kernel(function: F) -> F:
@@ -110,8 +109,7 @@ def inline_kernel(function: F) -> F:
 def merged_kernel(function: F) -> F:
     """A kernel that becomes part of each kernel that calls it, before anything is compiled.
 
-    For the storeys between the wheel and the vehicle, with one caller or two: a storey of its own
-    would translate everything beneath it once more. Small functions with many callers are better
-    off as `inline_kernel`.
+    For the storeys between the wheel and the vehicle, with one caller: it saves the hundred numbers of
+    a plant on the way down. Each caller translates it anew, so what has several is a kernel of its own.
     """
     return _compile(function, inline="always")

@@ -13,7 +13,7 @@ from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.contact import NO_ROOT, SUNK
 from offroad_env.physics.full_model import WORK_ROWS, full_continue, full_derivative
-from offroad_env.physics.numerics import all_finite
+from offroad_env.physics.numerics import all_finite, copy_into
 from offroad_env.physics.packing import PackedPlant, unpack
 from offroad_env.physics.paper_model import paper_derivative, paper_step
 
@@ -43,18 +43,18 @@ def full_rows(fleet, start, commands, timing, rows, found):
         plant = unpack(PackedPlant(fleet.numbers[i], fleet.waves, fleet.patches, fleet.effects))
         held = commands[i if commands.shape[0] > 1 else 0]
         x, warm = states[i], warms[i]
-        kept[0, i] = x
+        copy_into(kept[0, i], x)
         # The readings of the start do not depend on the command; each interval goes on from the last.
         full_derivative(x, (0.0, 0.0, 0.0), plant, warm, work[0], seen)
-        readings[0, i] = seen
+        copy_into(readings[0, i], seen)
         worst, done = seen[at.STATUS], 0
         while done < held.shape[0] and worst < SUNK:
             command = (held[done, 0], held[done, 1], held[done, 2])
             row = min(done + 1, boundaries - 1)
             worst = max(worst, full_continue(x, warm, command, plant, timing, work, seen))
             if worst < SUNK:
-                kept[row, i] = x
-                readings[row, i] = seen
+                copy_into(kept[row, i], x)
+                copy_into(readings[row, i], seen)
                 done += 1
         outcome[i, 0], outcome[i, 1] = worst, done
 
@@ -70,7 +70,7 @@ def paper_rows(fleet, start, inputs, dt, rows, found):
         plant = unpack(PackedPlant(fleet.numbers[i], fleet.waves, fleet.patches, fleet.effects))
         given = inputs[i if inputs.shape[0] > 1 else 0]
         x, warm = states[i], warms[i]
-        kept[0, i] = x
+        copy_into(kept[0, i], x)
         worst, done, steps = 0.0, 0, given.shape[0] // 2
         while done < steps and worst < SUNK:
             seen = readings[min(done, boundaries - 1), i]
@@ -79,7 +79,7 @@ def paper_rows(fleet, start, inputs, dt, rows, found):
                 worst = NO_ROOT
             if worst < SUNK:
                 done += 1
-                kept[min(done, boundaries - 1), i] = x
+                copy_into(kept[min(done, boundaries - 1), i], x)
         if worst < SUNK:
             last, seen = given[2 * steps], readings[boundaries - 1, i]
             paper_derivative(x, (last[0], last[1], last[2]), plant, warm, work[0], seen)

@@ -322,7 +322,7 @@ def _implicit_sides(plant, x, stiffness, gamma_dt, k):
         k[at.PITCH_RATE] -= sin * lever * push_f / v.I_y
 
 
-@merged_kernel
+@kernel
 def _stiffness(plant, x, readings, stiffness):
     """What the Jacobian holds, into ``stiffness``: see `_SLIP_TORQUE` and what follows it."""
     v = plant.vehicle

@@ -9,6 +9,7 @@ import numpy as np
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
 
 from offroad_env.physics._jit import inline_kernel, kernel
 
@@ -17,6 +18,7 @@ __all__ = [
     "GRAVITY",
     "LANES",
     "all_finite",
+    "copy_into",
     "fast_exp",
     "fast_log",
     "half_angle",
@@ -80,6 +82,13 @@ def all_finite(x):
     for i in range(x.shape[0]):
         total += 0.0 * x[i]
     return total == 0.0
+
+
+@inline_kernel
+def copy_into(target, source):
+    """``target[:] = source`` for (N,) arrays: without a check of shapes, which takes seconds to compile."""
+    for i in range(target.shape[0]):
+        target[i] = source[i]
 
 
 @inline_kernel
@@ -201,20 +210,26 @@ def sin_cos(x):
 
 
 @intrinsic
-def _on_the_stack(_context):
-    """Pointer to room for `lane_rows` in the caller's own frame."""
+def _stacked_rows(_context):
+    """`lane_rows` in the caller's own frame."""
+    kind = types.Array(types.float64, 2, "C")
 
     def generate(context, builder, _signature, _arguments):
-        double = context.get_value_type(types.float64)
-        room = cgutils.alloca_once(builder, double, size=LANES * _ROWS)
+        room = cgutils.alloca_once(builder, context.get_value_type(types.float64), size=LANES * _ROWS)
         room.align = 64
-        return room
+        rows = context.make_array(kind)(context, builder)
+        shape, strides = ((_ROWS, LANES), (8 * LANES, 8))
+        populate_array(
+            rows,
+            data=room,
+            shape=[context.get_constant(types.intp, count) for count in shape],
+            strides=[context.get_constant(types.intp, count) for count in strides],
+            itemsize=context.get_constant(types.intp, 8),
+            meminfo=None,
+        )
+        return rows._getvalue()
 
-    return types.CPointer(types.float64)(), generate
-
-
-def _stacked_rows():
-    return numba.carray(_on_the_stack(), (_ROWS, LANES))
+    return kind(), generate
 
 
 def _plain_rows():
@@ -223,7 +238,7 @@ def _plain_rows():
 
 # (8, LANES) of scratch that costs nothing: on the stack, where an array of numpy's is an allocation.
 # It lives as long as the kernel that asks for it.
-lane_rows = _plain_rows if numba.config.DISABLE_JIT else inline_kernel(_stacked_rows)
+lane_rows = _plain_rows if numba.config.DISABLE_JIT else _stacked_rows
 
 
 @inline_kernel

@@ -16,7 +16,7 @@ from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel, merged_kernel
 from offroad_env.physics.contact import NO_ROOT, SUNK
 from offroad_env.physics.hooks import change_body_forces, change_load
-from offroad_env.physics.numerics import all_finite, lane_rows, sin_cos
+from offroad_env.physics.numerics import all_finite, copy_into, lane_rows, sin_cos
 from offroad_env.physics.vehicle_model import (
     axle_contact,
     axle_motion,
@@ -181,12 +181,12 @@ def simulate_paper(x, warm, inputs, plant, dt, states, readings):
     work = np.empty((3, x.shape[0]))
     worst = 0.0
     for i in range(steps):
-        states[i] = x
+        copy_into(states[i], x)
         status = paper_step(x, warm, inputs[2 * i : 2 * i + 3], plant, dt, work, readings[i])
         worst = max(worst, status)
         if status >= SUNK or not all_finite(x):
             return worst, i
-    states[steps] = x
+    copy_into(states[steps], x)
     last = inputs[2 * steps]
     paper_derivative(x, (last[0], last[1], last[2]), plant, warm, work[0], readings[steps])
     return max(worst, readings[steps, at.STATUS]), steps

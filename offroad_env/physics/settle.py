@@ -19,7 +19,7 @@ from offroad_env.physics.vehicle_model import axle_contact, axle_motion, static_
 __all__ = ["settle"]
 
 
-@merged_kernel
+@kernel
 def _rest(plant, motion, place, N_0, warm, readings):
     """(status, soil torque) of an axle that carries ``N_0`` [N]; ``place`` = (arm [m], rim speed [m/s]).
 
@@ -68,12 +68,12 @@ def _rolling_rim(plant, motion, arm, N_0, warm, readings):
 
 
 @kernel
-def settle(plant, pose, v_x, torque_free):
+def settle(plant, pose, v_x):
     """(worst status, state (15,), warm (2, 3)) of a vehicle settled on the soil at ``pose`` = (X, Y, yaw).
 
     ``v_x`` [m/s] is its horizontal speed; the axles carry N_static + m_w H_ddot, their heights
-    and rates follow the ground. ``torque_free`` finds the rim speeds without soil torque (full
-    model); otherwise the constant slip of the plant sets them (paper).
+    and rates follow the ground. In the full model the wheels turn without soil torque; in the
+    paper's the constant slip of the plant sets their speeds.
     """
     x, warm, readings = np.zeros(at.STATE_SIZE), np.zeros((2, 3)), np.empty(at.READINGS_SIZE)
     v = plant.vehicle
@@ -88,7 +88,7 @@ def settle(plant, pose, v_x, torque_free):
         motion = axle_motion(plant.ground, (X, Y, direction), (v_x, 0.0, 0.0), arm, (0.0, 1.0))
         _, _, H, H_dot, H_ddot, u_l, _, _, _ = motion
         N_0 = loads[i] + v.m_w * H_ddot
-        if torque_free:
+        if plant.resultant > 0.5:
             rim = _rolling_rim(plant, motion, arm, N_0, warm[i], seen)
         else:
             rim = u_l / (1.0 - plant.slip) if plant.slip >= 0.0 else u_l * (1.0 + plant.slip)

@@ -9,8 +9,10 @@ import textwrap
 import gymnasium as gym
 import numpy as np
 import pytest
+from scipy.stats import ttest_1samp
 
 from agents.benchmark import study
+from agents.benchmark.learned import learned_verdict, seed_interval, summarise_learned
 from agents.benchmark.page import benchmark_sections, verdict
 from agents.benchmark.runner import ENV_ID, MISMATCH, draw_episodes
 from agents.benchmark.statistics import effect_size, recovered_share
@@ -168,11 +170,35 @@ def test_where_nothing_shows_the_verdict_says_so():
 
 def test_the_page_holds_every_comparison_with_its_numbers(comparison):
     picture = Picture(png=b"png", caption="physics")
-    sections = benchmark_sections({("speed", "twin"): comparison}, picture, command="offroad", seconds=1.0)
+    place = ("speed", "twin")
+    trained = {place: [trained_arm("ppo_aware", 46.0), trained_arm("ppo_oblivious", 52.0)]}
+    sections = benchmark_sections({place: comparison}, picture, trained, command="offroad", seconds=1.0)
     page = render_page(sections, title="t", intro="i", footer="f")
-    for words in ("What knowing the soil is worth", "speed, twin form", "Headroom:", "interquartile mean"):
-        assert words in page
-    assert json.loads(json.dumps(sections[-1].data))["better_uninformed"] == "conservative"
+    words = ("What knowing the soil is worth", "speed, twin form", "Headroom:", "interquartile mean")
+    for word in (*words, "ppo_oblivious", "a trained policy does better with the estimate"):
+        assert word in page
+    assert json.loads(json.dumps(sections[-2].data))["better_uninformed"] == "conservative"
+
+
+def trained_arm(name, score):
+    episodes = {seed: ([score + 0.1 * seed, score], [True, True]) for seed in range(5)}
+    return summarise_learned("speed", name, episodes)
+
+
+def test_the_interval_of_a_trained_arm_is_students_over_its_seeds():
+    values = [1.0, 2.0, 3.0, 4.0]
+    expected = ttest_1samp(values, 0.0).confidence_interval()
+    found = seed_interval(values)
+    assert (found.value, found.low, found.high) == pytest.approx((2.5, expected.low, expected.high))
+    assert seed_interval([1.0]).high == np.inf
+
+
+@pytest.mark.parametrize(
+    ("aware", "says"), [(46.0, "does better"), (58.0, "does worse"), (52.05, "do not show")]
+)
+def test_trained_arms_differ_where_their_intervals_do_not_overlap(aware, says):
+    arms = [trained_arm("ppo_aware", aware), trained_arm("ppo_oblivious", 52.0)]
+    assert says in learned_verdict(arms, "s")
 
 
 def test_the_recovered_share_is_one_for_the_oracle_and_none_for_the_uninformed():

@@ -18,11 +18,11 @@ from agents.benchmark.summary import summarise
 from agents.cli import COMMANDS, _parse
 from agents.commands.demo import Demo
 from agents.demo import SECTIONS, DemoSettings, run_demo
+from agents.policies import MissingExtraError
 from agents.protocol import ArmResult, EpisodeResult
 from agents.recording import EpisodeLog
 from agents.report import Section, frame_png, render_page
 from agents.sections.context import Driven, Run
-from agents.train import MissingExtraError
 from estimators.paper import forward_comparison
 from offroad_env.errors import DataError, InvalidParameter
 

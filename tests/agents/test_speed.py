@@ -89,11 +89,13 @@ def some_speed():
         missing=("racetrack-v0",),
         processors=2,
         rounds=3,
+        diagnosis_s=3.0,
         fresh=Fresh(
             import_s=0.1,
             import_others_s=0.3,
             first_step_s=0.8,
-            compile_s=None,
+            compile_s=(15.0, 16.0),
+            compile_filter_s=None,
             peak_mb=190.0,
             per_environment_kb=100.0,
             state_kb=3.3,
@@ -109,6 +111,8 @@ def test_the_command_prints_promises_and_writes_numbers_and_figure(monkeypatch, 
     printed = capsys.readouterr().out
     assert "MISSED" in printed
     assert "racetrack-v0 is not installed" in printed
+    assert "diagnosis of a log of 60 s: 3.0 s" in printed
+    assert "15.0 s of CPU time, 16.0 s by the clock" in printed
     assert (tmp_path / "speed.png").stat().st_size > 10_000
     numbers = json.loads((tmp_path / "speed.json").read_text(encoding="utf-8"))
     assert len(numbers["ratios"]) == len(BARS)
@@ -139,7 +143,7 @@ def test_an_environment_without_a_filter_loads_no_solvers():
 
 def test_one_environment_needs_less_than_250_megabytes():
     run_fresh(study._ONE.replace("print(peak())", ""))  # what is not compiled yet would count as well
-    assert study._fresh(study._PEAK + study._ONE) < 250.0
+    assert study._fresh(study._PEAK + study._ONE)[0] < 250.0
 
 
 def test_the_record_of_an_episode_is_smaller_than_four_kilobytes():

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
-from agents.arms import ArmSettings, make_arm
+from agents.arms import ArmSettings, believe_estimate, make_arm
 from agents.benchmark.runner import Draw, run_jobs
 from agents.capability import soil_capability
 from agents.speed_control import gentle_target
@@ -77,3 +78,28 @@ def test_the_briefing_says_what_the_task_demands(scenario):
     assert (briefing.stop_zone > 0.0) == (scenario == "brake")
     assert np.isfinite(briefing.shake_limit) == (scenario == "ride")
     assert briefing.time_limit == (40.0 if scenario == "brake" else 120.0)
+
+
+def believed(change, mean, sd=0.02, z=1.0):
+    observation = {"terrain": np.array([mean, sd, 1.0])}
+    briefing = OffroadBekkerEnv(scenario="patches").briefing
+    return believe_estimate(z, change)(briefing, None, observation)
+
+
+def test_who_expects_no_change_insures_the_filters_doubt_only():
+    belief = believed(0.0, 0.8)
+    assert tuple(belief) == pytest.approx((0.78, 0.8, 0.82))
+    assert believed(1e-9, 0.8).low == pytest.approx(0.78, abs=1e-4)
+
+
+def test_who_expects_a_change_is_the_more_careful_the_likelier_it_is():
+    lows = [believed(change, 1.0).low for change in (0.0, 0.1, 0.3, 0.6, 1.0)]
+    assert lows == sorted(lows, reverse=True)
+
+
+def test_who_is_sure_of_a_change_insures_a_fixed_place_in_the_prior():
+    ends = {believed(1.0, mean).low for mean in (0.4, 0.7, 1.0)}
+    place = norm.cdf(-1.0)
+    assert len(ends) == 1
+    assert ends.pop() == pytest.approx(0.3 + 0.8 * place, abs=1e-5)
+    assert believed(1.0, 0.4).mean == pytest.approx(0.4)

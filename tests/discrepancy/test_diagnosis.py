@@ -28,7 +28,7 @@ from offroad_env.extended import InputChain
 _HIDE = """
 import json, sys
 import numpy as np
-from estimators.discrepancy.hide import HIDERS, draw_case, hidden_log
+from estimators.discrepancy.hide import HIDERS, ONE_SIDED, draw_case, hidden_log
 from estimators.logs import write_log
 
 SIZES = {  # several times what such logs show, below what anybody would see without a finder
@@ -37,8 +37,8 @@ SIZES = {  # several times what such logs show, below what anybody would see wit
     "gyro_bias_yaw": 0.015, "accel_bias_y": 0.5,
 }
 rng = np.random.default_rng()
-name = str(rng.choice(list(HIDERS)))
-sign = 1.0 if name in ("steer_delay", "steer_lag", "aero_drag") else float(rng.choice((-1.0, 1.0)))
+name = str(rng.choice(list(SIZES)))
+sign = 1.0 if name in (*ONE_SIDED, "aero_drag") else float(rng.choice((-1.0, 1.0)))
 size = sign * SIZES[name] * float(rng.uniform(1.0, 1.5))
 seed = int(rng.integers(10_000, 1_000_000))
 log = hidden_log(draw_case(seed, duration=40.0, road="flat", gnss=True), HIDERS[name](size))

@@ -220,6 +220,14 @@ def test_a_single_environment_of_a_fleet_can_be_copied_out_of_it():
         assert identical(observation, follow)
 
 
+def test_the_whole_fleet_goes_on_after_it_was_stored():
+    envs = native(3, threads=2)
+    envs.reset(seed=1)
+    envs.step(np.full((3, 2), 0.2))
+    again = pickle.loads(pickle.dumps(envs))
+    assert identical(again.step(np.full((3, 2), 0.3))[0], envs.step(np.full((3, 2), 0.3))[0])
+
+
 # ---------------------------------------------------------------------- stable-baselines3
 
 

@@ -12,7 +12,7 @@ from estimators.mismatch import MISMATCHES, excited, mismatched_twin
 from estimators.mismatch_runs import FILTERS, Belief, judge, run_filter, summarise_verdicts
 from estimators.nuisances import LAG, MASS, doubt_model
 from estimators.paper import ROWS
-from estimators.protocol_runs import row_plant
+from estimators.protocol_runs import row_plant, row_twin
 from estimators.robust import RobustSettings, run_robust_bank
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.numerics import GRAVITY
@@ -66,7 +66,8 @@ def robust(twins):
     model = doubt_model(row_plant(ROW), 0.01, settings.joint, settings.doubt)
     for name in ("mass", "lag", "all"):
         twin = twins[name]
-        runs[name] = run_robust_bank(model, settings, twin.inputs, twin.readings("imu"), v_x=5.0)
+        seen = twin.readings("imu" if name == "lag" else "imu+wheels")
+        runs[name] = run_robust_bank(model, settings, twin.inputs, seen, v_x=5.0)
     return runs
 
 
@@ -86,6 +87,20 @@ def test_the_robust_bank_stays_honest_where_the_plain_one_is_sure_of_a_wrong_soi
     assert (run.repairs, run.failed) == (0, 0)
     plain = run_filter("bank", twin)
     assert not plain.low[-1] < twin.n[-1] < plain.high[-1]
+
+
+def test_the_robust_bank_does_not_vouch_for_a_soil_that_has_changed():
+    settings = RobustSettings()
+    twin = row_twin(ROW, 101, settings.joint, duration=8.0, change=(5.0, 0.75))
+    model = doubt_model(row_plant(ROW), twin.dt, settings.joint, settings.doubt)
+    run = run_robust_bank(model, settings, twin.inputs, twin.readings("imu+wheels"), v_x=5.0).bank
+    before = (twin.t > 3.0) & (twin.t < 5.0)
+    assert run.valid[before].all()
+    assert run.surprise[before].max() < settings.surprise
+    # Within a second the innovations have a mean, and a new fan is drawn.
+    assert not run.valid[(twin.t > 5.8) & (twin.t < 7.0)].any()
+    assert run.renewed >= 1
+    assert abs(run.n[-1] - 0.75) < 0.5 * abs(run.n[499] - 0.75)
 
 
 def test_verdict_counts_only_what_the_filter_vouches_for(twins):
@@ -123,5 +138,7 @@ def test_wrong_names_are_refused():
         RobustSettings(n_fan=(0.1, 1.3))
     with pytest.raises(InvalidParameter, match="components"):
         RobustSettings(components=0)
+    with pytest.raises(InvalidParameter, match="in mm or cm"):
+        RobustSettings(bump=3.0)
     assert JointSettings().n_range[0] < RobustSettings().n_fan[0]
     assert ETA == 10

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from estimators.nuisances import (
     LAG,
     LENGTH,
     MASS,
+    RIM,
     STIFFNESS,
     Doubt,
     advance,
@@ -23,12 +25,14 @@ from estimators.nuisances import (
     doubt_model,
     linearise,
     settled_belief,
+    slip_sinkage,
     tie,
 )
 from estimators.paper import ROWS
 from estimators.protocol_runs import row_plant
 from estimators.transforms import from_range
 from offroad_env.errors import InvalidParameter
+from offroad_env.physics import state as at
 
 SETTINGS, DOUBT = JointSettings(), Doubt()
 ROW, DT = ROWS[2], 0.01
@@ -112,7 +116,9 @@ def test_settled_start_follows_what_is_uncertain():
     _, mean, cov, _ = settled_belief(MODEL, ETA_CLAY, 0.04, 0.01, (0.0, 0.0, 0.0), 5.0)
     sd = np.sqrt(np.diag(cov))
     np.testing.assert_allclose(cov, cov.T, atol=1e-15)
-    assert mean[STIFFNESS] == pytest.approx(tie(0.5))
+    # Half of what slip may do to the moduli is expected.
+    sinks = slip_sinkage(MODEL.plant.slip)
+    assert mean[STIFFNESS] == pytest.approx(tie(0.5) - 0.5 * 0.5 * math.log(sinks))
     # Stiffer moduli and a lighter vehicle: a shallower rut.
     heave = 3
     status, given, _, _ = settled_belief(
@@ -124,6 +130,28 @@ def test_settled_start_follows_what_is_uncertain():
     # The pressure at 4 cm holds the moduli: it is as uncertain as they are, and as n makes it.
     assert sd[STIFFNESS] > DOUBT.stiffness
     assert sd[BUMP] == pytest.approx(0.01)
+
+
+def test_a_wheel_that_slips_sinks_deeper_in_either_direction():
+    assert slip_sinkage(0.0) == 1.0
+    assert slip_sinkage(0.2) == pytest.approx(1.2 / 0.9)
+    assert slip_sinkage(-0.2) == slip_sinkage(0.2)
+
+
+def test_rims_tell_the_speed_only_as_well_as_the_tyres_radius_is_known(twin):
+    def bound(rim, sensors):
+        model = doubt_model(row_plant(ROW), DT, SETTINGS, replace(DOUBT, rim=rim))
+        seen = twin.readings(sensors)
+        return bound_with_doubt(model, (0.3, 0.003), twin.truth, twin.inputs, seen)[1][-1]
+
+    blind, doubting, sure = (
+        bound(0.02, "imu"),
+        bound(0.02, "imu+wheels"),
+        bound(1e-6, "imu+wheels"),
+    )
+    assert blind[RIM] == pytest.approx(0.02)
+    assert doubting[RIM] < 0.02
+    assert sure[at.V_X] < doubting[at.V_X] < blind[at.V_X]
 
 
 def test_doubt_costs_information_and_moduli_cost_most(twin):
@@ -145,3 +173,5 @@ def test_wrong_doubts_are_refused():
         Doubt(mass=0.0)
     with pytest.raises(InvalidParameter, match="process must have 5"):
         Doubt(process=(0.1, 0.1))
+    with pytest.raises(InvalidParameter, match="error must have 7"):
+        Doubt(error=(0.1,) * 5)

@@ -24,9 +24,18 @@ from offroad_env.vehicles import VEHICLES
 _ROUTE = np.column_stack([np.linspace(0.0, 4.0, 50), np.linspace(0.0, 0.3, 50)])
 
 
-def _setup(model: str = "full") -> Setup:
-    plant = make_plant(VEHICLES["mrzr"], SOILS["dry_sand"], paper_terrain(0.1), model=model, slip=0.05)
+#: Effects of a wheel rig alone are tried on trials: tests/discrepancy/test_rig.py.
+_ON_VEHICLES = [name for name, effect in EFFECTS.items() if "full" in effect.models]
+
+
+def _setup(model: str = "full", soil: str = "dry_sand") -> Setup:
+    plant = make_plant(VEHICLES["mrzr"], SOILS[soil], paper_terrain(0.1), model=model, slip=0.05)
     return Setup(plant=plant, mount=ImuConfig(lever_arm=(0.3, 0.1, 0.2), body_axes=model == "full").mount())
+
+
+def _setup_for(name: str) -> Setup:
+    """Where the effect means something."""
+    return _setup(soil="hard_ground" if EFFECTS[name].hard_only else "dry_sand")
 
 
 def _values(name: str, size: float) -> dict[str, float]:
@@ -37,7 +46,8 @@ def _values(name: str, size: float) -> dict[str, float]:
 
 def _drive(setup: Setup, start: tuple | None = None) -> np.ndarray:
     """What sensors and state say along a short, lively drive that begins with braking."""
-    state, warm = settled_state(_setup(setup.model).plant, v_x=4.0)
+    soil = "hard_ground" if setup.plant.soil.rigid > 0.5 else "dry_sand"
+    state, warm = settled_state(_setup(setup.model, soil).plant, v_x=4.0)
     readings, chain, rows = np.zeros(at.READINGS_SIZE), InputChain(setup.inputs), []
     for k in range(60):
         steer, drive, brake = 0.15 * np.sin(0.4 * k), 900.0 * (k >= 20), 800.0 * (k < 20)
@@ -66,9 +76,9 @@ def _drive(setup: Setup, start: tuple | None = None) -> np.ndarray:
     return np.array(rows)
 
 
-@pytest.mark.parametrize("name", list(EFFECTS))
+@pytest.mark.parametrize("name", _ON_VEHICLES)
 def test_an_effect_at_its_off_value_leaves_not_a_trace(name):
-    setup = _setup()
+    setup = _setup_for(name)
     off = apply(setup, [(name, _values(name, EFFECTS[name].size.off))])
     assert off is setup
 
@@ -82,10 +92,10 @@ def test_the_base_model_has_no_effects_and_inactive_rows_change_rounding_at_most
     assert np.max(np.abs(_drive(idle) - base)) < 1e-9
 
 
-@pytest.mark.parametrize("name", list(EFFECTS))
+@pytest.mark.parametrize("name", _ON_VEHICLES)
 def test_an_effect_acts_at_its_plausible_size_and_fades_as_it_shrinks(name):
     effect = EFFECTS[name]
-    setup = _setup()
+    setup = _setup_for(name)
     reach = effect.plausible(setup.plant.vehicle)
     base = _drive(setup)
     away = [
@@ -138,6 +148,7 @@ def test_wrong_use_is_refused_with_the_reason():
         (setup, [("payload", {"share": 30.0})], "payload: share must be in"),
         (_setup("paper"), [("one_sided_brake", {"share": 0.1})], "means nothing in the paper model"),
         (hard, [("multi_pass", {"share": 0.1})], "means nothing on hard ground"),
+        (setup, [("road_grip", {"share": 0.1})], "means nothing on soil"),
     ):
         with pytest.raises(InvalidParameter, match=message):
             apply(start, effects)

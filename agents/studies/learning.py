@@ -1,0 +1,202 @@
+"""``offroad reproduce learning``: does a trained policy drive better when it is told the estimate?
+
+For each task three arms are trained by PPO with the same settings and several seeds: ``ppo_aware`` sees
+mean and standard deviation of the filter on board, ``ppo_oblivious`` does not, ``ppo_memory`` sees its last
+ten observations (two seconds) instead. All are guided policies (`agents.guide`).
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+
+from agents.benchmark.learned import LearnedArm, learned_verdict, summarise_learned
+from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
+from agents.commands.output import Results, console, say, table
+from agents.policies import KIND, LEARNED, SCALING, WEIGHTS, load_policy
+from agents.pure_pursuit import PurePursuitAgent
+from agents.studies.felt import felt_error
+from agents.studies.units import Key, run_units, stamp_of
+from agents.train import TrainArgs, configuration_hash, train
+from offroad_env.errors import InvalidParameter
+from offroad_env.scenarios import MEASURES, SCENARIOS, find_scenario
+
+__all__ = ["Learning", "arguments", "run_unit"]
+
+_FRAMES = 10  #: of the arm with memory: two seconds
+_SOURCES = ("agents.train", "agents.learning_env", "agents.benchmark.runner", "offroad_env.vector_env")
+#: Units beside the policies: a tracker, and what a single look at the senses tells of the soil.
+_PLAIN, _FELT = "pure_pursuit", "felt"
+
+
+def arguments(task: str, arm: str, seed: int, steps: int, out: Path) -> TrainArgs:
+    """What a policy is trained with."""
+    return TrainArgs(
+        scenario=task,
+        terrain_info=LEARNED[arm],
+        frames=_FRAMES if arm == "ppo_memory" else 1,
+        seed=seed,
+        total_steps=steps,
+        threads=1,
+        resume=True,
+        eval_episodes=0,
+        out=out / "policies" / task / arm / str(seed),
+    )
+
+
+def run_unit(task: str, arm: str, seed: int, steps: int, episodes: int, *, out: Path) -> dict[str, Any]:
+    """Train one policy, or take up its training, and drive the test episodes; a unit of `run_units`."""
+    if arm == _FELT:
+        return {"errors": felt_error(task, episodes)}
+    import torch
+
+    torch.set_num_threads(1)
+    found: dict[str, Any] = {}
+    if arm == _PLAIN:
+        agent, terrain_info = PurePursuitAgent(), "none"
+    else:
+        args = arguments(task, arm, seed, steps, out)
+        result = train(args)
+        agent, terrain_info = load_policy(args.out), args.terrain_info
+        checks = [point for point in result.curve if point.score is not None]
+        found = {
+            "configuration": result.configuration,
+            "curve": [(point.steps, point.wall_time, point.score) for point in checks],
+            "periods_per_second": result.periods_per_second,
+            "wall_time": result.wall_time,
+        }
+    env = gym.make(ENV_ID, scenario=task, terrain_info=terrain_info)
+    draws = draw_episodes(task, episodes, 0)
+    driven = [run_episode(env, agent, draw.seed, n=draw.n) for draw in draws]
+    env.close()
+    return {
+        **found,
+        "scores": [episode.score for episode in driven],
+        "success": [episode.success for episode in driven],
+    }
+
+
+@dataclass(kw_only=True)
+class Learning(Results):
+    """Policies trained with the estimate, without it, and with memory instead (needs the extra rl).
+
+    Writes the figure learning.png, the policies and their learning curves. A run that was interrupted goes
+    on from the last checkpoint of the policy it was at.
+    """
+
+    tasks: tuple[str, ...] = ("speed", "patches")  #: what is learnt
+    arms: tuple[str, ...] = tuple(LEARNED)  #: ppo_aware, ppo_oblivious, ppo_memory
+    seeds: int = 5  #: trainings of each
+    steps: int = 30_000  #: of the policy in each training; one lasts 10 control periods
+    episodes: int = 20  #: test episodes of each policy
+    ship: Path | None = None  #: also copy weights and settings of the policies into this folder
+    n_jobs: int = 2  #: local processes
+
+    def run(self) -> None:
+        """Train and drive what is missing, then plot and print."""
+        from agents.figures.learning import learning_figure
+
+        self._check()
+        done = run_units(
+            self.out / "learning.jsonl",
+            partial(run_unit, out=self.out),
+            self._stamps(),
+            label="policies",
+            n_jobs=self.n_jobs,
+        )
+        arms = self._summaries(done)
+        units = {task: MEASURES[SCENARIOS[task].measure][1] for task in self.tasks}
+        rows = []
+        for arm in arms:
+            each = ", ".join(f"{mean:.3g}" for mean in arm.means)
+            score = f"{arm.score:.3g}" if len(arm.seeds) > 1 else f"{arm.score.value:.3g}"
+            score = f"{score} {units[arm.task]}"
+            rows.append((arm.task, arm.arm, score, each, f"{100.0 * arm.failed:.0f} %"))
+        title = f"{self.seeds} training seeds, {self.episodes} episodes each"
+        heading = ("task", "arm", "mean over training seeds", "each seed", "failures")
+        console().print(table(title, heading, rows, texts=2))
+        for task in self.tasks:
+            here = [arm for arm in arms if arm.task == task]
+            say(learned_verdict(here, units[task]))
+            error, prior = done[task, _FELT, 0, 0, self.episodes]["errors"]
+            say(f"A single observation on {task} tells n to {error:.3f} (prior {prior:.3f}).")
+        rates = [unit["periods_per_second"] for unit in done.values() if "periods_per_second" in unit]
+        say(f"training: {min(rates):.0f} to {max(rates):.0f} environment steps a second in one process")
+        self.save_figure(learning_figure(arms, self._curves(done)), "learning")
+        if self.ship is not None:
+            self._copy(self.ship)
+        felt = {task: done[task, _FELT, 0, 0, self.episodes]["errors"] for task in self.tasks}
+        numbers = {"arms": [asdict(arm) for arm in arms], "curves": self._curves(done), "felt": felt}
+        self.save_numbers(numbers)
+
+    def _check(self) -> None:
+        for task in self.tasks:
+            find_scenario(task)
+        unknown = set(self.arms) - set(LEARNED)
+        if unknown:
+            raise InvalidParameter(f"arms must be of {', '.join(LEARNED)}, got {', '.join(sorted(unknown))}")
+        for name, least in (("seeds", 1), ("steps", 1), ("episodes", 2)):
+            if getattr(self, name) < least:
+                raise InvalidParameter(f"{name} must be >= {least}, got {getattr(self, name)}")
+
+    def _keys(self) -> list[Key]:
+        """All arms of a seed before the next seed: what is there can be compared at any time."""
+        trained = [
+            (task, arm, seed, self.steps, self.episodes)
+            for seed in range(self.seeds)
+            for task in self.tasks
+            for arm in self.arms
+        ]
+        beside = [(task, name, 0, 0, self.episodes) for task in self.tasks for name in (_PLAIN, _FELT)]
+        return beside + trained
+
+    def _stamps(self) -> dict[Key, str]:
+        """Sources, and the configuration of the training."""
+        sources = stamp_of(*_SOURCES)
+        stamps = {}
+        for key in self._keys():
+            task, arm, seed, steps, _ = key
+            trained = (
+                configuration_hash(arguments(task, arm, seed, steps, self.out)) if arm in LEARNED else ""
+            )
+            stamps[key] = f"{sources}-{trained}"
+        return stamps
+
+    def _summaries(self, done: Mapping[Key, dict]) -> list[LearnedArm]:
+        return [
+            summarise_learned(
+                task,
+                arm,
+                {
+                    key[2]: (done[key]["scores"], done[key]["success"])
+                    for key in self._keys()
+                    if key[:2] == (task, arm)
+                },
+            )
+            for task in self.tasks
+            for arm in (*self.arms, _PLAIN)
+        ]
+
+    def _curves(self, done: Mapping[Key, dict]) -> list[dict[str, Any]]:
+        """Learning curve of every policy."""
+        return [
+            {"task": key[0], "arm": key[1], "seed": key[2], "points": done[key]["curve"]}
+            for key in self._keys()
+            if key[1] in LEARNED
+        ]
+
+    def _copy(self, folder: Path) -> None:
+        for task, arm, seed, steps, _ in self._keys():
+            if arm in LEARNED:
+                home = arguments(task, arm, seed, steps, self.out).out
+                goal = folder / task / arm / str(seed)
+                goal.mkdir(parents=True, exist_ok=True)
+                for name in (WEIGHTS, SCALING, KIND):
+                    shutil.copyfile(home / name, goal / name)
+        say(f"policies: {folder}")

@@ -1,0 +1,69 @@
+"""Measured data of other people: what the commands make of them, and what the finder refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from agents.commands.data import Log as DataLog
+from agents.commands.diagnose import Diagnose
+from estimators.discrepancy.diagnosis import diagnose
+from estimators.discrepancy.fit import NUISANCES, Fit
+from estimators.discrepancy.hide import draw_case, hidden_log
+from estimators.discrepancy.run_model import RunModel
+from estimators.discrepancy.verdict import sentence_of
+from estimators.discrepancy.windows import FIT
+from estimators.logs import read_log, write_log
+from estimators.wheel_rig import cmu_rig_log
+from helpers import measured_data
+from offroad_env.errors import DataError
+
+
+@pytest.mark.parametrize("drive", ["DS1", "DS2", "DS3"])
+def test_a_published_drive_in_the_wrong_units_ends_in_a_data_problem_that_names_them(drive, tmp_path):
+    path = measured_data("f1tenth_indoor") / f"{drive}.csv"
+    DataLog(name="f1tenth_indoor", path=path, out=tmp_path).run()
+    diagnosis = diagnose([read_log(tmp_path / f"{drive}.csv")])
+    assert diagnosis.verdict == "DATA PROBLEM"
+    said = " ".join(finding.sentence for finding in diagnosis.findings)
+    assert "yaw_rate is in deg/s" in said
+    assert "a_z is in g" in said
+    assert "turned by 90 degrees" in said
+    assert "deg/s" in sentence_of(diagnosis)
+
+
+def test_the_soil_bin_becomes_a_log_that_reads_back_as_it_was(tmp_path):
+    path = measured_data("cmu_single_wheel") / "original" / "all_grouser_data.mat"
+    DataLog(name="cmu_single_wheel", path=path, out=tmp_path).run()
+    back, log = read_log(tmp_path / "cmu_single_wheel.csv"), cmu_rig_log(path)
+    assert back.rig
+    assert back.hash == log.hash
+    for name, values in log.channels.items():
+        assert np.array_equal(back.channels[name], values, equal_nan=True)
+
+
+def test_a_drive_without_a_file_is_asked_for(tmp_path):
+    with pytest.raises(DataError, match="name the file of the drive"):
+        DataLog(name="f1tenth_indoor", out=tmp_path).run()
+
+
+def test_trials_and_drives_are_not_mistaken_for_each_other(tmp_path):
+    drive = write_log(tmp_path / "run.csv", hidden_log(draw_case(9, duration=5.0)))
+    with pytest.raises(DataError, match="a drive, not trials"):
+        Diagnose(logs=(drive,), rig=True, out=tmp_path).run()
+
+
+def test_inputs_are_nobodys_fault_by_half_a_sample_at_most():
+    """Else the healthy timing of the inputs would swallow any delay of the steering."""
+    fit = Fit([RunModel(hidden_log(draw_case(9, duration=8.0, road="flat")), use=FIT)])
+    fit.begin()
+    change = np.zeros(len(NUISANCES))
+    shift = [nuisance.name for nuisance in NUISANCES].index("shift")
+    change[shift] = 10.0
+    states = len(fit.runs[0].free)
+    back = [(np.zeros(states), np.zeros((states, len(change))))] * len(fit.runs[0].windows)
+    moved, _, _ = fit._moved(change, back, 1.0)
+    assert moved[shift] == pytest.approx(np.sqrt(3.0))
+    # sqrt(3) standard deviations of a uniform law over a sample are half of it.
+    setup = fit.setup(fit.runs[0], moved, np.empty(0))
+    assert setup.inputs.delay == pytest.approx(0.5 * fit.runs[0].step)
