@@ -8,7 +8,7 @@ __all__ = ["RUNS", "SETTINGS"]
 RUNS: dict[str, str] = {
     "brake": "seed 0, 136 episodes an arm: nominal 9.197, conservative 9.37, aware 9.052, oracle 9.053",
     "climb": "seed 0, 136 episodes an arm: nominal 74.42, conservative 72.65, aware 70.82, oracle 70.79",
-    "patches": "seed 0, 136 episodes an arm: nominal 49.13, conservative 52.63, aware 58.14, oracle 43.92",
+    "patches": "seed 0, 350 episodes an arm: nominal 51.25, conservative 49.07, aware 52, oracle 42.71",
     "ride": "seed 0, 136 episodes an arm: nominal 46.92, conservative 48.46, aware 48.61, oracle 48.69",
     "speed": "seed 0, 432 episodes an arm: nominal 48.6, conservative 45.4, aware 42.4, oracle 42.8",
     "track": "not searched yet: the middle of the box for every arm",
@@ -49,11 +49,12 @@ SETTINGS: dict[tuple[str, str], dict[str, float]] = {
         "slip_angle": 0.2744,
         "feed_forward": 0.8222,
         "z": 0.7108,
+        "change": 0,
     },
     ("patches", "conservative"): {
-        "margin": 0.7241,
-        "slip_angle": 0.3119,
-        "feed_forward": 0.6529,
+        "margin": 0.646,
+        "slip_angle": 0.4951,
+        "feed_forward": 0.8357,
     },
     ("patches", "nominal"): {
         "margin": 0.6348,
@@ -62,9 +63,9 @@ SETTINGS: dict[tuple[str, str], dict[str, float]] = {
         "n": 0.2042,
     },
     ("patches", "oracle"): {
-        "margin": 0.7241,
-        "slip_angle": 0.3119,
-        "feed_forward": 0.6529,
+        "margin": 0.7026,
+        "slip_angle": 0.4819,
+        "feed_forward": 0.7202,
     },
     ("ride", "aware"): {
         "ride_speed": 7.0474,

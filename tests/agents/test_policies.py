@@ -39,10 +39,10 @@ def test_the_numbers_alone_act_as_the_model_they_were_taken_from(tmp_path):
         assert network.predict(seen)[0] == pytest.approx(expected, abs=1e-5)
 
 
-def test_policies_are_shipped_for_two_tasks_with_five_training_seeds_each():
-    assert len({task for task, _ in SHIPPED}) >= 2
-    for task, _ in SHIPPED:
-        assert {len(shipped_seeds(task, arm)) for arm in LEARNED} == {5}
+def test_every_shipped_arm_has_five_training_seeds_and_its_rival_beside_it():
+    assert {len(shipped_seeds(task, arm)) for task, arm in SHIPPED} == {5}
+    for task in {task for task, _ in SHIPPED}:
+        assert {(task, "ppo_aware"), (task, "ppo_oblivious")} <= set(SHIPPED)
 
 
 @pytest.mark.parametrize(("task", "arm"), SHIPPED)
