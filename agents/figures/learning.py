@@ -77,7 +77,7 @@ def _draw_plain(axes: Axes, arms: Sequence[LearnedArm]) -> None:
         if arm.arm == "pure_pursuit":
             axes.axhline(arm.score.value, color=_COLOURS[arm.arm], lw=1.0, ls="--")
             axes.annotate(
-                "pure pursuit", (0.01, arm.score.value), xycoords=("axes fraction", "data"), va="bottom"
+                "pure pursuit", (0.01, arm.score.value), xycoords=("axes fraction", "data"), va="top"
             )
 
 
