@@ -89,7 +89,7 @@ class TrainArgs:
     gamma: float = 0.96  #: discount per step; 1/(1 - gamma) guided steps are 5 s
     gae_lambda: float = 0.9  #: bias against variance of the advantage (not SAC)
     log_std: float = -2.4  #: first log standard deviation of the noise (not SAC)
-    noise_steps: int = 25  #: steps for which the noise, a function of the state, is kept; 1 = plain (not SAC)
+    noise_steps: int = 25  #: above 1, noise follows the state and is drawn anew after so many (not SAC)
     buffer_size: int = 300_000  #: steps that SAC remembers
     hidden: tuple[int, ...] = (64, 64)  #: layers of policy and value network
     check_steps: int = 7_500  #: steps between two drives of the tuning episodes; the best policy is kept

@@ -92,22 +92,31 @@ class ExtendedTruth:
         e["action"] = action
         t, span = float(e["time"]), CONTROL_PERIOD / SAMPLES
         self.chain.push(t, command())
+        going_on = self._goes_on(e)
         e["samples"], e["status"] = 0.0, 0.0
         for i in range(int(e["count"])):
-            status = self._advance(e, self.chain.acting(t + i * span, span), first=i == 0)
+            status = self._advance(e, self.chain.acting(t + i * span, span), fresh=i == 0 and not going_on)
             e["status"] = max(float(e["status"]), status)
             if e["status"] >= SUNK:
                 break
             self._sense(e, noise, i)
+        e["slope"] = self._work[0][: at.STATE_SIZE]
         self._keep_sound(e)
 
-    def _advance(self, e: Any, acting: tuple[float, float, float], *, first: bool) -> float:
+    def _goes_on(self, e: Any) -> bool:
+        """Whether the last period has ended with this state, and its slope with it; then it is at hand."""
+        if e["steps"] <= 0 or e["status"] >= SUNK or not np.array_equal(e["state"], e["sound_state"]):
+            return False
+        self._work[0][: at.STATE_SIZE] = e["slope"]
+        return True
+
+    def _advance(self, e: Any, acting: tuple[float, float, float], *, fresh: bool) -> float:
         """To the next sample; returns the worst contact status."""
         x, warm, readings, steps = e["state"], e["warm"], e["readings"], int(e["steps"])
         plant = self.setup.plant
         if not self._full:
             return paper_advance(x, warm, acting, plant, FULL_STEP, steps, readings)
-        if first:  # the later samples of a period go on from the slope of the sample before
+        if fresh:  # otherwise it goes on from the slope of the sample before
             full_derivative(x, acting, plant, warm, self._work[0], readings)
         return full_continue(x, warm, acting, plant, (FULL_STEP, steps), self._work, readings)
 

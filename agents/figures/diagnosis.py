@@ -22,11 +22,14 @@ def diagnosis_figure(numbers: Mapping) -> Figure:
 
 
 def _draw_confusion(axes: Axes, confusion: Mapping[str, Mapping[str, float]]) -> None:
+    if not confusion:
+        axes.set_axis_off()
+        return
     hidden = sorted(confusion)
     others = sorted({name for row in confusion.values() for name in row} - set(hidden) - {"nothing"})
     names = [*hidden, *others, "nothing"]
     shares = np.array([[confusion[row].get(name, 0.0) for name in names] for row in hidden])
-    axes.imshow(shares.reshape(len(hidden), len(names)), cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+    axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
     for (i, j), share in np.ndenumerate(shares):
         if share > 0.0:
             colour = "white" if share > 0.6 else "0.1"

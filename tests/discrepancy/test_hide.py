@@ -84,7 +84,7 @@ def test_hidden_and_library_effects_of_one_name_change_the_same_samples_by_as_mu
 
 
 def test_most_of_the_library_can_be_hidden_without_its_own_laws():
-    searched = {name for name, effect in EFFECTS.items() if effect.searched}
+    searched = {name for name, effect in EFFECTS.items() if effect.searched and effect.models != ("rig",)}
     assert searched >= set(HIDERS)
     assert len(HIDERS) >= 0.85 * len(searched)
 
