@@ -52,7 +52,7 @@ _TICK = 0.005
 #: Effects that are hidden by the same means, and cannot be hidden together.
 _EXCLUSIVE = (("steer_delay", "steer_lag", "steer_offset"), ("slip_sinkage", "n_step"))
 #: Where the hider's soil changes, as the finder's parameters.
-_PLACES = {"n_step": {"place": 35.0, "direction": 0.0}}
+_PLACES = {"n_step": {"place": 35.0, "direction": 0.0}, "n_trend": {"place": 80.0, "direction": 0.0}}
 #: Size of the forces without a name [share of the weight].
 _STRANGE = 0.03
 #: An explanation that copies this share of the removed effect's trace is no wrong name.
