@@ -70,7 +70,7 @@ def sentence_of(diagnosis: Diagnosis) -> str:
     if verdict == "DATA PROBLEM":
         return f"The data must be mended first: {diagnosis.findings[0].sentence}."
     if verdict == "NUMERICS" and not diagnosis.checks.get("converged", True):
-        return "The fit of the nominal model found no clean minimum: drive faster, or log positions."
+        return "The fit found no clean minimum: drive faster, or log positions."
     if verdict == "NUMERICS":
         return "The solver's own error is as large as what could be found: refine the step first."
     if verdict == "NOT TESTABLE":
