@@ -32,14 +32,17 @@ class Nuisance:
     sensors_only: bool
     channel: int = 0
     limit: float = np.inf  #: nothing healthy has more, either way
+    hard_limit: float = np.inf  #: the same on hard ground
     hard: bool = False  #: of hard ground alone
 
 
+#: No tyre is stiffer, or softer, than stated by more than this: the logarithm of a factor of four.
+_TYRES = 1.4
 #: Beliefs about a healthy vehicle; a bias beyond them is an effect.
 NUISANCES = (
-    Nuisance(name="ground", spread=0.5, step=0.005, sensors_only=False),
+    Nuisance(name="ground", spread=0.5, step=0.005, sensors_only=False, hard_limit=_TYRES),
     # Tyres are known by one stiffness at best, and never in front as behind, nor along as across.
-    Nuisance(name="along", spread=0.5, step=0.005, sensors_only=False, hard=True),
+    Nuisance(name="along", spread=0.5, step=0.005, sensors_only=False, hard_limit=_TYRES, hard=True),
     Nuisance(name="balance", spread=0.3, step=0.02, sensors_only=False, limit=0.8, hard=True),
     # Half a sample either way, in standard deviations; inputs that are later than that are an effect.
     Nuisance(name="shift", spread=1.0, step=0.25, sensors_only=False, limit=3.0**0.5),
@@ -458,7 +461,8 @@ class Fit:
 
     def _limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest value of every shared parameter."""
-        limit = np.array([nuisance.limit for nuisance in NUISANCES])
+        hard = self.runs[0].setup.plant.soil.rigid > 0.5
+        limit = np.array([min(n.limit, n.hard_limit) if hard else n.limit for n in NUISANCES])
         sizes = [EFFECTS[c.effect].size for c in self.candidates]
         low = np.concatenate([-limit, [size.low for size in sizes]])
         return low, np.concatenate([limit, [size.high for size in sizes]])

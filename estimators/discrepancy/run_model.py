@@ -13,6 +13,7 @@ from estimators.discrepancy.kernels import actuator_states, imu_rows, run_full, 
 from estimators.discrepancy.windows import Windows, cut
 from estimators.logs.log import Log
 from estimators.logs.runs import plant_of
+from estimators.logs.signals import jumps
 from offroad_env.effects.protocol import Inputs, Setup
 from offroad_env.errors import DataError, SolverFailure
 from offroad_env.physics import state as at
@@ -28,6 +29,8 @@ PAPER_STEP = 0.01
 _FINEST, _COARSEST = 0.005, 0.02
 #: Below this speed the course of a satellite receiver means nothing [m/s].
 COURSE_SPEED = 1.0
+#: A vehicle with this wheelbase or a longer one is driven in windows and steps of full length [m].
+_FULL_SIZE = 2.0
 #: A step between rows longer than this many usual ones, and than this [s], is a gap.
 _GAP, _SHORTEST_GAP = 5.0, 0.15
 #: Half width of the mean that starts a window [s].
@@ -98,7 +101,10 @@ class RunModel:
         times = log.samples("a_x")[0]
         self.t_0 = float(times[0])
         self.step = round(float(np.clip(np.median(np.diff(times)), _FINEST, _COARSEST)), 6)
-        self.steps = max(math.ceil(self.step / (FULL_STEP if full else PAPER_STEP) - 1e-6), 1)
+        # Of two vehicles alike the smaller one lives faster, by the root of its size.
+        vehicle = plant.vehicle
+        pace = min(math.sqrt((vehicle.l_f + vehicle.l_r) / _FULL_SIZE), 1.0)
+        self.steps = max(math.ceil(self.step / (pace * (FULL_STEP if full else PAPER_STEP)) - 1e-6), 1)
         self.dt = self.step / self.steps
         count = math.floor((times[-1] - self.t_0) / self.step + 1e-6)
         if count * self.step < 3.0:
@@ -111,7 +117,7 @@ class RunModel:
             # The wheels turn as measured: a spin inertia that nothing moves.
             plant = plant._replace(vehicle=plant.vehicle._replace(I_w=1e9))
         self.setup = Setup(plant=plant, mount=imu.mount())
-        windows = cut(count, self.step, whole, self._usable())
+        windows = cut(count, self.step, whole, self._usable(), pace)
         self.windows: Windows = windows if use is None else windows.only(use)
         self._find_data()
         self.free = tuple(_FREE) if full and self.driven else tuple(i for i in _FREE if i < at.OMEGA_F)
@@ -144,7 +150,7 @@ class RunModel:
     def _usable(self) -> np.ndarray | None:
         """(K,) steps of the grid that can be simulated; None where all can.
 
-        In a gap of the log nobody knows the inputs. On hard ground a tyre's law means nothing near
+        In a gap of the log nobody knows the inputs; no start fits on both sides of a position that jumps. On hard ground a tyre's law means nothing near
         standstill, where the model has a seam instead.
         """
         usable = np.ones(self.count, dtype=bool)
@@ -152,6 +158,8 @@ class RunModel:
         t = self.log.t
         before = np.clip(np.searchsorted(t, middle) - 1, 0, len(t) - 2)
         usable &= np.diff(t)[before] <= max(_GAP * np.median(np.diff(t)), _SHORTEST_GAP)
+        for start, stop in jumps(self.log):
+            usable &= (middle < start) | (middle > stop)
         plant = self.setup.plant
         if plant.soil.rigid > 0.5:
             name = next((name for name in ("v_x", "speed", *_RIMS) if self._has(name)), None)

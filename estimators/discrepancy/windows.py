@@ -46,9 +46,9 @@ class Windows:
         return len(self.first)
 
 
-def _pieces(start: int, stop: int, step: float) -> list[tuple[int, int]]:
+def _pieces(start: int, stop: int, length: float) -> list[tuple[int, int]]:
     """``start ... stop`` in equal windows as near to the wanted length as they divide it."""
-    count = max(round((stop - start) * step / _LENGTH), 1)
+    count = max(round((stop - start) / length), 1)
     edges = np.linspace(start, stop, count + 1).round().astype(int)
     return list(pairwise(edges))
 
@@ -71,7 +71,13 @@ def _parts(start: int, stop: int, stretches: list[tuple[int, int]]) -> list[tupl
     return parts
 
 
-def cut(steps: int, step: float, whole: int | None = None, usable: np.ndarray | None = None) -> Windows:
+def cut(
+    steps: int,
+    step: float,
+    whole: int | None = None,
+    usable: np.ndarray | None = None,
+    scale: float = 1.0,
+) -> Windows:
     """Windows over a run of ``steps`` steps of ``step`` [s].
 
     Parameters
@@ -82,6 +88,8 @@ def cut(steps: int, step: float, whole: int | None = None, usable: np.ndarray | 
     usable
         (steps,) false where nothing may be simulated; default everywhere. Windows lie in one
         stretch each, and the time is that of the stretches.
+    scale
+        Of the length of a window.
     """
     lead = round(_LEAD_IN / step)
     if usable is None:
@@ -104,7 +112,7 @@ def cut(steps: int, step: float, whole: int | None = None, usable: np.ndarray | 
         (a, b - a, use)
         for start, stop, use in blocks
         for low, high in _parts(start, stop, stretches)
-        for a, b in _pieces(low, high, step)
+        for a, b in _pieces(low, high, scale * _LENGTH / step)
         if b - a >= shortest
     ]
     table = np.array(rows, dtype=np.int64).reshape(-1, 3)
