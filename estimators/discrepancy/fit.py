@@ -31,21 +31,22 @@ class Nuisance:
     step: float  #: of its finite difference
     sensors_only: bool
     channel: int = 0
-    limit: float = np.inf  #: nothing healthy has more, either way
-    hard_limit: float = np.inf  #: the same on hard ground
+    limits: tuple[float, float] = (-np.inf, np.inf)  #: nothing healthy lies beyond
+    hard_limits: tuple[float, float] | None = None  #: the same on hard ground, where it differs
     hard: bool = False  #: of hard ground alone
 
 
 #: No tyre is stiffer, or softer, than stated by more than this: the logarithm of a factor of four.
-_TYRES = 1.4
+_TYRES = (-1.4, 1.4)
 #: Beliefs about a healthy vehicle; a bias beyond them is an effect.
 NUISANCES = (
-    Nuisance(name="ground", spread=0.5, step=0.005, sensors_only=False, hard_limit=_TYRES),
-    # Tyres are known by one stiffness at best, and never in front as behind, nor along as across.
-    Nuisance(name="along", spread=0.5, step=0.005, sensors_only=False, hard_limit=_TYRES, hard=True),
-    Nuisance(name="balance", spread=0.3, step=0.02, sensors_only=False, limit=0.8, hard=True),
+    Nuisance(name="ground", spread=0.5, step=0.005, sensors_only=False, hard_limits=_TYRES),
+    # Tyres are known by one stiffness at best, and never in front as behind, nor along as across. A vehicle
+    # whose front tyres hold much more than the rear ones does not go straight at speed.
+    Nuisance(name="along", spread=0.5, step=0.005, sensors_only=False, limits=_TYRES, hard=True),
+    Nuisance(name="balance", spread=0.3, step=0.02, sensors_only=False, limits=(-0.8, 0.1), hard=True),
     # Half a sample either way, in standard deviations; inputs that are later than that are an effect.
-    Nuisance(name="shift", spread=1.0, step=0.25, sensors_only=False, limit=3.0**0.5),
+    Nuisance(name="shift", spread=1.0, step=0.25, sensors_only=False, limits=(-(3.0**0.5), 3.0**0.5)),
     *(Nuisance(name=f"bias_{i}", spread=0.02, step=0.01, sensors_only=True, channel=i) for i in range(3)),
     *(Nuisance(name=f"bias_{i}", spread=5e-4, step=1e-3, sensors_only=True, channel=i) for i in (3, 4)),
     # Each axle's wheel speeds err by 0.2 %: their mean and half their difference by less.
@@ -138,9 +139,14 @@ class Fit:
         """A copy with these effects, and no others, in the model."""
         other = self.branch()
         other.candidates = tuple(candidates)
-        low, high = other._limits()
-        other.sizes = np.clip(np.array(sizes, dtype=np.float64), low[len(NUISANCES) :], high[len(NUISANCES) :])
+        low, high = (limit[len(NUISANCES) :] for limit in other._limits())
+        other.sizes = np.clip(np.array(sizes, dtype=np.float64), low, high)
         return other
+
+    @property
+    def hard(self) -> bool:
+        """Whether the ground is hard."""
+        return self.runs[0].setup.plant.soil.rigid > 0.5
 
     def _window_of_rows(self) -> np.ndarray:
         """Number of the window of every row of data, over all runs."""
@@ -269,7 +275,7 @@ class Fit:
         for i, nuisance in enumerate(NUISANCES):
             point = self.nuisances.copy()
             point[i] += nuisance.step
-            if nuisance.hard and self.runs[0].setup.plant.soil.rigid < 0.5:
+            if nuisance.hard and not self.hard:
                 columns.append(np.zeros(len(self.window)))
                 continue
             setups = self._setups(point)
@@ -461,11 +467,10 @@ class Fit:
 
     def _limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest value of every shared parameter."""
-        hard = self.runs[0].setup.plant.soil.rigid > 0.5
-        limit = np.array([min(n.limit, n.hard_limit) if hard else n.limit for n in NUISANCES])
+        pairs = [n.hard_limits if self.hard and n.hard_limits else n.limits for n in NUISANCES]
         sizes = [EFFECTS[c.effect].size for c in self.candidates]
-        low = np.concatenate([-limit, [size.low for size in sizes]])
-        return low, np.concatenate([limit, [size.high for size in sizes]])
+        low, high = np.array([*pairs, *((size.low, size.high) for size in sizes)], dtype=np.float64).T
+        return low, high
 
     def _whitened(self, held: bool) -> tuple[np.ndarray, np.ndarray]:
         shared = np.empty((len(self.window), 0)) if held else self.columns()

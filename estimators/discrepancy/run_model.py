@@ -150,8 +150,8 @@ class RunModel:
     def _usable(self) -> np.ndarray | None:
         """(K,) steps of the grid that can be simulated; None where all can.
 
-        In a gap of the log nobody knows the inputs; no start fits on both sides of a position that jumps. On hard ground a tyre's law means nothing near
-        standstill, where the model has a seam instead.
+        In a gap of the log nobody knows the inputs; no start fits on both sides of a position that jumps. On
+        hard ground a tyre's law means nothing near standstill, where the model has a seam instead.
         """
         usable = np.ones(self.count, dtype=bool)
         middle = self.t_0 + self.step * (np.arange(self.count) + 0.5)
