@@ -450,9 +450,12 @@ class Fit:
         return shares, back, change, cost - shares.cost + 0.5 * float(shares.score @ change)
 
     def _inside(self, shares: Shares) -> np.ndarray:
-        """Step of the shared parameters that leaves those at their limits where they are."""
+        """Step of the shared parameters that, on hard ground, leaves those at their limits where they are.
+
+        On soil a step is only cut: the one limit there, of the timing, needs no more.
+        """
         change = np.linalg.solve(shares.normal, shares.score)
-        if not len(change):
+        if not self.hard or not len(change):
             return change
         low, high = self._limits()
         point = np.concatenate([self.nuisances, self.sizes])
