@@ -49,8 +49,8 @@ MULTIPLES = (0.5, 1.0, 2.0, 4.0)
 _ONE_SIDED = (*ONE_SIDED, "aero_drag")
 #: The hider acts in ticks of this length: a delay is a whole number of them [s].
 _TICK = 0.005
-#: Effects that are hidden by the same means, and cannot be hidden together.
-_EXCLUSIVE = (("steer_delay", "steer_lag", "steer_offset"), ("slip_sinkage", "n_step"))
+#: Effects that are hidden in the one map of the soil, and cannot be hidden together.
+_EXCLUSIVE = ("slip_sinkage", "n_step", "n_trend")
 #: Where the hider's soil changes, as the finder's parameters.
 _PLACES = {"n_step": {"place": 35.0, "direction": 0.0}, "n_trend": {"place": 80.0, "direction": 0.0}}
 #: Size of the forces without a name [share of the weight].
@@ -148,21 +148,32 @@ def _hidden(name: str, size: float) -> Hidden:
 
 
 def _together(parts: Sequence[Hidden]) -> Hidden:
-    """Several things hidden in one run; at most one of them may change the commands."""
+    """Several things hidden in one run: each acts on what the ones before it have made."""
     if len(parts) == 1:
         return parts[0]
-    plain = Hidden()
-    commands = [part.command for part in parts if part.command is not plain.command]
+    # What every part would have sent on, one a tick: the next one's past.
+    sent: list[list[tuple[float, float, float]]] = [[] for _ in parts]
 
     def plant(plant):
         for part in parts:
             plant = part.plant(plant)
         return plant
 
+    def command(past):
+        for part, own in zip(parts, sent, strict=True):
+            own.append(part.command(past))
+            past = own
+        return past[-1]
+
     def step(x, readings, plant):
         for part in parts:
             plant = part.step(x, readings, plant) if part.step is not None else plant
         return plant
+
+    def kick(x, readings, plant, span):
+        for part in parts:
+            if part.kick is not None:
+                part.kick(x, readings, plant, span)
 
     def feel(x, readings, plant):
         for part in parts:
@@ -173,8 +184,10 @@ def _together(parts: Sequence[Hidden]) -> Hidden:
         for part in parts:
             part.sample(sample)
 
-    command = commands[0] if commands else plain.command
-    return Hidden(plant=plant, command=command, step=step, feel=feel, sample=sample)
+    kicks = any(part.kick is not None for part in parts)
+    return Hidden(
+        plant=plant, command=command, step=step, kick=kick if kicks else None, feel=feel, sample=sample
+    )
 
 
 def _diagnosed(
@@ -307,7 +320,7 @@ class DiagnosisStudy(Results):
         rng = np.random.default_rng([seed, 5])
         while True:
             pair = sorted(str(name) for name in rng.choice(self.effects, 2, replace=False))
-            if not any(set(pair) <= set(group) for group in _EXCLUSIVE):
+            if not set(pair) <= set(_EXCLUSIVE):
                 return "+".join(pair)
 
 
