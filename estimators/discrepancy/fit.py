@@ -309,6 +309,8 @@ class Fit:
         if not shared:
             return
         self._by_nuisances = self.nuisance_columns()
+        # Those of other effects are of another point: on bumps, starts that moved by a hand tell them apart.
+        self._by_sizes = {}
         for candidate, size in zip(self.candidates, self.sizes, strict=True):
             column = self.effect_column(candidate)
             if column is None:
@@ -553,7 +555,8 @@ def settle(fit: Fit, *, white: bool = False) -> None:
             break
         fit.learn_noise(white=white)
     fit.learn_noise(white=white)
-    fit.descend(fresh=False)
+    # All derivatives at the point that is reached: scores project one kind from the other.
+    fit.descend()
 
 
 def first_noise(fit: Fit, *, wide: bool = False) -> None:
