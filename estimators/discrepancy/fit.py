@@ -37,7 +37,7 @@ class Nuisance:
 
 #: Beliefs about a healthy vehicle; a bias beyond them is an effect.
 NUISANCES = (
-    Nuisance(name="ground", spread=0.5, step=0.005, sensors_only=False),
+    Nuisance(name="ground", spread=0.5, step=1e-4, sensors_only=False),
     # Tyres are known by one stiffness at best, and never in front as behind.
     Nuisance(name="balance", spread=0.3, step=0.02, sensors_only=False, limit=0.8, effect="front_grip"),
     # Half a sample either way, in standard deviations; inputs that are later than that are an effect.
@@ -50,8 +50,9 @@ NUISANCES = (
 )
 #: Belief about a size, in plausible sizes: loose enough to change no result.
 _LOOSE = 100.0
-#: Finite differences: share of a state's spread, and of an effect's plausible size.
-_STATE_STEP, _SIZE_STEP = 0.001, 0.005
+#: Finite differences: share of a state's spread, and of an effect's plausible size. On bumps they hold only as
+#: far as the vehicle stays within a hand of where it was.
+_STATE_STEP, _SIZE_STEP = 0.001, 1e-4
 _ROUNDS = 8
 #: Passes of descending and learning the noise; the gain of a pass that ends them, in the log-likelihood.
 _PASSES, _SETTLED = 6, 1.0
