@@ -68,6 +68,11 @@ class Diagnosis:
         """Equations of motion in which a force without a name is left."""
         return tuple(rest for rest in self.rest if rest.chance < REST_RATE)
 
+    @property
+    def doubtful(self) -> bool:
+        """Whether the causes leave something: a force, or what asks for effects that other windows refuse."""
+        return bool(self.unexplained) or (bool(self.causes) and self.search.refused)
+
 
 def diagnose(
     logs: Sequence[Log],
@@ -116,7 +121,7 @@ def diagnose(
         causes=found.causes,
         rest=rest,
         limits=limits,
-        not_testable=_not_testable(nominal, limits),
+        not_testable=_not_testable(nominal, limits, found.causes),
         missing=_missing(nominal, library),
         checks={
             "solver": solver,
@@ -163,9 +168,15 @@ def _solver_error(found: Search, library: Sequence[str]) -> float:
     return float(np.abs(found.score_of(after - before)).max(initial=0.0))
 
 
-def _not_testable(fit: Fit, limits: dict[str, float]) -> dict[str, float]:
+def _not_testable(fit: Fit, limits: dict[str, float], causes: Sequence[Cause]) -> dict[str, float]:
     vehicle = fit.runs[0].setup.plant.vehicle
-    return {name: limit for name, limit in limits.items() if limit > EFFECTS[name].plausible(vehicle)}
+    # Limits are the nominal model's: what was found all the same was testable.
+    found = {rival.candidate.effect for cause in causes for rival in cause.rivals}
+    return {
+        name: limit
+        for name, limit in limits.items()
+        if limit > EFFECTS[name].plausible(vehicle) and name not in found
+    }
 
 
 def _missing(fit: Fit, library: Sequence[str]) -> dict[str, str]:
@@ -187,6 +198,8 @@ def _verdict(result: Diagnosis, solver: float) -> str:
         explained = sum(cause.delta for cause in causes)
         left = sum(one.excess for one in rest)
         return "UNEXPLAINED" if left > _LEFT_OVER * (left + explained) else "NAMED + UNEXPLAINED REST"
+    if result.doubtful:
+        return "NAMED + UNEXPLAINED REST"
     if causes:
         return "ONE OF" if any(len(cause.rivals) > 1 for cause in causes) else "NAMED"
     seen = len(result.limits) - len(result.not_testable)

@@ -50,8 +50,8 @@ NUISANCES = (
 )
 #: Belief about a size, in plausible sizes: loose enough to change no result.
 _LOOSE = 100.0
-#: Finite differences: share of a state's spread, and of an effect's plausible size. On bumps they hold only as
-#: far as the vehicle stays within a hand of where it was.
+#: Finite differences: share of a state's spread, and of an effect's plausible size. On bumps they hold
+#: only as far as the vehicle stays within a hand of where it was.
 _STATE_STEP, _SIZE_STEP = 0.001, 1e-4
 _ROUNDS = 8
 #: Passes of descending and learning the noise; the gain of a pass that ends them, in the log-likelihood.

@@ -90,6 +90,8 @@ def sentence_of(diagnosis: Diagnosis) -> str:
 
 
 def _rest_phrase(diagnosis: Diagnosis) -> str:
+    if not diagnosis.unexplained:
+        return "what would explain it in one part of the run makes another part worse"
     rest = max(diagnosis.unexplained, key=lambda one: one.excess)
     size = float(np.sqrt(max(np.average(rest.force**2, weights=1.0 / rest.deviation**2), 0.0)))
     if isinstance(rest, RigRest):
@@ -216,7 +218,7 @@ def ground_of(diagnosis: Diagnosis) -> dict[str, Any] | None:
         "prior": float(soil.n),
         "before": before,
         "after": after,
-        "single": best if agreed and not diagnosis.unexplained else None,
+        "single": best if agreed and not diagnosis.doubtful else None,
     }
 
 
