@@ -55,9 +55,13 @@ _EXCLUSIVE = ("slip_sinkage", "n_step", "n_trend")
 _PLACES = {"n_step": {"place": 35.0, "direction": 0.0}, "n_trend": {"place": 80.0, "direction": 0.0}}
 #: Size of the forces without a name [share of the weight].
 _STRANGE = 0.03
-#: An explanation that copies this share of the removed effect's trace is no wrong name.
+#: Studies that are drawn from the logs, for the interval of the ratio to the bound.
+_REDRAWN = 200
+#: Causes that copy this share of the removed effect's trace are no wrong names.
 MIMICRY = 0.9
 _QUIET = ("NO EFFECT", "NOT TESTABLE")
+#: Verdicts that leave no doubt beside their sets.
+_CONFIDENT = ("NAMED", "ONE OF")
 
 
 def wilson(hits: int, count: int, z: float = 1.959964) -> tuple[float, float]:
@@ -121,9 +125,9 @@ def run_unit(kind: str, name: str, multiple: float, seed: int, *, known: Mapping
         log = hidden_log(case, _together([_hidden(one, x) for one, x in zip(names, sizes, strict=True)]))
         if kind == "same":
             return _same(log, case)
-        library = [other for other in EFFECTS if other != name] if kind == "removed" else None
+        gone = name if kind == "removed" else None
         truth = (name, sizes[0]) if kind == "single" and multiple == 2.0 else None
-        result = _diagnosed(log, case, library=library, truth=truth)
+        result = _diagnosed(log, case, gone=gone, truth=truth)
         truths = {one: size / limits[one] for one, size in zip(names, sizes, strict=True)}
         alike = known[seed]["alike"][names[0]]
         return result | {"sizes_true": sizes, "multiples": truths, "alike": alike}
@@ -195,12 +199,14 @@ def _diagnosed(
     case: Case,
     *,
     white: bool = False,
-    library: Sequence[str] | None = None,
+    gone: str | None = None,
     truth: tuple[str, float] | None = None,
 ) -> dict:
     start = time.process_time()
-    diagnosis = diagnose([log], white=white, library=library)
+    diagnosis = diagnose([log], white=white, library=[name for name in EFFECTS if name != gone])
     result = _summary(diagnosis, case) | {"seconds": time.process_time() - start}
+    if gone is not None and diagnosis.causes:
+        result["mimicry"] = _mimicry(diagnosis, gone)
     if truth is not None and diagnosis.report is not None:
         result["gain"] = _share_of_oracle(diagnosis, log, *truth)
     return result
@@ -222,6 +228,21 @@ def _summary(diagnosis: Diagnosis, case: Case) -> dict:
         "n_true": case.n,
         "n_fit": SOILS[case.soil].n + float(found.extended.nuisances[0]) if found else None,
     }
+
+
+def _mimicry(diagnosis: Diagnosis, gone: str) -> float:
+    """Share of an effect's trace that the best of the causes copy together (R^2), at the nominal model."""
+    named = [cause.best.candidate for cause in diagnosis.causes]
+    fit = diagnosis.search.nominal
+    result = screen(fit, [*candidates_for(fit, (gone,)), *named])
+    count = len(result.candidates) - len(named)
+    own = int(np.argmax(np.diag(result.information)[:count])) if count else 0
+    inside = [i for i in range(count, len(result.candidates)) if result.information[i, i] > 0.0]
+    if not count or not result.information[own, own] > 0.0 or not inside:
+        return 0.0
+    cross = result.information[np.ix_([own], inside)][0]
+    copied = cross @ np.linalg.lstsq(result.information[np.ix_(inside, inside)], cross, rcond=None)[0]
+    return float(copied / result.information[own, own])
 
 
 def _share_of_oracle(diagnosis: Diagnosis, log: Log, name: str, size: float) -> tuple[float, float]:
@@ -345,9 +366,12 @@ def counted(results: Mapping[Key, dict]) -> dict:
         own = [(key[1], r) for key, r in singles.items() if key[2] == multiple]
         numbers[f"single at {multiple:g}"] = _found(own)
     numbers["pair"] = _found([(key[1], r) for key, r in done.items() if key[0] == "pair"])
-    for kind in ("stranger", "removed"):
-        own = [r for key, r in done.items() if key[0] == kind]
+    hopeless = {kind: [r for key, r in done.items() if key[0] == kind] for kind in ("removed", "stranger")}
+    for kind, own in hopeless.items():
         numbers[kind] = _share(sum(map(_wrong_name, own)), len(own))
+    hopeless_all = [*hopeless["removed"], *hopeless["stranger"]]
+    numbers["wrong name"] = _share(sum(map(_wrong_name, hopeless_all)), len(hopeless_all))
+    numbers["a wrong name among several"] = _share(sum(map(_one_wrong, hopeless_all)), len(hopeless_all))
     same = [r["same"] for key, r in done.items() if key[0] == "same"]
     numbers["same in another order"] = _share(sum(same), len(same))
     seconds = [r["seconds"] for r in done.values() if "seconds" in r]
@@ -360,7 +384,29 @@ def counted(results: Mapping[Key, dict]) -> dict:
     }
     numbers["power"] = _power(singles)
     numbers["confusion"] = _confusion(singles)
+    numbers["bars"] = _bars(numbers)
     return numbers
+
+
+def _bars(numbers: Mapping) -> list[dict]:
+    """What must be reached, beside what was: shares with their interval, and the ratio of sizes."""
+    single, pair = numbers["single at 2"], numbers["pair"]
+    rows = [
+        # Of a test that is right in 95 % of cases, half the studies would lie above: its interval counts.
+        ("false alarms, upper end", numbers["null"], 0.0, 0.07, numbers["null"]["high"]),
+        ("one effect: detected", single["detected"], 0.95, 1.0, None),
+        ("one effect: truth in a set", single["truth in a set"], 0.95, 1.0, None),
+        ("one effect: interval holds the truth", single["interval holds the truth"], 0.9, 0.98, None),
+        ("two effects: truths in the sets", pair["truth in a set"], 0.9, 1.0, None),
+        ("true name out of reach: wrong name", numbers["wrong name"], 0.0, 0.05, None),
+        ("another order: the same", numbers["same in another order"], 1.0, 1.0, None),
+    ]
+    bars = []
+    for what, share, least, most, judged in rows:
+        judged = share["share"] if judged is None else judged
+        met = least <= judged <= most if share["count"] else None
+        bars.append({"what": what, "least": least, "most": most, "met": met} | share)
+    return bars
 
 
 def _quantile(values: Sequence[float], share: float) -> float | None:
@@ -411,7 +457,12 @@ def _covers(name: str, truth: float, result: dict) -> bool:
 
 
 def _wrong_name(result: dict) -> bool:
-    """One name without a doubt, and not one that looks the same to this log."""
+    """Causes without a doubt, whose best do not look the same to this log as what is hidden."""
+    return result["verdict"] in _CONFIDENT and result.get("mimicry", 0.0) < MIMICRY
+
+
+def _one_wrong(result: dict) -> bool:
+    """Single names without a doubt, one of which alone does not look the same as what is hidden."""
     if result["verdict"] != "NAMED":
         return False
     alike = result.get("alike", {})
@@ -431,21 +482,32 @@ def _power(singles: Mapping[Key, dict]) -> dict:
     ]
     if not rows:
         return {"ratio": None, "points": []}
-    size, threshold, seen = (np.array(column, dtype=np.float64) for column in zip(*rows, strict=True))
-
-    def loss(log_ratio: float) -> float:
-        p = np.clip(norm.cdf(size * math.exp(-log_ratio) - threshold), 1e-3, 1.0 - 1e-3)
-        return -float(np.sum(seen * np.log(p) + (1.0 - seen) * np.log(1.0 - p)))
-
-    best = math.exp(minimize_scalar(loss, bounds=(-1.5, 1.5), method="bounded").x)
+    table = np.array(rows, dtype=np.float64)
+    size, threshold, seen = table.T
     # All found, or none: any ratio on that side is as good.
-    ratio = best if 0.0 < seen.mean() < 1.0 else None
+    ratio, low, high = None, None, None
+    if 0.0 < seen.mean() < 1.0:
+        rng = np.random.default_rng(0)
+        ratio = _ratio(*table.T)
+        draws = [_ratio(*table[rng.integers(len(table), size=len(table))].T) for _ in range(_REDRAWN)]
+        low, high = (float(value) for value in np.quantile(draws, (0.025, 0.975)))
     points = []
     for low, high in ((0.0, 3.3), (3.3, 6.6), (6.6, 13.0), (13.0, np.inf)):
         own = (size >= low) & (size < high)
         if own.any():
             points.append({"size": float(np.mean(size[own]))} | _share(int(seen[own].sum()), int(own.sum())))
-    return {"ratio": ratio, "threshold": float(np.mean(threshold)), "points": points}
+    found = {"ratio": ratio, "low": low, "high": high}
+    return found | {"threshold": float(np.mean(threshold)), "points": points}
+
+
+def _ratio(size: np.ndarray, threshold: np.ndarray, seen: np.ndarray) -> float:
+    """How many times the bound's sizes logs with these thresholds take, by the greatest likelihood."""
+
+    def loss(log_ratio: float) -> float:
+        p = np.clip(norm.cdf(size * math.exp(-log_ratio) - threshold), 1e-3, 1.0 - 1e-3)
+        return -float(np.sum(seen * np.log(p) + (1.0 - seen) * np.log(1.0 - p)))
+
+    return math.exp(minimize_scalar(loss, bounds=(-1.5, 1.5), method="bounded").x)
 
 
 def _confusion(singles: Mapping[Key, dict]) -> dict[str, dict[str, float]]:
