@@ -40,7 +40,7 @@ from offroad_env.effects import EFFECTS, apply
 from offroad_env.errors import OffroadError
 from offroad_env.soils import SOILS
 
-__all__ = ["DiagnosisStudy", "counted", "run_unit", "wilson"]
+__all__ = ["DiagnosisStudy", "counted", "run_unit", "together", "wilson"]
 
 #: Seeds of the report; tuning used those below 1000.
 _FIRST_SEED = 1000
@@ -122,7 +122,7 @@ def run_unit(kind: str, name: str, multiple: float, seed: int, *, known: Mapping
             return _diagnosed(hidden_log(case, STRANGERS[name](_STRANGE)), case)
         names, limits = name.split("+"), known[seed]["limits"]
         sizes = [_size(one, multiple * limits[one], seed) for one in names]
-        log = hidden_log(case, _together([_hidden(one, x) for one, x in zip(names, sizes, strict=True)]))
+        log = hidden_log(case, together([_hidden(one, x) for one, x in zip(names, sizes, strict=True)]))
         if kind == "same":
             return _same(log, case)
         gone = name if kind == "removed" else None
@@ -151,7 +151,7 @@ def _hidden(name: str, size: float) -> Hidden:
     return HIDERS[name](size)
 
 
-def _together(parts: Sequence[Hidden]) -> Hidden:
+def together(parts: Sequence[Hidden]) -> Hidden:
     """Several things hidden in one run: each acts on what the ones before it have made."""
     if len(parts) == 1:
         return parts[0]
@@ -485,18 +485,17 @@ def _power(singles: Mapping[Key, dict]) -> dict:
     table = np.array(rows, dtype=np.float64)
     size, threshold, seen = table.T
     # All found, or none: any ratio on that side is as good.
-    ratio, low, high = None, None, None
+    found = {"ratio": None, "low": None, "high": None}
     if 0.0 < seen.mean() < 1.0:
         rng = np.random.default_rng(0)
-        ratio = _ratio(*table.T)
         draws = [_ratio(*table[rng.integers(len(table), size=len(table))].T) for _ in range(_REDRAWN)]
-        low, high = (float(value) for value in np.quantile(draws, (0.025, 0.975)))
+        found["ratio"] = _ratio(*table.T)
+        found["low"], found["high"] = (float(value) for value in np.quantile(draws, (0.025, 0.975)))
     points = []
     for low, high in ((0.0, 3.3), (3.3, 6.6), (6.6, 13.0), (13.0, np.inf)):
         own = (size >= low) & (size < high)
         if own.any():
             points.append({"size": float(np.mean(size[own]))} | _share(int(seen[own].sum()), int(own.sum())))
-    found = {"ratio": ratio, "low": low, "high": high}
     return found | {"threshold": float(np.mean(threshold)), "points": points}
 
 
