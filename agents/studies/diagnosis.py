@@ -60,7 +60,7 @@ _REDRAWN = 200
 #: Causes that copy this share of the removed effect's trace are no wrong names.
 MIMICRY = 0.9
 _QUIET = ("NO EFFECT", "NOT TESTABLE")
-#: Verdicts that leave no doubt beside their sets.
+#: Verdicts that claim to be all.
 _CONFIDENT = ("NAMED", "ONE OF")
 
 
@@ -225,6 +225,8 @@ def _summary(diagnosis: Diagnosis, case: Case) -> dict:
         "rest": {rest.equation: rest.chance for rest in diagnosis.rest},
         "converged": diagnosis.checks.get("converged"),
         "solver": diagnosis.checks.get("solver"),
+        "overlap": diagnosis.checks.get("overlap"),
+        "refused": found.refused if found else None,
         "n_true": case.n,
         "n_fit": SOILS[case.soil].n + float(found.extended.nuisances[0]) if found else None,
     }
@@ -371,7 +373,7 @@ def counted(results: Mapping[Key, dict]) -> dict:
         numbers[kind] = _share(sum(map(_wrong_name, own)), len(own))
     hopeless_all = [*hopeless["removed"], *hopeless["stranger"]]
     numbers["wrong name"] = _share(sum(map(_wrong_name, hopeless_all)), len(hopeless_all))
-    numbers["a wrong name among several"] = _share(sum(map(_one_wrong, hopeless_all)), len(hopeless_all))
+    numbers["wrong name or set"] = _share(sum(map(_wrong_model, hopeless_all)), len(hopeless_all))
     same = [r["same"] for key, r in done.items() if key[0] == "same"]
     numbers["same in another order"] = _share(sum(same), len(same))
     seconds = [r["seconds"] for r in done.values() if "seconds" in r]
@@ -457,16 +459,16 @@ def _covers(name: str, truth: float, result: dict) -> bool:
 
 
 def _wrong_name(result: dict) -> bool:
-    """Causes without a doubt, whose best do not look the same to this log as what is hidden."""
-    return result["verdict"] in _CONFIDENT and result.get("mimicry", 0.0) < MIMICRY
-
-
-def _one_wrong(result: dict) -> bool:
-    """Single names without a doubt, one of which alone does not look the same as what is hidden."""
+    """Names without a doubt, one of which does not look the same to this log as what is hidden."""
     if result["verdict"] != "NAMED":
         return False
     alike = result.get("alike", {})
     return not all(alike.get(members[0], 0.0) ** 2 >= MIMICRY for members in result["sets"])
+
+
+def _wrong_model(result: dict) -> bool:
+    """Names or sets that claim to be all, and whose best together do not copy what is hidden."""
+    return result["verdict"] in _CONFIDENT and result.get("mimicry", 0.0) < MIMICRY
 
 
 def _power(singles: Mapping[Key, dict]) -> dict:

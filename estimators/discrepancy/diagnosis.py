@@ -18,7 +18,7 @@ from estimators.logs.quality import Finding, quality
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 
-__all__ = ["VERDICTS", "Diagnosis", "diagnose", "split_runs"]
+__all__ = ["OVERLAP", "VERDICTS", "Diagnosis", "diagnose", "overlap_of", "split_runs"]
 
 VERDICTS = (
     "DATA PROBLEM", "NUMERICS", "NOT TESTABLE", "UNEXPLAINED", "NAMED + UNEXPLAINED REST", "ONE OF", "NAMED",
@@ -32,6 +32,8 @@ SCREEN_RATE = 0.06
 REST_RATE = 0.002
 #: Share of what is wrong that must be left over before the causes found count as no explanation.
 _LEFT_OVER = 0.1
+#: Causes whose sizes hang together by more than this (correlation) may be one that the library lacks.
+OVERLAP = 0.2
 #: An error of the solver moves scores by less than this, absolutely or as a share of the largest.
 _SOLVER, _SOLVER_SHARE = 1.0, 0.1
 #: A log can test the library if it would see this share of it at the largest plausible size.
@@ -129,6 +131,7 @@ def diagnose(
             # A model that lacks much need not have a clean minimum: the one that is reported must.
             "converged": found.extended.converged,
             "threshold": found.threshold,
+            "overlap": overlap_of(found.extended),
         },
         search=found,
         logs=tuple(logs),
@@ -179,6 +182,16 @@ def _not_testable(fit: Fit, limits: dict[str, float], causes: Sequence[Cause]) -
     }
 
 
+def overlap_of(fit: Fit) -> float:
+    """Largest correlation of the sizes of two effects in the model, from 0 to 1; 0 for fewer."""
+    count = len(fit.sizes)
+    if count < 2:
+        return 0.0
+    spread = np.linalg.inv(fit.shares.normal)[-count:, -count:]
+    deviation = np.sqrt(np.diag(spread))
+    return float(np.abs(spread / np.outer(deviation, deviation) - np.eye(count)).max())
+
+
 def _missing(fit: Fit, library: Sequence[str]) -> dict[str, str]:
     channels = set().union(*(run.log.channels for run in fit.runs))
     found = {}
@@ -201,7 +214,8 @@ def _verdict(result: Diagnosis, solver: float) -> str:
     if result.doubtful:
         return "NAMED + UNEXPLAINED REST"
     if causes:
-        return "ONE OF" if any(len(cause.rivals) > 1 for cause in causes) else "NAMED"
+        sets = any(len(cause.rivals) > 1 for cause in causes)
+        return "ONE OF" if sets or result.checks["overlap"] > OVERLAP else "NAMED"
     seen = len(result.limits) - len(result.not_testable)
     if seen < _TESTABLE * (len(result.limits) + len(result.missing)):
         return "NOT TESTABLE"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.discrepancy.diagnosis import Diagnosis
+from estimators.discrepancy.diagnosis import OVERLAP, Diagnosis
 from estimators.discrepancy.rig import RigRest
 from estimators.discrepancy.search import Cause, Rival
 from offroad_env.effects import EFFECTS
@@ -86,6 +86,8 @@ def sentence_of(diagnosis: Diagnosis) -> str:
     sentence = causes[0].upper() + causes[1:]
     if verdict == "NAMED + UNEXPLAINED REST":
         sentence += f"; and something is left: {_rest_phrase(diagnosis)}"
+    if diagnosis.checks.get("overlap", 0.0) > OVERLAP:
+        sentence += "; or one cause behind these, which the library lacks: their traces overlap"
     return sentence + "."
 
 

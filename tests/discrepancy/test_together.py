@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agents.studies.diagnosis import together
-from estimators.discrepancy.diagnosis import Diagnosis
+from estimators.discrepancy.diagnosis import Diagnosis, overlap_of
 from estimators.discrepancy.fit import Candidate, fit_runs
 from estimators.discrepancy.hide import HIDERS, draw_case, hidden_log
 from estimators.discrepancy.run_model import RunModel
@@ -111,3 +111,28 @@ def test_a_name_is_in_doubt_where_the_search_asks_for_more_and_is_refused():
     said = sentence_of(Diagnosis(verdict="NAMED + UNEXPLAINED REST", causes=(cause,), search=refused))
     assert "climbs by 0.01" in said
     assert "makes another part worse" in said
+
+
+def test_causes_that_overlap_are_no_certain_names():
+    """Their sizes hang together: one cause that the library lacks may stand behind both."""
+    rivals = [
+        Rival(
+            candidate=Candidate(effect=name),
+            size=0.1,
+            deviation=0.01,
+            loss=0.0,
+            ground=0.0,
+            ground_deviation=0.1,
+        )
+        for name in ("payload", "slip_sinkage")
+    ]
+    causes = tuple(Cause(rivals=(rival,), delta=50.0, chance=1e-6) for rival in rivals)
+    for overlap, certain in ((0.05, True), (0.6, False)):
+        diagnosis = Diagnosis(verdict="NAMED", causes=causes, checks={"overlap": overlap})
+        assert ("one cause behind these" in sentence_of(diagnosis)) is not certain
+    log = hidden_log(draw_case(22, road="flat", gnss=True, duration=30.0), HIDERS["payload"](0.1))
+    nominal = fit_runs([RunModel(log, use=FIT)])
+    names = [Candidate(effect=name) for name in ("payload", "torque_scale", "gyro_bias_pitch")]
+    alike = refit(nominal, names[:2], [0.1, 0.0])[0]
+    apart = refit(nominal, [names[0], names[2]], [0.1, 0.0])[0]
+    assert overlap_of(alike) > 0.4 > 0.1 > overlap_of(apart)
