@@ -87,7 +87,24 @@ def limits_of(seed: int) -> dict:
         result = screen(fit, candidates_for(fit, tuple(EFFECTS)))
     except OffroadError as error:
         return {"failed": str(error)}
-    return {"limits": result.limits(), "alike": {name: _alike(result, name) for name in HIDERS}}
+    names, cosines = result.by_effect()
+    return {
+        "limits": result.limits(),
+        "alike": {name: _alike(result, name) for name in HIDERS},
+        "names": names,
+        "cosines": cosines.round(4).tolist(),
+    }
+
+
+def _mimicry(known: Mapping, gone: str, named: Sequence[str]) -> float:
+    """Share of an effect's trace that others copy together (R^2), in a run with nothing hidden."""
+    places = {name: i for i, name in enumerate(known["names"])}
+    inside = [places[name] for name in named if name in places]
+    if gone not in places or not inside:
+        return 0.0
+    cosines = np.array(known["cosines"])
+    cross = cosines[inside, places[gone]]
+    return float(cross @ np.linalg.lstsq(cosines[np.ix_(inside, inside)], cross, rcond=None)[0])
 
 
 def _alike(result: Screen, name: str) -> dict[str, float]:
@@ -128,6 +145,8 @@ def run_unit(kind: str, name: str, multiple: float, seed: int, *, known: Mapping
         gone = name if kind == "removed" else None
         truth = (name, sizes[0]) if kind == "single" and multiple == 2.0 else None
         result = _diagnosed(log, case, gone=gone, truth=truth)
+        if gone is not None:
+            result["mimicry"] = _mimicry(known[seed], gone, [members[0] for members in result["sets"]])
         truths = {one: size / limits[one] for one, size in zip(names, sizes, strict=True)}
         alike = known[seed]["alike"][names[0]]
         return result | {"sizes_true": sizes, "multiples": truths, "alike": alike}
@@ -205,8 +224,6 @@ def _diagnosed(
     start = time.process_time()
     diagnosis = diagnose([log], white=white, library=[name for name in EFFECTS if name != gone])
     result = _summary(diagnosis, case) | {"seconds": time.process_time() - start}
-    if gone is not None and diagnosis.causes:
-        result["mimicry"] = _mimicry(diagnosis, gone)
     if truth is not None and diagnosis.report is not None:
         result["gain"] = _share_of_oracle(diagnosis, log, *truth)
     return result
@@ -230,21 +247,6 @@ def _summary(diagnosis: Diagnosis, case: Case) -> dict:
         "n_true": case.n,
         "n_fit": SOILS[case.soil].n + float(found.extended.nuisances[0]) if found else None,
     }
-
-
-def _mimicry(diagnosis: Diagnosis, gone: str) -> float:
-    """Share of an effect's trace that the best of the causes copy together (R^2), at the nominal model."""
-    named = [cause.best.candidate for cause in diagnosis.causes]
-    fit = diagnosis.search.nominal
-    result = screen(fit, [*candidates_for(fit, (gone,)), *named])
-    count = len(result.candidates) - len(named)
-    own = int(np.argmax(np.diag(result.information)[:count])) if count else 0
-    inside = [i for i in range(count, len(result.candidates)) if result.information[i, i] > 0.0]
-    if not count or not result.information[own, own] > 0.0 or not inside:
-        return 0.0
-    cross = result.information[np.ix_([own], inside)][0]
-    copied = cross @ np.linalg.lstsq(result.information[np.ix_(inside, inside)], cross, rcond=None)[0]
-    return float(copied / result.information[own, own])
 
 
 def _share_of_oracle(diagnosis: Diagnosis, log: Log, name: str, size: float) -> tuple[float, float]:

@@ -222,6 +222,9 @@ def _accepted(
     names, gains = {candidate.effect for candidate in fit.candidates}, []
     for trial in trials[:_GATED]:
         larger = trial.fit
+        # After a refusal, only what gains with the noise as it is gets the work of a noise of its own.
+        if gains and (_gain_apart(fit, larger, apart) or 0.0) <= 0.0:
+            continue
         settle(larger, white=white)
         larger = _pruned(larger, bar, white=white)
         if {candidate.effect for candidate in larger.candidates} == names:

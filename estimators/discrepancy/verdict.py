@@ -181,14 +181,7 @@ def isolability_of(diagnosis: Diagnosis) -> tuple[list[str], np.ndarray]:
     """Effects that the data see, and how alike each two look (E, E): cosines of their whitened traces."""
     if diagnosis.search is None:
         return [], np.empty((0, 0))
-    first, best = diagnosis.search.first, {}
-    strength = np.diag(first.information)
-    for i in np.argsort(strength):
-        if strength[i] > 0.0:
-            best[first.candidates[i].effect] = int(i)
-    names = sorted(best)
-    index = [best[name] for name in names]
-    return names, first.cosines()[np.ix_(index, index)]
+    return diagnosis.search.first.by_effect()
 
 
 def _ground_entry(value: float, deviation: float) -> dict[str, float]:
