@@ -543,12 +543,28 @@ def _show(numbers: dict) -> None:
         "set size (theory)",
     )
     console().print(table("hide and find: share (95 % interval) of logs", heading, rows))
-    if (ratio := numbers["power"]["ratio"]) is not None:
-        say(f"power: it takes {ratio:.2f} times the sizes of the Fisher bound")
+    rows = [
+        (bar["what"], _text(bar), _range(bar), {True: "met", False: "missed", None: "not run"}[bar["met"]])
+        for bar in numbers["bars"]
+    ]
+    console().print(table("bars", ("share of logs", "share (95 % interval)", "bar", ""), rows))
+    if (power := numbers["power"])["ratio"] is not None:
+        ratio, low, high = power["ratio"], power["low"], power["high"]
+        say(f"power: it takes {ratio:.2f} times the sizes of the Fisher bound ({low:.2f} to {high:.2f})")
+    seconds = numbers["core seconds"]
+    if seconds["median"] is not None:
+        say(f"core-seconds of a verdict: median {seconds['median']:.1f}, 95 % {seconds['95 %']:.1f}")
     if (gain := numbers["gain over oracle's"])["logs"]:
         say(f"gain: {gain['pooled']:.0%} of the oracle's, over {gain['logs']} logs")
     if numbers["failed"]:
         say(f"{numbers['failed']} logs could not be driven or diagnosed")
+
+
+def _range(bar: dict) -> str:
+    least, most = bar["least"], bar["most"]
+    if most == 1.0:
+        return f">= {least:.0%}"
+    return f"<= {most:.0%}" if least == 0.0 else f"{least:.0%} to {most:.0%}"
 
 
 def _text(entry: dict) -> str:

@@ -62,7 +62,7 @@ class Screen:
         return self.information / np.outer(own, own)
 
     def by_effect(self) -> tuple[list[str], np.ndarray]:
-        """Effects that the data see, and how alike each two look (E, E), at the places where they show most."""
+        """Effects that the data see, and how alike each two look (E, E), where each shows most."""
         strength, best = np.diag(self.information), {}
         for i in np.argsort(strength):
             if strength[i] > 0.0:
