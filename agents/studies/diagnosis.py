@@ -334,9 +334,9 @@ class DiagnosisStudy(Results):
         others = [multiple for multiple in MULTIPLES if multiple != 2.0]
         keys += [
             ("single", name, multiple, seed)
+            for multiple in others
             for seed in powers
             for name in self.effects
-            for multiple in others
         ]
         return keys
 
