@@ -40,7 +40,7 @@ class Nuisance:
 _TYRES = (-1.4, 1.4)
 #: Beliefs about a healthy vehicle; a bias beyond them is an effect.
 NUISANCES = (
-    Nuisance(name="ground", spread=0.5, step=0.005, sensors_only=False, hard_limits=_TYRES),
+    Nuisance(name="ground", spread=0.5, step=1e-4, sensors_only=False, hard_limits=_TYRES),
     # Tyres are known by one stiffness at best, and never in front as behind, nor along as across. A vehicle
     # whose front tyres hold much more than the rear ones does not go straight at speed.
     Nuisance(name="along", spread=0.5, step=0.005, sensors_only=False, limits=_TYRES, hard=True),
@@ -55,8 +55,9 @@ NUISANCES = (
 )
 #: Belief about a size, in plausible sizes: loose enough to change no result.
 _LOOSE = 100.0
-#: Finite differences: share of a state's spread, and of an effect's plausible size.
-_STATE_STEP, _SIZE_STEP = 0.001, 0.005
+#: Finite differences: share of a state's spread, and of an effect's plausible size. On bumps they hold
+#: only as far as the vehicle stays within a hand of where it was.
+_STATE_STEP, _SIZE_STEP = 0.001, 1e-4
 _ROUNDS = 8
 #: Passes of descending and learning the noise; the gain of a pass that ends them, in the log-likelihood.
 _PASSES, _SETTLED = 6, 1.0
@@ -326,6 +327,8 @@ class Fit:
         if not shared:
             return
         self._by_nuisances = self.nuisance_columns()
+        # Those of other effects are of another point: on bumps, starts that moved by a hand tell them apart.
+        self._by_sizes = {}
         for candidate, size in zip(self.candidates, self.sizes, strict=True):
             column = self.effect_column(candidate)
             if column is None:
@@ -590,7 +593,8 @@ def settle(fit: Fit, *, white: bool = False) -> None:
             break
         fit.learn_noise(white=white)
     fit.learn_noise(white=white)
-    fit.descend(fresh=False)
+    # All derivatives at the point that is reached: scores project one kind from the other.
+    fit.descend()
 
 
 def first_noise(fit: Fit, *, wide: bool = False) -> None:

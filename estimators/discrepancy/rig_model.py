@@ -219,7 +219,7 @@ class RigModel:
         """Trials have no start."""
         return np.zeros((1, at.STATE_SIZE)), np.zeros((1, 2, 3))
 
-    def moved_by(self, setup: Setup, other: Setup) -> bool:
+    def moved_by(self, setup: RigSetup, other: RigSetup) -> bool:
         """No sensor sets the wheel of a rig in motion."""
         return False
 
