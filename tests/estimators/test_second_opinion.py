@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -134,6 +135,16 @@ def test_a_biased_unit_costs_width_and_not_the_truth():
     sure = _opinion(twin, doubt=type(SETTINGS.doubt)(acceleration_bias=1e-3, misalignment=1e-4))
     assert sure.sd[-1] < opinion.sd[-1]
     assert np.abs(sure.mean - twin.n)[-1] > 2.0 * sure.sd[-1]
+
+
+def test_samples_that_are_missing_cost_width_only(turning):
+    whole, T = _opinion(turning), len(turning.z)
+    z = turning.z.copy()
+    z[1:700] = math.nan  # nothing until the steering has begun
+    blind = _opinion(replace(turning, z=z))
+    assert np.ptp(blind.weights[600]) < 1e-9
+    assert whole.sd[T - 1] < blind.sd[T - 1] < 0.2
+    assert abs(blind.mean[T - 1] - turning.n[0]) < 2.0 * blind.sd[T - 1]
 
 
 def test_a_robust_filter_needs_no_second_opinion():
