@@ -6,9 +6,10 @@ wrong mass *is* another n. Its standard deviation and its flag hold *given the m
 tells what else would explain the drive once the model may be wrong by as much as a careful engineer
 would state beforehand (`nuisances.Doubt`).
 
-*The opinion.* Every soil of a grid over n gets a small model of the horizontal motion: side speed
-and yaw rate under the vehicle's own force laws, axles loaded by the vertical acceleration that was
-felt and settled on that soil, at the speed that the filter believes in. What it predicts for a_x, a_y
+*The opinion.* Every soil of a grid over n gets a small model of the horizontal motion: side speed,
+yaw rate and, where torque drives the wheels, their spin, under the vehicle's own force laws, axles
+loaded by the vertical acceleration that was felt and settled on that soil, at the speed that the
+filter believes in. What it predicts for a_x, a_y
 and yaw rate is compared with what was felt. Seven doubts are not known and are not chosen either:
 mass, moduli (with slip sinkage), steering lag, speed, a bias of each channel (misalignment, which
 feels gravity, included). They act linearly, through the motion as well, with the stated priors, so
@@ -22,7 +23,8 @@ the soils that remain possible from the filter's mean, together with the filter'
 far away, an opinion that differs, and plain ignorance all widen it. The estimate is trusted while
 the filter vouches for it and this is below 15 % of n, as `estimators.robust` asks.
 
-It knows the paper's model only, whose wheels slip by a constant.
+The ground is not known. In the paper's model slopes do nothing; in the full one an accelerometer that
+hangs on the vehicle feels the wheels' forces and no slope.
 """
 
 from __future__ import annotations
@@ -38,6 +40,7 @@ from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.contact import SUNK
+from offroad_env.physics.full_model import full_derivative
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.paper_model import paper_derivative
 from offroad_env.physics.vehicle_model import Plant, with_pressure
@@ -61,8 +64,16 @@ DOUBTS = 7
 #: Channels that are compared: a_x, a_y, yaw rate, among those of the inertial unit.
 _USED = (0, 1, 4)
 _A_Z = 2
-#: Columns of the slopes of (a_x, a_y, yaw acceleration): side speed, yaw rate, then four doubts.
-_MOTION, _ACTING = 2, 4
+#: Doubts that act on the motion; the biases act on the readings.
+_ACTING = 4
+#: What a small model says of an instant: a_x, a_y, yaw acceleration, and the axles' spin accelerations.
+#: All but the first are rates of its motion: side speed, yaw rate, spins (which the paper's model lacks).
+_SAID = 5
+_SPIN = 2
+#: Share of a step that is implicit: the midpoint rule for the paper's motion, Euler's for stiff wheels.
+_IMPLICIT = {"paper": 0.5, "full": 1.0}
+#: Slip at which doubt about slip sinkage is stated for wheels that have none of their own [-].
+_SLIP = 0.15
 _STEP = 1e-5  # of the one-sided differences
 #: Slowest speed at which the motion is followed [m/s].
 _SLOWEST = 0.5
@@ -107,6 +118,8 @@ class OpinionModel(NamedTuple):
     """What the kernels need besides the drive."""
 
     plant: Plant
+    full: bool  #: of the full model, with wheels that turn by torque
+    implicit: float  #: share of a step
     dt: float  #: of a step [s]
     n: np.ndarray  #: (G,) the soils [-]
     stiffness: np.ndarray  #: (G,) expected logarithm of the moduli's factor: half of slip sinkage [-]
@@ -121,12 +134,13 @@ def opinion_model(plant: Plant, dt: float, settings: OpinionSettings) -> Opinion
     Raises
     ------
     InvalidParameter
-        For a plant that is not the paper's, or stands on hard ground.
+        For a plant on hard ground.
     """
-    if plant_model(plant) != "paper" or plant.soil.rigid > 0.5:
-        raise InvalidParameter("a second opinion needs the paper's model on deformable soil")
-    doubt, n = settings.doubt, np.linspace(*settings.soils, settings.count)
-    sinks, step = math.log(slip_sinkage(plant.slip)), dt * settings.samples
+    if plant.soil.rigid > 0.5:
+        raise InvalidParameter("the plant must stand on deformable soil: hard ground has no n")
+    kind, doubt, n = plant_model(plant), settings.doubt, np.linspace(*settings.soils, settings.count)
+    sinks = math.log(slip_sinkage(plant.slip if kind == "paper" else _SLIP))
+    step = dt * settings.samples
     P = np.empty((settings.count, DOUBTS))
     P[:, MASS], P[:, LAG], P[:, SPEED] = doubt.mass**2, doubt.lag**2, settings.speed**2
     P[:, STIFFNESS] = doubt.stiffness**2 + (n * doubt.slip_sinkage[1] * sinks) ** 2
@@ -137,6 +151,8 @@ def opinion_model(plant: Plant, dt: float, settings: OpinionSettings) -> Opinion
     return OpinionModel(
         # The ground is felt, not read from a map; without springs each axle carries what it is given.
         plant=plant._replace(ground=flat(), half_car=0.0),
+        full=kind == "full",
+        implicit=_IMPLICIT[kind],
         dt=float(step),
         n=n,
         stiffness=-n * doubt.slip_sinkage[0] * sinks,
@@ -147,14 +163,16 @@ def opinion_model(plant: Plant, dt: float, settings: OpinionSettings) -> Opinion
 
 
 @kernel
-def _accelerations(model, belief, motion, drive, warm, readings):
-    """(a_x, a_y, yaw acceleration, contact status) of one soil.
+def _say(model, belief, motion, drive, warm, said):
+    """What the small model of a soil says of an instant into ``said`` (5,); returns the contact status.
 
-    ``belief`` = (n, log factors of mass and moduli), ``motion`` = (v_x, v_y, yaw rate), ``drive`` =
-    (steer, F_u, load of the axles over the static one).
+    ``belief`` = (n, log factors of mass and moduli), ``motion`` = (v_x, (v_y, yaw rate, spins...)),
+    ``drive`` = (steer, F_u or drive torque, brake torque, load of the axles over the static one).
     """
     n, mass, stiffness = belief
-    plant, load = model.plant, drive[2]
+    v_x, q = motion
+    steer, force, brake, load = drive
+    plant = model.plant
     own = Plant(
         with_mass(plant.vehicle, math.exp(mass) * load),
         with_pressure(plant.soil, n, math.exp(stiffness)),
@@ -167,52 +185,65 @@ def _accelerations(model, belief, motion, drive, warm, readings):
         plant.fine,
         plant.effects,
     )
-    x, rates = np.zeros(at.YAW_RATE + 1), np.empty(at.YAW_RATE + 1)
-    x[at.V_X], x[at.V_Y], x[at.YAW_RATE] = motion
-    paper_derivative(x, (drive[0], drive[1], math.nan), own, warm, rates, readings)
+    x, rates, readings = np.zeros(at.STATE_SIZE), np.zeros(at.STATE_SIZE), np.empty(at.READINGS_SIZE)
+    x[at.V_X], x[at.V_Y], x[at.YAW_RATE] = v_x, q[0], q[1]
+    said[3] = said[4] = 0.0
+    if model.full:
+        x[at.OMEGA_F], x[at.OMEGA_R] = q[_SPIN], q[_SPIN + 1]
+        x[at.STEER], x[at.DRIVE], x[at.BRAKE] = steer, force, brake
+        full_derivative(x, (steer, force, brake), own, warm, rates, readings)
+        said[3], said[4] = rates[at.OMEGA_F], rates[at.OMEGA_R]
+    else:
+        paper_derivative(x, (steer, force, math.nan), own, warm, rates, readings)
     # A vehicle of the load's weight has the axles' forces; the mass that they move is not heavier.
-    a_x, a_y = readings[at.A_X] * load, readings[at.A_Y] * load
-    return a_x, a_y, readings[at.YAW_ACC], readings[at.STATUS]
+    said[0], said[1], said[2] = readings[at.A_X] * load, readings[at.A_Y] * load, readings[at.YAW_ACC]
+    return readings[at.STATUS]
 
 
 @kernel
-def _slopes(model, g, motion, drive, rate, warm, y, J):
-    """Accelerations ``y`` (3,) of soil ``g`` and their slopes ``J`` (3, 6); returns the contact status.
+def _slopes(model, g, motion, drive, rate, warm, said, J):
+    """What soil ``g`` says (5,) and its slopes ``J`` (5, M + 4) with motion and doubts; contact status.
 
-    Columns: side speed, yaw rate, mass, stiffness, lag, speed; ``rate`` [rad/s] is the steering's.
+    ``rate`` [rad/s] is the steering's.
     """
-    readings, trial = np.empty(at.READINGS_SIZE), np.empty((2, 3))
-    v_x, v_y, yaw_rate = motion
-    soil = (model.n[g], 0.0, model.stiffness[g])
-    y[0], y[1], y[2], worst = _accelerations(model, soil, motion, drive, warm, readings)
-    for j in range(_MOTION + _ACTING):
-        step = np.zeros(_MOTION + _ACTING)
-        step[j] = _STEP
-        there = (v_x * (1.0 + step[_MOTION + SPEED]), v_y + step[0], yaw_rate + step[1])
-        other = (soil[0], step[_MOTION + MASS], soil[2] + step[_MOTION + STIFFNESS])
-        turned = (drive[0] - step[_MOTION + LAG] * rate, drive[1], drive[2])
+    v_x, q = motion
+    soil, M = (model.n[g], 0.0, model.stiffness[g]), q.shape[0]
+    worst = _say(model, soil, motion, drive, warm, said)
+    trial, other = np.empty((2, 3)), np.empty(_SAID)
+    for j in range(M + _ACTING):
+        step, moved = np.zeros(_ACTING), q.copy()
+        if j < M:
+            moved[j] += _STEP
+        else:
+            step[j - M] = _STEP
         trial[:] = warm
-        a_x, a_y, yaw_acc, status = _accelerations(model, other, there, turned, trial, readings)
+        status = _say(
+            model,
+            (soil[0], step[MASS], soil[2] + step[STIFFNESS]),
+            (v_x * (1.0 + step[SPEED]), moved),
+            (drive[0] - step[LAG] * rate, drive[1], drive[2], drive[3]),
+            trial,
+            other,
+        )
         worst = max(worst, status)
-        J[0, j], J[1, j], J[2, j] = (a_x - y[0]) / _STEP, (a_y - y[1]) / _STEP, (yaw_acc - y[2]) / _STEP
+        J[:, j] = (other - said) / _STEP
     return worst
 
 
 @kernel
-def _advance(v_x, y, J, q, S, dt):
-    """Carry (v_y, yaw rate) ``q`` and its slopes with the doubts ``S`` (2, 4) over a step, in place.
+def _advance(model, v_x, said, J, q, S):
+    """Carry the motion ``q`` (M,) and its slopes with the doubts ``S`` (M, 4) over a step, in place.
 
-    Linearly implicit midpoint rule: at walking pace the tyres answer within hundredths of a second.
+    Linearly implicit: at walking pace tyres answer within hundredths of a second, wheels within less.
     """
-    A = np.empty((2, 2))
-    A[0, 0], A[0, 1], A[1, 0], A[1, 1] = J[1, 0], J[1, 1] - v_x, J[2, 0], J[2, 1]
-    f = np.empty((2, 1 + _ACTING))
-    f[0, 0], f[1, 0] = y[1] - v_x * q[1], y[2]
-    for j in range(_ACTING):
-        f[0, 1 + j] = A[0, 0] * S[0, j] + A[0, 1] * S[1, j] + J[1, _MOTION + j]
-        f[1, 1 + j] = A[1, 0] * S[0, j] + A[1, 1] * S[1, j] + J[2, _MOTION + j]
+    M = q.shape[0]
+    A, f = J[1 : 1 + M, :M].copy(), np.empty((M, 1 + _ACTING))
+    A[0, 1] -= v_x
+    f[:, 0] = said[1 : 1 + M]
+    f[:, 1:] = J[1 : 1 + M, M:] + A @ S
+    f[0, 0] -= v_x * q[1]
     f[0, 1 + SPEED] -= v_x * q[1]
-    moved = np.linalg.solve(np.eye(2) - 0.5 * dt * A, dt * f)
+    moved = np.linalg.solve(np.eye(M) - model.implicit * model.dt * A, model.dt * f)
     q += moved[:, 0]
     S += moved[:, 1:]
 
@@ -232,49 +263,48 @@ def evidence(N, s, c, P):
 
 
 @kernel
-def _compare(seen, y, q, J, S, R, N, s):
+def _compare(seen, said, q, J, S, R, N, s):
     """Take what was ``seen`` (3,), NaN for nothing, into ``N`` and ``s``, in place; returns what c gains."""
-    H, added = np.zeros((3, DOUBTS)), 0.0
-    for j in range(_ACTING):
-        for i in range(2):
-            H[i, j] = J[i, _MOTION + j] + J[i, 0] * S[0, j] + J[i, 1] * S[1, j]
-        H[2, j] = S[1, j]
+    M, H, gained = q.shape[0], np.zeros((3, DOUBTS)), 0.0
+    H[:2, :_ACTING] = J[:2, M:] + J[:2, :M].copy() @ S
+    H[2, :_ACTING] = S[1]
     for i in range(3):
         H[i, BIAS + i] = 1.0
-        e = seen[i] - (y[i] if i < 2 else q[1])
-        if not math.isfinite(e):
-            continue
-        added += e * e / R[i]
-        s += H[i] * (e / R[i])
-        N += np.outer(H[i], H[i]) / R[i]
-    return added
+        e = seen[i] - (said[i] if i < 2 else q[1])
+        if math.isfinite(e):
+            gained += e * e / R[i]
+            s += H[i] * (e / R[i])
+            N += np.outer(H[i], H[i]) / R[i]
+    return gained
 
 
 @kernel
 def _run(model, steps, logs):
     """Logarithms of the evidence for every soil after every step into ``logs`` (K, G).
 
-    ``steps`` (K, 8): steer, F_u, rate of the steering, speed, load, a_x, a_y, yaw rate.
+    ``steps`` (K, 9): the drive of `_say`, rate of the steering, speed, and what was seen: a_x, a_y, yaw
+    rate.
     """
-    G = model.n.shape[0]
-    q, S, warms = np.zeros((G, 2)), np.zeros((G, 2, _ACTING)), np.zeros((G, 2, 3))
+    G, M = model.n.shape[0], _SAID - 1 if model.full else _SPIN
+    q, S, warms = np.zeros((G, M)), np.zeros((G, M, _ACTING)), np.zeros((G, 2, 3))
     N, s, c = np.zeros((G, DOUBTS, DOUBTS)), np.zeros((G, DOUBTS)), np.zeros(G)
-    y, J = np.empty(3), np.empty((3, _MOTION + _ACTING))
+    said, J = np.empty(_SAID), np.empty((_SAID, M + _ACTING))
+    q[:, _SPIN:] = steps[0, 5] / model.plant.vehicle.r  # the wheels roll
     for k in range(steps.shape[0]):
-        steer, force, rate, speed, load = steps[k, :5]
-        v_x = max(speed, _SLOWEST)
+        drive = (steps[k, 0], steps[k, 1], steps[k, 2], steps[k, 3])
+        rate, v_x = steps[k, 4], max(steps[k, 5], _SLOWEST)
         for g in range(G):
             N[g] *= model.kept
             s[g] *= model.kept
             c[g] *= model.kept
-            motion = (v_x, q[g, 0], q[g, 1])
-            status = _slopes(model, g, motion, (steer, force, load), rate, warms[g], y, J)
-            if status < SUNK and np.isfinite(y).all() and np.isfinite(J).all():
-                c[g] += _compare(steps[k, 5:], y, q[g], J, S[g], model.R, N[g], s[g])
-                _advance(v_x, y, J, q[g], S[g], model.dt)
+            status = _slopes(model, g, (v_x, q[g]), drive, rate, warms[g], said, J)
+            if status < SUNK and np.isfinite(said).all() and np.isfinite(J).all():
+                c[g] += _compare(steps[k, 6:], said, q[g], J, S[g], model.R, N[g], s[g])
+                _advance(model, v_x, said, J, q[g], S[g])
             else:
                 c[g] += _IMPOSSIBLE
                 q[g], S[g], warms[g] = 0.0, 0.0, 0.0
+                q[g, _SPIN:] = v_x / model.plant.vehicle.r
             logs[k, g] = evidence(N[g], s[g], c[g], model.P[g])
 
 
@@ -327,12 +357,14 @@ def form_opinion(
     Parameters
     ----------
     plant : Plant
-        The filter's own model, of the paper's kind; its n and its ground are not used.
+        The filter's own model, the paper's or the full one; its n and its ground are not used.
     settings : OpinionSettings
     inputs : array (2 T - 1, 3)
-        (steer [rad], F_u [N], NaN) at every half step.
+        Commands at every half step: (steer [rad], F_u [N], NaN), in the full model (steer [rad], drive
+        and brake torque [N m]).
     imu : array (T, 5)
-        a_x, a_y, a_z [m/s^2], pitch_rate, yaw_rate [rad/s], NaN = not measured; row 0 is not used.
+        a_x, a_y, a_z [m/s^2], pitch_rate, yaw_rate [rad/s] at the centre of gravity, without gravity,
+        NaN = not measured; row 0 is not used.
     speed : array (T,)
         Forward speed that the filter believes in, or that is measured [m/s].
     dt : float
@@ -350,11 +382,17 @@ def form_opinion(
             f"got {inputs.shape} and {speed.shape}"
         )
     model = opinion_model(plant, dt, settings)
-    ends = np.arange(m, T, m)
-    steps = np.array([_step(inputs[2 * (k - m) : 2 * k + 1], imu[k - m + 1 : k + 1], dt) for k in ends])
-    steps = np.column_stack([steps[:, :3], [speed[k - m + 1 : k + 1].mean() for k in ends], steps[:, 3:]])
+    acting = _actuators(plant, inputs, dt) if model.full else inputs
+    ends = range(m, T, m)
+    steps = np.array(
+        [
+            _step(acting[2 * (k - m) : 2 * k + 1], imu[k - m + 1 : k + 1], speed[k - m + 1 : k + 1], dt)
+            for k in ends
+        ]
+    ).reshape(-1, 9)
     logs = np.empty((len(steps), settings.count))
-    _run(model, np.ascontiguousarray(steps), logs)
+    if len(steps):
+        _run(model, steps, logs)
     weights = np.exp(logs - logs.max(axis=1, keepdims=True))
     weights = np.vstack([np.ones((1, settings.count)), weights])  # nothing is known before the first step
     weights /= weights.sum(axis=1, keepdims=True)
@@ -362,11 +400,22 @@ def form_opinion(
     return Opinion(n=model.n, weights=weights[np.arange(T) // m], widest=settings.widest)
 
 
-def _step(inputs: np.ndarray, imu: np.ndarray, dt: float) -> tuple[float, ...]:
-    """(steer, F_u, rate of the steering, load, a_x, a_y, yaw rate): means over the samples of a step."""
+def _actuators(plant: Plant, commands: np.ndarray, dt: float) -> np.ndarray:
+    """What steering, drive and brake do (2 T - 1, 3) under commands at every half step."""
+    vehicle, acting = plant.vehicle, commands.copy()
+    lags = np.maximum([vehicle.steer_lag, vehicle.torque_lag, vehicle.torque_lag], 1e-6)
+    kept = np.exp(-0.5 * dt / lags)
+    for k in range(1, len(acting)):
+        acting[k] = commands[k] + kept * (acting[k - 1] - commands[k])
+    return acting
+
+
+def _step(inputs: np.ndarray, imu: np.ndarray, speed: np.ndarray, dt: float) -> tuple[float, ...]:
+    """A row of `_run`'s ``steps``: means over the samples of a step."""
     rate = (inputs[-1, 0] - inputs[0, 0]) / (len(imu) * dt)
     present = imu[np.isfinite(imu).all(axis=1)]
     felt = present.mean(axis=0) if len(present) else np.full(imu.shape[1], math.nan)
     # The axles carry what the body feels.
     load = 1.0 + felt[_A_Z] / GRAVITY if len(present) else 1.0
-    return (*inputs[1:, :2].mean(axis=0), rate, max(load, _LIGHTEST), *felt[list(_USED)])
+    drive = (*inputs[1:].mean(axis=0), max(load, _LIGHTEST))
+    return (*drive, rate, speed.mean(), *felt[list(_USED)])

@@ -158,9 +158,9 @@ def test_a_drive_that_does_not_fit_is_refused():
     plant, speed = row_plant(STEERED), twin.truth[:, at.V_X]
     with pytest.raises(InvalidParameter, match="half steps"):
         form_opinion(plant, SETTINGS, twin.inputs[:-2], twin.z[:, :5], speed, twin.dt)
-    full = make_plant(VEHICLES["mrzr"], make_soil("clay"), flat())
-    with pytest.raises(InvalidParameter, match="paper's model"):
-        form_opinion(full, SETTINGS, twin.inputs, twin.z[:, :5], speed, twin.dt)
+    hard = make_plant(VEHICLES["mrzr"], make_soil("hard_ground"), flat())
+    with pytest.raises(InvalidParameter, match="hard ground"):
+        form_opinion(hard, SETTINGS, twin.inputs, twin.z[:, :5], speed, twin.dt)
     with pytest.raises(InvalidParameter, match="soils"):
         OpinionSettings(soils=(1.3, 0.3))
     with pytest.raises(InvalidParameter, match="count"):
