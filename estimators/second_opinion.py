@@ -9,14 +9,14 @@ would state beforehand (`nuisances.Doubt`).
 *The opinion.* Every soil of a grid over n gets a small model of the horizontal motion: side speed,
 yaw rate and, where torque drives the wheels, their spin, under the vehicle's own force laws, axles
 loaded by the vertical acceleration that was felt and settled on that soil, at the speed that the
-filter believes in. What it predicts for a_x, a_y
-and yaw rate is compared with what was felt. Seven doubts are not known and are not chosen either:
-mass, moduli (with slip sinkage), steering lag, speed, a bias of each channel (misalignment, which
-feels gravity, included). They act linearly, through the motion as well, with the stated priors, so
-they integrate out exactly (D. V. Lindley & A. F. M. Smith, J. R. Stat. Soc. B 34, 1972): what
-remains is the evidence for each soil, and soils that the data cannot tell apart share it. A consider
-covariance (S. F. Schmidt, NASA TN D-3300, 1966) holds to first order about the filter's own estimate;
-this sees every root of the force, and doubts that the innovations rule out no longer count.
+filter believes in. What it predicts for a_x, a_y and yaw rate is compared with what was felt. Seven
+doubts are not known and are not chosen either: mass, moduli (with slip sinkage), steering lag, speed,
+a bias of each channel (misalignment, which feels gravity, included). They act linearly, through the
+motion as well, with the stated priors, so they integrate out exactly (D. V. Lindley & A. F. M. Smith,
+J. R. Stat. Soc. B 34, 1972): what remains is the evidence for each soil, and soils that the data
+cannot tell apart share it. A consider covariance (S. F. Schmidt, NASA TN D-3300, 1966) holds to first
+order about the filter's own estimate; this sees every root of the force, and doubts that the
+innovations rule out no longer count.
 
 *What becomes of the estimate.* Its standard deviation in doubt is the root mean square distance of
 the soils that remain possible from the filter's mean, together with the filter's own. Another root
@@ -108,10 +108,12 @@ class OpinionSettings:
             raise InvalidParameter(
                 f"count must be in [3, 200] and samples in [1, 100], got {self.count} and {self.samples}"
             )
-        for name in ("memory", "speed", "error", "error_time", "noise", "widest"):
+        for name in ("memory", "speed", "error", "error_time", "widest"):
             values = getattr(self, name)
             if not all(value > 0.0 for value in (values if isinstance(values, tuple) else (values,))):
                 raise InvalidParameter(f"{name} must be > 0, got {values}")
+        if not min(self.noise) >= 0.0:
+            raise InvalidParameter(f"noise must be >= 0, got {self.noise}")
 
 
 class OpinionModel(NamedTuple):

@@ -103,13 +103,15 @@ def test_references_stay_unseen(full):
 def test_the_table_has_a_row_a_sample_and_reads_back(full):
     result = estimate_log(full, "parameter")
     head, *rows = result.csv().splitlines()
-    assert head == "t,n,sd,low,high,valid,nis"
+    assert head == "t,n,sd,low,high,valid,nis,sd_in_doubt,trusted"
     assert len(rows) == len(result.t) == len(full.t)
     last = rows[-1].split(",")
     assert [float(value) for value in last[:5]] == [
         result.t[-1], result.n[-1], result.sd[-1], result.low[-1], result.high[-1]
     ]  # fmt: skip
-    assert rows[0].endswith(",")  # the prior has no innovation
+    assert rows[0].split(",")[6] == ""  # the prior has no innovation
+    assert float(last[7]) == result.sd_in_doubt[-1]
+    assert bool(int(last[8])) == result.trusted[-1]
 
 
 def test_a_prior_of_ones_own_replaces_that_of_the_description(full):
