@@ -110,6 +110,7 @@ class LogEstimate:
     #: (T,) standard deviation of the estimate once its model is doubted, see `Opinion.doubted` [-]
     sd_in_doubt: np.ndarray
     trusted: np.ndarray  #: (T,) bool: the filter vouches for it, and it is narrow in doubt too
+    second: np.ndarray  #: (T, 2) mean and standard deviation of n by the second opinion alone [-]
 
     @property
     def real_time_factor(self) -> float:
@@ -117,15 +118,14 @@ class LogEstimate:
         return float(self.t[-1] - self.t[0]) / max(self.seconds, 1e-9)
 
     def csv(self) -> str:
-        """Columns t, n, sd, low, high, valid, nis, sd_in_doubt, trusted as text; empty = no update."""
-        lines = ["t,n,sd,low,high,valid,nis,sd_in_doubt,trusted"]
-        columns = (self.t, self.n, self.sd, self.low, self.high, self.valid, self.nis)
-        for *numbers, valid, nis, doubt, trusted in zip(
-            *columns, self.sd_in_doubt, self.trusted, strict=True
-        ):
-            shown = "" if math.isnan(nis) else repr(float(nis))
-            row = [*(repr(float(value)) for value in numbers), str(int(valid)), shown]
-            lines.append(",".join([*row, repr(float(doubt)), str(int(trusted))]))
+        """A line a sample under its heading; an empty nis = no update."""
+        lines = ["t,n,sd,low,high,valid,nis,sd_in_doubt,trusted,second_n,second_sd"]
+        columns = np.column_stack(
+            [self.t, self.n, self.sd, self.low, self.high, self.nis, self.sd_in_doubt, self.second]
+        )
+        for numbers, valid, trusted in zip(columns.tolist(), self.valid, self.trusted, strict=True):
+            shown = ["" if math.isnan(value) else repr(value) for value in numbers]
+            lines.append(",".join([*shown[:5], str(int(valid)), *shown[5:7], str(int(trusted)), *shown[7:]]))
         return "\n".join(lines) + "\n"
 
 
@@ -328,7 +328,7 @@ def _fix(samples: LogSamples, k: int, yaw: float) -> np.ndarray:
 def _doubted(
     log: Log, samples: LogSamples, belief: tuple, n: np.ndarray, sd: np.ndarray, valid: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """What an estimate is worth in doubt of its model: the last two fields of `LogEstimate`."""
+    """What an estimate is worth in doubt of its model: the last three fields of `LogEstimate`."""
     plant, n_range, _, _ = belief
     imu, _ = _sensors(log, 1.0 / samples.dt)
     navigation, pose = NavigationFilter(plant.vehicle), _pose(log)
@@ -347,7 +347,8 @@ def _doubted(
     )
     opinion = form_opinion(plant, settings, samples.inputs, felt, speed, samples.dt)
     wide, trusted = opinion.doubted(n, sd, valid)
-    return {"sd_in_doubt": wide, "trusted": trusted}
+    second = np.column_stack([opinion.mean, opinion.sd])
+    return {"sd_in_doubt": wide, "trusted": trusted, "second": second}
 
 
 def _run_carried(

@@ -26,8 +26,8 @@ class Estimate(Results):
     """Estimate the sinkage exponent from logs of drives.
 
     A log is a .csv, .parquet or ROS bag with a .yaml of the same name; docs/logs.md has the format.
-    Writes for each log estimate_LOG_FILTER.csv (t, n, sd, low, high, valid, nis, sd_in_doubt, trusted)
-    and a figure. sd and valid hold given the model; sd_in_doubt and trusted doubt it.
+    Writes for each log estimate_LOG_FILTER.csv (t, n, sd, low, high, valid, nis; sd_in_doubt, trusted;
+    second_n, second_sd) and a figure. sd and valid hold given the model; the others doubt it.
     parameter, joint and bank work on any drive; map_joint, map_bank and map_ekf on the paper's
     half-car over a known ground.
     """
@@ -63,12 +63,15 @@ class Estimate(Results):
             "vouched for",
             "sd in doubt",
             "trusted",
+            "second opinion",
             "innov.²",
             "x real time",
             "truth",
         )
         console().print(table(f"filter {self.filter}", heading, rows))
-        say("in doubt, trusted: once mass, moduli, steering and sensors may be wrong (docs/logs.md)")
+        say(
+            "in doubt, trusted, second opinion: mass, moduli, steering and sensors may be wrong (docs/logs.md)"
+        )
         self.save_numbers({"filter": self.filter, "logs": numbers})
 
     def _show_quality(self, report: QualityReport) -> None:
@@ -131,6 +134,7 @@ def _row(result: LogEstimate, reference: np.ndarray | None) -> tuple[str, ...]:
         f"{100.0 * numbers['valid_share']:.0f} %",
         f"{result.sd_in_doubt[-1]:.3f}",
         f"{100.0 * numbers['trusted_share']:.0f} %",
+        f"{result.second[-1, 0]:.3f} ± {result.second[-1, 1]:.3f}",
         "" if numbers["innovations"] is None else f"{numbers['innovations']:.2f}",
         f"{result.real_time_factor:.0f}",
         "" if truth is None else f"{truth:.3f}",
@@ -156,6 +160,7 @@ def _numbers(result: LogEstimate, reference: np.ndarray | None) -> dict[str, Any
         "valid_share": float(result.valid.mean()),
         "sd_in_doubt": float(result.sd_in_doubt[-1]),
         "trusted": bool(result.trusted[-1]),
+        "second_opinion": result.second[-1].tolist(),
         "trusted_share": float(result.trusted.mean()),
         "innovations": float(np.mean(updates)) / result.channels if len(updates) else None,
         "repairs": result.repairs,

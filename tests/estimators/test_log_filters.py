@@ -104,7 +104,7 @@ def test_references_stay_unseen(full):
 def test_the_table_has_a_row_a_sample_and_reads_back(full):
     result = estimate_log(full, "parameter")
     head, *rows = result.csv().splitlines()
-    assert head == "t,n,sd,low,high,valid,nis,sd_in_doubt,trusted"
+    assert head == "t,n,sd,low,high,valid,nis,sd_in_doubt,trusted,second_n,second_sd"
     assert len(rows) == len(result.t) == len(full.t)
     last = rows[-1].split(",")
     assert [float(value) for value in last[:5]] == [
