@@ -59,7 +59,6 @@ class Estimate(Results):
         heading = (
             "log",
             "n at the end",
-            "95 % interval",
             "vouched for",
             "sd in doubt",
             "trusted",
@@ -69,9 +68,7 @@ class Estimate(Results):
             "truth",
         )
         console().print(table(f"filter {self.filter}", heading, rows))
-        say(
-            "in doubt, trusted, second opinion: mass, moduli, steering and sensors may be wrong (docs/logs.md)"
-        )
+        say("in doubt, trusted, second opinion: where mass, moduli and sensors may be wrong (docs/logs.md)")
         self.save_numbers({"filter": self.filter, "logs": numbers})
 
     def _show_quality(self, report: QualityReport) -> None:
@@ -130,7 +127,6 @@ def _row(result: LogEstimate, reference: np.ndarray | None) -> tuple[str, ...]:
     truth = numbers["truth_at_end"]
     return (
         f"{result.n[-1]:.3f} ± {result.sd[-1]:.3f}",
-        f"{result.low[-1]:.3f} ... {result.high[-1]:.3f}",
         f"{100.0 * numbers['valid_share']:.0f} %",
         f"{result.sd_in_doubt[-1]:.3f}",
         f"{100.0 * numbers['trusted_share']:.0f} %",
