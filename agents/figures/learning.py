@@ -20,6 +20,8 @@ _COLOURS = {
     "ppo_aware": "#0072B2",
     "ppo_oblivious": "#D55E00",
     "ppo_memory": "#CC79A7",
+    "guide_aware": "#56B4E9",
+    "guide_oblivious": "#E69F00",
     "pure_pursuit": "0.35",
 }
 
