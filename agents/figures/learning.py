@@ -52,6 +52,7 @@ def learning_figure(arms: Sequence[LearnedArm], curves: Sequence[Mapping[str, An
         here = [arm for arm in arms if arm.task == task]
         _draw_curves(left, [curve for curve in curves if curve["task"] == task])
         _draw_plain(left, here)
+        left.legend(frameon=False, fontsize=8)
         left.set_title(f"{task}: score while learning [{unit}]", loc="left", fontsize=10)
         left.set_xlabel("thousands of environment steps (a thousand is 20 s of driving)")
         _draw_scores(right, here)
@@ -72,7 +73,6 @@ def _draw_curves(axes: Axes, curves: Sequence[Mapping[str, Any]]) -> None:
         count = min(len(one) for one in points)
         mean = np.mean([one[:count] for one in points], axis=0)
         axes.plot(_THOUSANDS * mean[:, 0], mean[:, 2], color=_COLOURS[arm], lw=2.2, label=arm)
-    axes.legend(frameon=False, fontsize=8)
 
 
 def _draw_plain(axes: Axes, arms: Sequence[LearnedArm]) -> None:
