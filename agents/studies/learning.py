@@ -109,7 +109,7 @@ class Learning(Results):
     on from the last checkpoint of the policy it was at.
     """
 
-    tasks: tuple[str, ...] = ("speed", "patches")  #: what is learnt
+    tasks: tuple[str, ...] = ("speed", "brake")  #: what is learnt
     arms: tuple[str, ...] = tuple(LEARNED)  #: ppo_aware, ppo_oblivious, ppo_memory
     seeds: int = 5  #: trainings of each
     steps: int = 16_000  #: of the policy in each training; one lasts 10 control periods
