@@ -52,7 +52,6 @@ def learning_figure(arms: Sequence[LearnedArm], curves: Sequence[Mapping[str, An
         here = [arm for arm in arms if arm.task == task]
         _draw_curves(left, [curve for curve in curves if curve["task"] == task])
         _draw_plain(left, here)
-        left.legend(frameon=False, fontsize=8)
         left.set_title(f"{task}: score while learning [{unit}]", loc="left", fontsize=10)
         left.set_xlabel("thousands of environment steps (a thousand is 20 s of driving)")
         _draw_scores(right, here)
@@ -62,6 +61,8 @@ def learning_figure(arms: Sequence[LearnedArm], curves: Sequence[Mapping[str, An
             axes.grid(alpha=0.25)
             for side in ("top", "right"):
                 axes.spines[side].set_visible(False)
+    handles, names = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside upper left", ncols=len(names), frameon=False)
     return figure
 
 
