@@ -60,8 +60,12 @@ def mismatch_figure(
     panels[2].set(ylim=(0.0, 109.0), ylabel="flag up, of excited time [%]")
     labels = [fill(MISMATCHES[name].title, 14) for name in names]
     panels[2].set_xticks(np.arange(len(names)), labels, fontsize=9)
-    panels[0].legend(
-        frameon=False, fontsize=9, ncols=len(filters) + 2, loc="lower left", bbox_to_anchor=(0.35, 1.0)
+    figure.legend(
+        *panels[0].get_legend_handles_labels(),
+        frameon=False,
+        fontsize=9,
+        ncols=len(filters) + 2,
+        loc="outside upper right",
     )
     return figure
 

@@ -63,7 +63,7 @@ def test_the_figure_shows_every_filter_under_every_mismatch(results):
     figure = mismatch_figure(summaries_of(results), summaries_of(results, "alone"), BARS)
     for axes in figure.axes:
         assert len(axes.patches) == len(FILTERS) * len(MISMATCHES)
-    shown = {text.get_text() for text in figure.axes[0].get_legend().get_texts()}
+    shown = {text.get_text() for text in figure.legends[0].get_texts()}
     assert shown == {"asked for", "by its own word"} | {candidate.title for candidate in FILTERS.values()}
 
 
