@@ -21,7 +21,7 @@ from offroad_env.soils import make_soil
 from offroad_env.vehicles import make_wheel, static_loads
 from offroad_env.wheel import wheel_forces
 
-__all__ = ["Capability", "soil_capability"]
+__all__ = ["Capability", "slip_angle_sizes", "soil_capability"]
 
 _N_NODES = 15
 _DENSE = 161
@@ -104,7 +104,7 @@ class Capability:
 
         The sign is that of ``lateral``; beyond what the soil holds the largest tabled angle.
         """
-        front, rear = _slip_angles(self.grid, self.angles, self.side, n, abs(lateral))
+        front, rear = slip_angle_sizes(self.grid, self.angles, self.side, n, abs(lateral))
         return (front, rear) if lateral >= 0.0 else (-front, -rear)
 
     def _limits(self, slip_angle: float) -> np.ndarray:
@@ -116,7 +116,7 @@ class Capability:
 
 
 @kernel
-def _slip_angles(grid, angles, side, n, size):
+def slip_angle_sizes(grid, angles, side, n, size):
     """(front, rear) slip angle [rad] that holds the lateral acceleration ``size`` [m/s^2] on soil n."""
     # The grid is even.
     place = (min(max(n, grid[0]), grid[-1]) - grid[0]) / (grid[1] - grid[0])

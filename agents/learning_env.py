@@ -21,9 +21,6 @@ __all__ = ["OBJECTIVES", "LearningVecEnv"]
 OBJECTIVES = ("reward", "score")
 #: Time that a metre of progress counts for in "score" [s/m]: 7 m/s.
 _PACE = 0.15
-#: What a failure is charged there, as a share of the task's time limit. With the whole of it few failures
-#: drown in their variance all that is to be learnt of speed.
-_CHARGE = 1.0 / 3.0
 
 
 class LearningVecEnv(VecEnv):
@@ -39,6 +36,9 @@ class LearningVecEnv(VecEnv):
         are those of the environment.
     objective : {"reward", "score"}
         What is learnt.
+    charge
+        What a failure costs there, as a share of the task's time limit. With the whole of it, as the
+        benchmark has it, failures by a learner's noise drown what is to be learnt of speed.
 
     Notes
     -----
@@ -50,7 +50,12 @@ class LearningVecEnv(VecEnv):
     """
 
     def __init__(
-        self, envs: OffroadBekkerVectorEnv, *, guided: bool = False, objective: str = "reward"
+        self,
+        envs: OffroadBekkerVectorEnv,
+        *,
+        guided: bool = False,
+        objective: str = "reward",
+        charge: float = 1.0,
     ) -> None:
         if envs.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise InvalidParameter('stable-baselines3 needs make_vec(..., autoreset_mode="SameStep")')
@@ -59,6 +64,7 @@ class LearningVecEnv(VecEnv):
         self.envs = envs
         self.render_mode = envs.render_mode
         self.objective = objective
+        self._charge = charge
         first = envs.envs[0]
         self._scenario: Scenario = first.scenario
         if objective == "score" and self._scenario.measure == "cross_track":
@@ -135,7 +141,7 @@ class LearningVecEnv(VecEnv):
             regular = end["success"] or (self._scenario.stalling and end["failure"] in ("", "immobilised"))
             if regular:
                 continue
-            gained[i] -= _CHARGE * self._scenario.time_limit if timed else end["progress"]
+            gained[i] -= self._charge * self._scenario.time_limit if timed else end["progress"]
         return gained
 
     def close(self) -> None:

@@ -171,7 +171,7 @@ class PolicyAgent:
         if self._step % HOLD == 0:
             self._word = self._decide(observation)
         self._step += 1
-        row = {key: np.asarray(observation[key])[None] for key in ("path", "motion")}
+        row = {key: np.asarray(value)[None] for key, value in observation.items()}
         return self._guide.actions(row, self._word[None])[0]
 
     def _decide(self, observation: Observation) -> np.ndarray:

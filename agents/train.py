@@ -79,6 +79,7 @@ class TrainArgs:
     tensorboard: bool = False  #: also write what TensorBoard shows to out/tensorboard
     guided: bool = True  #: say offset and trust to a tracker, five times a second; else the pedals, fifty
     objective: str | None = None  #: reward, or score: what the benchmark measures; default where it is time
+    charge: float = 1.0 / 3.0  #: of a failure in the score that is learnt, as a share of the time limit
     frames: int = 1  #: last observations that the policy sees side by side: memory without recurrence
     n_envs: int = 32  #: environments stepped together
     threads: int | None = None  #: threads that step them, default one per usable processor
@@ -88,12 +89,12 @@ class TrainArgs:
     learning_rate: float = 1.5e-3  #: of Adam at the start; falls to 0 with the last step
     gamma: float = 0.96  #: discount per step; 1/(1 - gamma) guided steps are 5 s
     gae_lambda: float = 0.9  #: bias against variance of the advantage (not SAC)
-    log_std: float = -2.4  #: first log standard deviation of the noise (not SAC)
+    log_std: float = -3.2  #: first log standard deviation of the noise (not SAC)
     noise_steps: int = 25  #: above 1, noise follows the state and is drawn anew after so many (not SAC)
     buffer_size: int = 300_000  #: steps that SAC remembers
     hidden: tuple[int, ...] = (64, 64)  #: layers of policy and value network
     check_steps: int = 7_500  #: steps between two drives of the tuning episodes; the best policy is kept
-    check_episodes: int = 8  #: of such a drive; 0 = none, the last policy is kept
+    check_episodes: int = 16  #: of such a drive; 0 = none, the last policy is kept
     eval_episodes: int = 3  #: test episodes that the reloaded policy drives at the end
 
 
@@ -156,7 +157,8 @@ def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> _Envs:
     if held is None:
         kinds = {"scenario": args.scenario, "terrain_info": args.terrain_info, "threads": args.threads}
         envs = make_vec(args.n_envs, autoreset_mode="SameStep", **kinds)
-        episodes = LearningVecEnv(envs, guided=args.guided, objective=objective(args))
+        learnt = {"objective": objective(args), "charge": args.charge}
+        episodes = LearningVecEnv(envs, guided=args.guided, **learnt)
         episodes.seed(args.seed)
         monitor = VecMonitor(episodes)
         scaler = VecNormalize(monitor, gamma=args.gamma, clip_obs=CLIP)

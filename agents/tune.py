@@ -1,11 +1,11 @@
 """Tune the knobs of every arm with one budget: ``python -m agents.tune``.
 
 The same search for each arm, over the same training episodes (never those of a benchmark): the
-middle and a low-discrepancy sample of the box of its knobs, then rounds in which the best survive,
-change a little, and drive more episodes. In the final every arm drives the best knobs that any arm
-has found (with its own n or z), and its own from the search before, so that no arm is better or worse by
-the luck of its search. The lowest mean score wins (`agents.benchmark.runner`). The result is the module
-`agents.tuned`.
+middle of the box of its knobs, the find of the search before and a low-discrepancy sample, then rounds
+in which the best survive, change a little, and drive more episodes. In the final every arm drives the
+best knobs that any arm has found (with its own n or z), and its own from the search before, so that no
+arm is better or worse by the luck of its search. The lowest mean score wins (`agents.benchmark.runner`).
+The result is the module `agents.tuned`.
 """
 
 from __future__ import annotations
@@ -121,7 +121,9 @@ def search_arm(
     low, high = (np.array([limits[i] for limits in box.values()]) for i in (0, 1))
     rng = np.random.default_rng(args.seed)
     population = qmc.Halton(len(box), rng=rng).random(args.rounds[0].children)
+    held = asdict(ArmSettings(**SETTINGS[args.scenario, name]))
     population[0] = 0.5
+    population[1:2] = np.clip((np.array([held[knob] for knob in box]) - low) / (high - low), 0.0, 1.0)
     driven = 0
     for index, stage in enumerate(args.rounds):
         if index > 0:

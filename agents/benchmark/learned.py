@@ -66,6 +66,8 @@ def learned_verdict(arms: Sequence[LearnedArm], unit: str) -> str:
         return f"{arms[0].task}: no pair of a policy that is told the estimate and one that is not."
     aware, blind = by_name["ppo_aware"].score, by_name["ppo_oblivious"].score
     figures = f"{aware:.3g} {unit} against {blind:.3g} {unit}"
+    if "ppo_memory" in by_name:
+        figures += f", with memory instead {by_name['ppo_memory'].score:.3g} {unit}"
     if aware.high < blind.low:
         return f"On {arms[0].task}, a trained policy does better with the estimate: {figures}."
     if blind.high < aware.low:

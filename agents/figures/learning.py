@@ -16,10 +16,14 @@ from offroad_env.scenarios import MEASURES, find_scenario
 
 __all__ = ["learning_figure"]
 
+#: Thousands of environment steps that a step of the policy lasts.
+_THOUSANDS = HOLD / 1000.0
 _COLOURS = {
     "ppo_aware": "#0072B2",
     "ppo_oblivious": "#D55E00",
     "ppo_memory": "#CC79A7",
+    "guide_aware": "#56B4E9",
+    "guide_oblivious": "#E69F00",
     "pure_pursuit": "0.35",
 }
 
@@ -49,7 +53,7 @@ def learning_figure(arms: Sequence[LearnedArm], curves: Sequence[Mapping[str, An
         _draw_curves(left, [curve for curve in curves if curve["task"] == task])
         _draw_plain(left, here)
         left.set_title(f"{task}: score while learning [{unit}]", loc="left", fontsize=10)
-        left.set_xlabel("environment steps (a million is 5.6 hours of driving)")
+        left.set_xlabel("thousands of environment steps (a thousand is 20 s of driving)")
         _draw_scores(right, here)
         right.set_title(f"{task}: test score [{unit}] of each training seed", loc="left", fontsize=10)
         right.set_xlabel(measure)
@@ -57,6 +61,8 @@ def learning_figure(arms: Sequence[LearnedArm], curves: Sequence[Mapping[str, An
             axes.grid(alpha=0.25)
             for side in ("top", "right"):
                 axes.spines[side].set_visible(False)
+    handles, names = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside upper left", ncols=len(names), frameon=False)
     return figure
 
 
@@ -64,11 +70,10 @@ def _draw_curves(axes: Axes, curves: Sequence[Mapping[str, Any]]) -> None:
     for arm in dict.fromkeys(curve["arm"] for curve in curves):
         points = [np.array(curve["points"], dtype=np.float64) for curve in curves if curve["arm"] == arm]
         for one in points:
-            axes.plot(HOLD * one[:, 0], one[:, 2], color=_COLOURS[arm], lw=0.7, alpha=0.4)
+            axes.plot(_THOUSANDS * one[:, 0], one[:, 2], color=_COLOURS[arm], lw=0.7, alpha=0.4)
         count = min(len(one) for one in points)
         mean = np.mean([one[:count] for one in points], axis=0)
-        axes.plot(HOLD * mean[:, 0], mean[:, 2], color=_COLOURS[arm], lw=2.2, label=arm)
-    axes.legend(frameon=False, fontsize=8)
+        axes.plot(_THOUSANDS * mean[:, 0], mean[:, 2], color=_COLOURS[arm], lw=2.2, label=arm)
 
 
 def _draw_plain(axes: Axes, arms: Sequence[LearnedArm]) -> None:

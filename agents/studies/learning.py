@@ -2,7 +2,8 @@
 
 For each task three arms are trained by PPO with the same settings and several seeds: ``ppo_aware`` sees
 mean and standard deviation of the filter on board, ``ppo_oblivious`` does not, ``ppo_memory`` sees its last
-ten observations (two seconds) instead. All are guided policies (`agents.guide`).
+ten observations (two seconds) instead. All are guided policies (`agents.guide`). Beside them stands what the
+guide does by itself, told the estimate or not: learning begins there.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ import gymnasium as gym
 from agents.benchmark.learned import LearnedArm, learned_verdict, summarise_learned
 from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
 from agents.commands.output import Results, console, say, table
+from agents.guide import Silent
 from agents.policies import KIND, LEARNED, SCALING, WEIGHTS, load_policy
+from agents.protocol import Agent
 from agents.pure_pursuit import PurePursuitAgent
 from agents.studies.felt import felt_error
 from agents.studies.units import Key, run_units, stamp_of
@@ -29,10 +32,19 @@ from offroad_env.scenarios import MEASURES, SCENARIOS, find_scenario
 
 __all__ = ["Learning", "arguments", "run_unit"]
 
+_CHECK_STEPS = 5_000  #: between two drives of the tuning episodes
 _FRAMES = 10  #: of the arm with memory: two seconds
 _SOURCES = ("agents.train", "agents.learning_env", "agents.benchmark.runner", "offroad_env.vector_env")
-#: Units beside the policies: a tracker, and what a single look at the senses tells of the soil.
+#: Units beside the policies: a tracker, a guide to whom nothing is said, and what a single look at the senses
+#: tells of the soil.
 _PLAIN, _FELT = "pure_pursuit", "felt"
+_SILENT = {"guide_aware": "estimate", "guide_oblivious": "none"}
+#: What each arm is trained with: the best of the same three recipes on tuning episodes (`docs/benchmark.md`).
+_RECIPES: dict[str, dict[str, float]] = {
+    "ppo_aware": {"log_std": -4.0, "charge": 1.0},
+    "ppo_oblivious": {"log_std": -3.2, "charge": 1.0 / 3.0},
+    "ppo_memory": {"log_std": -3.2, "charge": 1.0 / 3.0},
+}
 
 
 def arguments(task: str, arm: str, seed: int, steps: int, out: Path) -> TrainArgs:
@@ -46,11 +58,15 @@ def arguments(task: str, arm: str, seed: int, steps: int, out: Path) -> TrainArg
         threads=1,
         resume=True,
         eval_episodes=0,
+        check_steps=_CHECK_STEPS,
+        **_RECIPES[arm],
         out=out / "policies" / task / arm / str(seed),
     )
 
 
-def run_unit(task: str, arm: str, seed: int, steps: int, episodes: int, *, out: Path) -> dict[str, Any]:
+def run_unit(
+    task: str, arm: str, seed: int, steps: int, episodes: int, test_seed: int, *, out: Path
+) -> dict[str, Any]:
     """Train one policy, or take up its training, and drive the test episodes; a unit of `run_units`."""
     if arm == _FELT:
         return {"errors": felt_error(task, episodes)}
@@ -58,8 +74,11 @@ def run_unit(task: str, arm: str, seed: int, steps: int, episodes: int, *, out: 
 
     torch.set_num_threads(1)
     found: dict[str, Any] = {}
+    agent: Agent
     if arm == _PLAIN:
         agent, terrain_info = PurePursuitAgent(), "none"
+    elif arm in _SILENT:
+        agent, terrain_info = Silent(), _SILENT[arm]
     else:
         args = arguments(task, arm, seed, steps, out)
         result = train(args)
@@ -72,7 +91,7 @@ def run_unit(task: str, arm: str, seed: int, steps: int, episodes: int, *, out: 
             "wall_time": result.wall_time,
         }
     env = gym.make(ENV_ID, scenario=task, terrain_info=terrain_info)
-    draws = draw_episodes(task, episodes, 0)
+    draws = draw_episodes(task, episodes, test_seed)
     driven = [run_episode(env, agent, draw.seed, n=draw.n) for draw in draws]
     env.close()
     return {
@@ -90,11 +109,12 @@ class Learning(Results):
     on from the last checkpoint of the policy it was at.
     """
 
-    tasks: tuple[str, ...] = ("speed", "patches")  #: what is learnt
+    tasks: tuple[str, ...] = ("speed", "brake")  #: what is learnt
     arms: tuple[str, ...] = tuple(LEARNED)  #: ppo_aware, ppo_oblivious, ppo_memory
     seeds: int = 5  #: trainings of each
-    steps: int = 30_000  #: of the policy in each training; one lasts 10 control periods
+    steps: int = 16_000  #: of the policy in each training; one lasts 10 control periods
     episodes: int = 20  #: test episodes of each policy
+    test_seed: int = 1  #: of these episodes
     ship: Path | None = None  #: also copy weights and settings of the policies into this folder
     n_jobs: int = 2  #: local processes
 
@@ -112,6 +132,7 @@ class Learning(Results):
         )
         arms = self._summaries(done)
         units = {task: MEASURES[SCENARIOS[task].measure][1] for task in self.tasks}
+        felt = {key[0]: done[key]["errors"] for key in done if key[1] == _FELT}
         rows = []
         for arm in arms:
             each = ", ".join(f"{mean:.3g}" for mean in arm.means)
@@ -124,14 +145,13 @@ class Learning(Results):
         for task in self.tasks:
             here = [arm for arm in arms if arm.task == task]
             say(learned_verdict(here, units[task]))
-            error, prior = done[task, _FELT, 0, 0, self.episodes]["errors"]
+            error, prior = felt[task]
             say(f"A single observation on {task} tells n to {error:.3f} (prior {prior:.3f}).")
         rates = [unit["periods_per_second"] for unit in done.values() if "periods_per_second" in unit]
         say(f"training: {min(rates):.0f} to {max(rates):.0f} environment steps a second in one process")
         self.save_figure(learning_figure(arms, self._curves(done)), "learning")
         if self.ship is not None:
             self._copy(self.ship)
-        felt = {task: done[task, _FELT, 0, 0, self.episodes]["errors"] for task in self.tasks}
         numbers = {"arms": [asdict(arm) for arm in arms], "curves": self._curves(done), "felt": felt}
         self.save_numbers(numbers)
 
@@ -148,12 +168,16 @@ class Learning(Results):
     def _keys(self) -> list[Key]:
         """All arms of a seed before the next seed: what is there can be compared at any time."""
         trained = [
-            (task, arm, seed, self.steps, self.episodes)
+            (task, arm, seed, self.steps, self.episodes, self.test_seed)
             for seed in range(self.seeds)
             for task in self.tasks
             for arm in self.arms
         ]
-        beside = [(task, name, 0, 0, self.episodes) for task in self.tasks for name in (_PLAIN, _FELT)]
+        beside = [
+            (task, name, 0, 0, self.episodes, self.test_seed)
+            for task in self.tasks
+            for name in (_PLAIN, _FELT, *_SILENT)
+        ]
         return beside + trained
 
     def _stamps(self) -> dict[Key, str]:
@@ -161,7 +185,7 @@ class Learning(Results):
         sources = stamp_of(*_SOURCES)
         stamps = {}
         for key in self._keys():
-            task, arm, seed, steps, _ = key
+            task, arm, seed, steps, *_ = key
             trained = (
                 configuration_hash(arguments(task, arm, seed, steps, self.out)) if arm in LEARNED else ""
             )
@@ -180,7 +204,7 @@ class Learning(Results):
                 },
             )
             for task in self.tasks
-            for arm in (*self.arms, _PLAIN)
+            for arm in (*self.arms, *_SILENT, _PLAIN)
         ]
 
     def _curves(self, done: Mapping[Key, dict]) -> list[dict[str, Any]]:
@@ -192,7 +216,7 @@ class Learning(Results):
         ]
 
     def _copy(self, folder: Path) -> None:
-        for task, arm, seed, steps, _ in self._keys():
+        for task, arm, seed, steps, *_ in self._keys():
             if arm in LEARNED:
                 home = arguments(task, arm, seed, steps, self.out).out
                 goal = folder / task / arm / str(seed)

@@ -1,4 +1,4 @@
-"""A guided policy says how much it trusts the soil; the tracker does the rest."""
+"""A guided policy says what n to believe in; the tracker does the rest."""
 
 from __future__ import annotations
 
@@ -6,22 +6,24 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from agents.arms import believe_fixed
 from agents.benchmark.runner import ENV_ID, run_episode
-from agents.guide import Guide
+from agents.guide import Guide, Silent
+from agents.speed_planner import PlannerGains, SoilTracker
 from offroad_env.env import OffroadBekkerEnv
 
 
 class Saying:
     """Always the same word."""
 
-    def __init__(self, steer, trust):
-        self._word = np.array([[steer, trust]])
+    def __init__(self, steer, belief):
+        self._word = np.array([[steer, belief]])
 
     def reset(self, briefing):
         self._guide = Guide(briefing)
 
     def act(self, observation):
-        rows = {key: observation[key][None] for key in ("path", "motion")}
+        rows = {key: value[None] for key, value in observation.items()}
         return self._guide.actions(rows, self._word)[0]
 
 
@@ -39,11 +41,32 @@ def seen():
     return {"path": path, "motion": motion}
 
 
-def test_who_trusts_the_soil_more_brakes_less_before_a_bend(seen):
+def test_who_believes_in_more_grip_brakes_less_before_a_bend(seen):
     guide = Guide(OffroadBekkerEnv(scenario="speed").briefing)
-    drives = [guide.actions(seen, np.array([[0.0, trust]]))[0, 1] for trust in (-0.5, 0.0, 0.5, 1.0)]
+    seen["motion"][0, 0] = 6.5
+    drives = [guide.actions(seen, np.array([[0.0, word]]))[0, 1] for word in (0.0, 0.2, 0.4, 0.7)]
     assert drives == sorted(drives)
     assert drives[0] < 0.0 < drives[-1]
+
+
+def test_a_word_corrects_what_is_told_and_the_worst_soil_where_nothing_is(seen):
+    guide = Guide(OffroadBekkerEnv(scenario="speed").briefing)
+    words = np.array([0.0, 0.1, -0.1, 1.0])
+    rows = {"terrain": np.tile([0.7, 0.05, 1.0], (4, 1))}
+    assert guide.believed(rows, words) == pytest.approx([0.7, 0.78, 0.62, 1.1])
+    rows["terrain"][:, 2] = 0.0  # no estimate yet
+    assert guide.believed(rows, words) == pytest.approx([0.3, 0.38, 0.3, 1.1])
+    assert guide.believed({}, words) == pytest.approx([0.3, 0.38, 0.3, 1.1])
+
+
+def test_it_drives_as_the_tracker_of_the_arms_where_their_knobs_are_the_same(seen):
+    briefing = OffroadBekkerEnv(scenario="speed").briefing
+    gains = PlannerGains(margin=0.88, slip_angle=0.29, feed_forward=0.9, brake_share=0.0)
+    tracker = SoilTracker(believe_fixed(0.25), gains)
+    tracker.reset(briefing)
+    row = {key: value[0] for key, value in seen.items()}
+    steer, _ = Guide(briefing).actions(seen, np.array([[0.0, 0.25]]))[0]
+    assert steer == pytest.approx(tracker.act(row)[0], abs=1e-6)
 
 
 def test_the_offset_steers_to_its_side(seen):
@@ -78,16 +101,21 @@ def test_many_rows_are_guided_as_each_alone(seen):
 
 @pytest.mark.parametrize("n", [0.3, 1.1])
 def test_a_policy_that_says_nothing_arrives_on_every_soil(n):
-    assert drive(Saying(0.0, 0.0), n=n).success
+    assert drive(Silent(), n=n).success
 
 
-def test_on_firm_grip_trust_saves_time_and_on_little_grip_it_leaves_the_corridor():
-    assert drive(Saying(0.0, 0.6), n=1.0).score < 0.85 * drive(Saying(0.0, 0.0), n=1.0).score
+def test_where_there_is_grip_believing_in_it_saves_time_and_where_there_is_none_it_leaves_the_corridor():
+    assert drive(Saying(0.0, 0.6), n=1.0).score < 0.85 * drive(Silent(), n=1.0).score
     assert drive(Saying(0.0, 0.8), n=0.3).failure == "left_corridor"
 
 
-def test_before_a_line_trust_is_the_deceleration_that_is_relied_on():
-    careful, bold = (drive(Saying(0.0, trust), scenario="brake") for trust in (0.0, 0.5))
+def test_who_says_nothing_gains_by_the_estimate():
+    env = gym.make(ENV_ID, scenario="speed", terrain_info="estimate")
+    assert run_episode(env, Silent(), 3, n=0.9).score < 0.9 * drive(Silent(), n=0.9).score
+
+
+def test_before_a_line_more_grip_means_later_braking():
+    careful, bold = (drive(Saying(0.0, word), scenario="brake") for word in (0.0, 0.5))
     assert careful.success
     assert bold.success
     assert bold.score < careful.score
