@@ -150,7 +150,7 @@ class Mismatches(Results):
         say("silent: runs that vouched for 2 s or more for an error above 20 % outside of their own interval")
         _show_worst(summaries)
         _show_bounds(bounds)
-        self.save_figure(mismatch_figure(summaries, BARS), "mismatch")
+        self.save_figure(mismatch_figure(summaries, alone, BARS), "mismatch")
         runs = [result for key, result in results.items() if key[0] != _BOUND]
         self.save_numbers(
             {

@@ -60,11 +60,11 @@ def test_a_run_without_flag_counts_against_the_flag_and_not_in_the_error(results
 
 
 def test_the_figure_shows_every_filter_under_every_mismatch(results):
-    figure = mismatch_figure(summaries_of(results), BARS)
+    figure = mismatch_figure(summaries_of(results), summaries_of(results, "alone"), BARS)
     for axes in figure.axes:
         assert len(axes.patches) == len(FILTERS) * len(MISMATCHES)
-    shown = {text.get_text() for text in figure.axes[0].get_legend().get_texts()}
-    assert shown == {"asked for"} | {candidate.title for candidate in FILTERS.values()}
+    shown = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert shown == {"asked for", "by its own word"} | {candidate.title for candidate in FILTERS.values()}
 
 
 def test_the_bound_names_what_costs_most(results):
