@@ -66,9 +66,7 @@ def _draw_power(axes: Axes, power: Mapping) -> None:
         threshold, ratio = power["threshold"], power["ratio"]
         axes.plot(sizes, norm.cdf(sizes - threshold), color="0.1", ls=":", lw=1.4, label="bound")
         if ratio is not None:
-            label = (
-                f"measured: {ratio:.2f} ({power['low']:.2f} to {power['high']:.2f}) times the bound's sizes"
-            )
+            label = f"measured: {ratio:.2f} ({power['low']:.2f} to {power['high']:.2f}) times its sizes"
             axes.plot(sizes, norm.cdf(sizes / ratio - threshold), color="#0072B2", lw=1.8, label=label)
         size = [point["size"] for point in power["points"]]
         share = np.array([point["share"] for point in power["points"]])
@@ -76,7 +74,7 @@ def _draw_power(axes: Axes, power: Mapping) -> None:
         axes.errorbar(
             size, share, yerr=np.maximum(error, 0.0), fmt="o", color="#D55E00", capsize=3, label="logs, 95 %"
         )
-        axes.legend(loc="lower right", fontsize=9)
+        axes.legend(loc="center right", fontsize=9)
     axes.set(
         xlabel="hidden size over its standard deviation", ylabel="share of logs in which something is found"
     )
