@@ -1,19 +1,23 @@
 """Speed of fleets as ratios in one run: `python benchmarks/fleet.py --json fleet.json`.
 
-The full model of one vehicle and of 64, on clay and an average unpaved road, 1 s drives. The sides take
+The full model of one vehicle and of 64, on clay and an average unpaved road, drives of 10 s. The sides take
 turns, so that a busy machine slows all of them; CPU time is measured, and of threads the clock on the
-wall, which only an idle machine gives a meaning. The median of the ratios is printed with its range.
+wall, which only an idle machine gives a meaning: a loop that touches no memory says what two threads can
+be worth. The median of the ratios is printed with its range.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import statistics
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numba
 import numpy as np
 
 from offroad_env.fleet import simulate_fleet_commands, vary
@@ -31,7 +35,7 @@ AIMS = {
     "two threads / one (wall)": 1.0 / 1.8,
 }
 #: Interval that commands are held for [s], intervals of a drive, and vehicles.
-INTERVAL, DRIVE, COUNT = 0.02, 50, 64
+INTERVAL, DRIVE, COUNT = 0.02, 500, 64
 COMMAND = (0.02, 400.0, 0.0)
 
 
@@ -76,6 +80,27 @@ def by_fleet(count: int, threads: int = 1, *, wall: bool = False) -> Callable[[]
     return run
 
 
+@numba.njit(nogil=True)
+def _spin(count: int) -> float:
+    """A loop that needs a processor and nothing else."""
+    total = 0.0
+    for i in range(count):
+        total += math.sqrt(i + total)
+    return total
+
+
+def by_spinning(threads: int) -> Callable[[], float]:
+    """Seconds for two of these loops, in this many threads."""
+
+    def run() -> float:
+        start = time.perf_counter()
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(_spin, [20_000_000] * 2))
+        return time.perf_counter() - start
+
+    return run
+
+
 def take_turns(ours: Callable[[], float], peer: Callable[[], float], rounds: int) -> dict[str, float]:
     """Median and range of ours/peer over rounds in which both run once."""
     ours(), peer()
@@ -104,6 +129,7 @@ def main() -> None:
             ("fleet / a vehicle in a compiled loop", fleet, by_fleet(1)),
             ("two threads / one (wall)", by_fleet(COUNT, 2, wall=True), by_fleet(COUNT, 1, wall=True)),
             ("two threads / one (CPU)", by_fleet(COUNT, 2), fleet),
+            ("the same for a bare loop (wall)", by_spinning(2), by_spinning(1)),
         )
     }
     for name, row in results.items():

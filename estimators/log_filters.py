@@ -3,6 +3,9 @@
 Two families. Those that a vehicle carries (`estimators.carried`) need commands and sensors, on the
 full model or the paper's. Those of the paper's half-car with a map (`estimators.joint`, `bank`,
 `ekf`) hold the whole state and read the ground under the wheels from the description of the log.
+
+All of them believe their model. Beside what each says stands what that is worth to somebody who
+does not (`estimators.second_opinion`), at the speed of a navigation filter of its own.
 """
 
 from __future__ import annotations
@@ -29,9 +32,12 @@ from estimators.joint import (
 )
 from estimators.logs import Log, commands_at, plant_of
 from estimators.logs.schema import IMU
+from estimators.navigation import NavigationFilter
 from estimators.protocol import Pose
+from estimators.second_opinion import OpinionSettings, form_opinion
 from estimators.transforms import belief_of
 from offroad_env.errors import DataError, InvalidParameter, SolverFailure
+from offroad_env.physics.numerics import GRAVITY
 from offroad_env.sensors import GnssConfig, ImuConfig
 from offroad_env.simulator import Plant, settled_state
 from offroad_env.terrain import flat
@@ -65,6 +71,8 @@ _Z_95 = 1.959964
 _SURPRISE, _WATCH_TIME = 5.0, 2.0
 #: Standard deviation of a satellite's velocity where the log does not say [m/s].
 _VELOCITY_SD = 0.05
+#: Step of the second opinion [s]: its wheels follow the torque by a rule of the first order.
+_OPINION_STEP = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,12 +101,16 @@ class LogEstimate:
     sd: np.ndarray  #: (T,) standard deviation [-]
     low: np.ndarray  #: (T,) lower end of the 95 % interval [-]
     high: np.ndarray  #: (T,) its upper end [-]
-    valid: np.ndarray  #: (T,) bool: the filter vouches for it
+    valid: np.ndarray  #: (T,) bool: the filter vouches for it, given its model
     nis: np.ndarray  #: (T,) normalised innovation squared; NaN without an update
     channels: int  #: measured at an update: what `nis` should be on average
     repairs: int  #: repaired factorisations
     seconds: float  #: processor time [s]
     n_range: tuple[float, float]  #: where n was looked for [-]
+    #: (T,) standard deviation of the estimate once its model is doubted, see `Opinion.doubted` [-]
+    sd_in_doubt: np.ndarray
+    trusted: np.ndarray  #: (T,) bool: the filter vouches for it, and it is narrow in doubt too
+    second: np.ndarray  #: (T, 2) mean and standard deviation of n by the second opinion alone [-]
 
     @property
     def real_time_factor(self) -> float:
@@ -106,12 +118,14 @@ class LogEstimate:
         return float(self.t[-1] - self.t[0]) / max(self.seconds, 1e-9)
 
     def csv(self) -> str:
-        """Columns t, n, sd, low, high, valid, nis as text; empty = no update."""
-        lines = ["t,n,sd,low,high,valid,nis"]
-        columns = (self.t, self.n, self.sd, self.low, self.high, self.valid, self.nis)
-        for *numbers, valid, nis in zip(*columns, strict=True):
-            shown = "" if math.isnan(nis) else repr(float(nis))
-            lines.append(",".join([*(repr(float(value)) for value in numbers), str(int(valid)), shown]))
+        """A line a sample under its heading; an empty nis = no update."""
+        lines = ["t,n,sd,low,high,valid,nis,sd_in_doubt,trusted,second_n,second_sd"]
+        columns = np.column_stack(
+            [self.t, self.n, self.sd, self.low, self.high, self.nis, self.sd_in_doubt, self.second]
+        )
+        for numbers, valid, trusted in zip(columns.tolist(), self.valid, self.trusted, strict=True):
+            shown = ["" if math.isnan(value) else repr(value) for value in numbers]
+            lines.append(",".join([*shown[:5], str(int(valid)), *shown[5:7], str(int(trusted)), *shown[7:]]))
         return "\n".join(lines) + "\n"
 
 
@@ -303,6 +317,40 @@ def _pose(log: Log) -> Pose:
     return Pose(start.x, start.y, start.yaw, start.v_x)
 
 
+def _fix(samples: LogSamples, k: int, yaw: float) -> np.ndarray:
+    """Fix (4,) of row ``k``: body speeds without a heading get the course that agrees with ``yaw``."""
+    fix = samples.gnss[k]
+    if math.isnan(fix[3]) and not math.isnan(samples.slide[k]):
+        return np.array([*fix[:3], yaw + samples.slide[k]])
+    return fix
+
+
+def _doubted(
+    log: Log, samples: LogSamples, belief: tuple, n: np.ndarray, sd: np.ndarray, valid: np.ndarray
+) -> dict[str, np.ndarray]:
+    """What an estimate is worth in doubt of its model: the last three fields of `LogEstimate`."""
+    plant, n_range, _, _ = belief
+    imu, _ = _sensors(log, 1.0 / samples.dt)
+    navigation, pose = NavigationFilter(plant.vehicle), _pose(log)
+    navigation.reset(*pose)
+    speed = np.full(len(samples.t), pose.v)
+    for k in range(1, len(speed)):
+        fix, steer = _fix(samples, k, navigation.pose.yaw), float(samples.commands[k, 0])
+        speed[k] = navigation.update(samples.imu[k], samples.rims[k], steer, fix, samples.dt).v
+    felt = samples.imu.copy()  # at the centre of gravity: a lever arm feels the turning
+    felt[:, :2] += np.square(felt[:, 4:]) * imu.lever_arm[:2]
+    felt[:, 2] -= GRAVITY if imu.kind == "specific_force" else 0.0
+    settings = OpinionSettings(
+        soils=n_range,
+        samples=max(round(_OPINION_STEP / samples.dt), 1),
+        noise=(imu.accel_noise, imu.accel_noise, imu.gyro_noise),
+    )
+    opinion = form_opinion(plant, settings, samples.inputs, felt, speed, samples.dt)
+    wide, trusted = opinion.doubted(n, sd, valid)
+    second = np.column_stack([opinion.mean, opinion.sd])
+    return {"sd_in_doubt": wide, "trusted": trusted, "second": second}
+
+
 def _run_carried(
     log: Log, name: str, samples: LogSamples, belief: tuple, tell: Callable[[float], None]
 ) -> LogEstimate:
@@ -319,16 +367,14 @@ def _run_carried(
     rows[0] = first.mean, first.sd, math.nan, first.valid
     begin = time.process_time()
     for k in range(1, T):
-        fix = samples.gnss[k]
-        if math.isnan(fix[3]) and not math.isnan(samples.slide[k]):
-            # Body speeds without a heading: the course is the one that agrees with the navigation's.
-            fix = np.array([*fix[:3], estimator.pose.yaw + samples.slide[k]])
+        fix = _fix(samples, k, estimator.pose.yaw)
         command = tuple(samples.commands[k].tolist())
         estimate = estimator.update(command, samples.imu[k], samples.rims[k], fix)
         rows[k] = estimate.mean, estimate.sd, estimate.nis, estimate.valid
         if k % 100 == 0:
             tell(k / T)
-    n, spread = rows[:, 0], rows[:, 1]
+    seconds = time.process_time() - begin
+    n, spread, valid = rows[:, 0], rows[:, 1], rows[:, 3] > 0.5
     return LogEstimate(
         log=log.name,
         filter=name,
@@ -337,12 +383,13 @@ def _run_carried(
         sd=spread,
         low=np.maximum(n - _Z_95 * spread, n_range[0]),
         high=np.minimum(n + _Z_95 * spread, n_range[1]),
-        valid=rows[:, 3] > 0.5,
+        valid=valid,
         nis=rows[:, 2],
         channels=3,
         repairs=estimate.repairs,
-        seconds=time.process_time() - begin,
+        seconds=seconds,
         n_range=n_range,
+        **_doubted(log, samples, belief, n, spread, valid),
     )
 
 
@@ -373,6 +420,7 @@ def _run_mapped(
         start = prior(model, settings, n_prior, sd, pose[:3], pose.v)
         run = (run_ekf if name == "map_ekf" else run_joint_filter)(model, start, samples.inputs, z)
         valid = _calm(run, model)
+    seconds = time.process_time() - begin
     return LogEstimate(
         log=log.name,
         filter=name,
@@ -385,8 +433,9 @@ def _run_mapped(
         nis=run.nis,
         channels=5,
         repairs=run.repairs,
-        seconds=time.process_time() - begin,
+        seconds=seconds,
         n_range=n_range,
+        **_doubted(log, samples, belief, run.n, run.sd, valid),
     )
 
 

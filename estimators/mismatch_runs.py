@@ -9,6 +9,10 @@
 
 The propagated filter has no validity flag of its own: it gets that of `row_filters.innovation_flag`,
 which looks at the size of its innovations and the width of its interval.
+
+All but the robust bank believe their model exactly, and what they say holds given that model. What a
+user can go by is that together with a second opinion (`estimators.second_opinion`): `run_filter` gives
+the filter's own word, `in_doubt` the pair of standard deviation and flag that doubts the model.
 """
 
 from __future__ import annotations
@@ -20,7 +24,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.bank import BankSettings, run_bank
+from estimators.bank import (
+    HIGH,
+    LOW,
+    MEAN,
+    REPORT,
+    SD,
+    VALID,
+    BankSettings,
+    bank_rules,
+    bank_step,
+    report_sum,
+    start_bank,
+    tidy,
+)
 from estimators.consistency import coverage
 from estimators.embedded import EmbeddedParameterUKF
 from estimators.joint import IMU_CHANNELS, JointSettings, joint_model
@@ -32,7 +49,9 @@ from estimators.protocol import Pose
 from estimators.protocol_runs import row_plant
 from estimators.robust import RobustSettings, run_robust_bank
 from estimators.row_filters import innovation_flag
+from estimators.second_opinion import OpinionSettings, form_opinion
 from estimators.transforms import interval
+from offroad_env.physics import state as at
 from offroad_env.sensors import ImuConfig
 from offroad_env.simulator import settled_state
 
@@ -42,6 +61,7 @@ __all__ = [
     "Candidate",
     "MismatchSummary",
     "Verdict",
+    "in_doubt",
     "judge",
     "run_filter",
     "summarise_verdicts",
@@ -49,6 +69,8 @@ __all__ = [
 
 _SPEED = CHOICES["start_speed"].value
 _POSE = (0.0, 0.0, 0.0)
+#: Samples between two looks at the components of the bank, as in `estimators.bank`.
+_TIDY = 10
 _NORMAL_95, _NORMAL_99 = 1.959964, 2.575829
 #: An error of n beyond this share, outside of the interval and vouched for, is a silent divergence.
 _DIVERGED = 0.2
@@ -64,6 +86,7 @@ class Belief(NamedTuple):
     low: np.ndarray  #: (T,) lower end of the 95 % interval [-]
     high: np.ndarray  #: (T,) its upper end [-]
     valid: np.ndarray  #: (T,) bool
+    speed: np.ndarray  #: (T,) forward speed that it believes in [m/s]
     seconds: float  #: processor time [s]
 
 
@@ -88,17 +111,27 @@ class Verdict(NamedTuple):
 
 
 def _bank(twin: MismatchTwin, seen: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The loop of `bank.run_bank`, which keeps no speeds."""
     settings = BankSettings()
     model = joint_model(row_plant(twin.row), twin.dt, settings.joint)
-    run = run_bank(model, settings, twin.inputs, seen, pose=_POSE, v_x=_SPEED)
-    return run.n, run.sd, run.low, run.high, run.valid
+    state, rules = start_bank(model, settings, _POSE, _SPEED), bank_rules(model, settings)
+    report, speed = np.empty((len(seen), REPORT)), np.full(len(seen), _SPEED)
+    kinds = np.zeros(settings.components, np.int64)
+    report_sum(state, np.full(settings.components, math.nan), rules, model, report[0])
+    for k in range(1, len(seen)):
+        bank_step(state, twin.inputs[2 * k - 2 : 2 * k + 1], seen[k], rules, model, report[k])
+        if k % _TIDY == 0:
+            tidy(state, rules.log_drop, rules.merge, kinds)
+        speed[k] = state.means[np.argmax(state.log_weights), at.V_X]
+    return *report[:, [MEAN, SD, LOW, HIGH]].T, report[:, VALID] > 0.5, speed
 
 
 def _robust(twin: MismatchTwin, seen: np.ndarray) -> tuple[np.ndarray, ...]:
     settings = RobustSettings()
     model = doubt_model(row_plant(twin.row), twin.dt, settings.joint, settings.doubt)
-    run = run_robust_bank(model, settings, twin.inputs, seen, pose=_POSE, v_x=_SPEED).bank
-    return run.n, run.sd, run.low, run.high, run.valid
+    run = run_robust_bank(model, settings, twin.inputs, seen, pose=_POSE, v_x=_SPEED)
+    bank = run.bank
+    return bank.n, bank.sd, bank.low, bank.high, bank.valid, run.means[:, at.V_X]
 
 
 def _embedded(twin: MismatchTwin, seen: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -106,13 +139,15 @@ def _embedded(twin: MismatchTwin, seen: np.ndarray) -> tuple[np.ndarray, ...]:
     unit = ImuConfig(body_axes=False)
     estimator = EmbeddedParameterUKF(row_plant(twin.row), (low, high), dt=twin.dt, imu=unit)
     estimates = [estimator.reset(SETTINGS["half_car"].n_prior, 0.25, Pose(*_POSE, _SPEED))]
+    speed = np.full(len(seen), _SPEED)
     for k in range(1, len(seen)):
         steer, force, _ = twin.inputs[2 * k - 1]
         z = seen[k]
         estimates.append(estimator.update((float(steer), float(force), 0.0), z[:5], z[5:7], z[7:]))
+        speed[k] = estimator.pose.v
     n, sd = (np.array([getattr(e, name) for e in estimates]) for name in ("mean", "sd"))
     valid = np.array([e.valid for e in estimates])
-    return n, sd, n - _NORMAL_95 * sd, n + _NORMAL_95 * sd, valid
+    return n, sd, n - _NORMAL_95 * sd, n + _NORMAL_95 * sd, valid, speed
 
 
 def _propagated(twin: MismatchTwin, seen: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -125,20 +160,21 @@ def _propagated(twin: MismatchTwin, seen: np.ndarray) -> tuple[np.ndarray, ...]:
     low, high = np.transpose([interval(eta, v, *settings.n_range) for eta, v in beliefs])
     wide = np.array([interval(eta, v, *settings.n_range, _NORMAL_99) for eta, v in beliefs])
     valid = innovation_flag(run.nis, wide[:, 1] - wide[:, 0], IMU_CHANNELS, twin.dt)
-    return run.n, run.sd, low, high, valid
+    return run.n, run.sd, low, high, valid, run.states[:, at.V_X]
 
 
 class Candidate(NamedTuple):
     """A filter of the study."""
 
-    loop: Callable[[MismatchTwin, np.ndarray], tuple[np.ndarray, ...]]  #: n, sd, low, high, valid
+    loop: Callable[[MismatchTwin, np.ndarray], tuple[np.ndarray, ...]]  #: all of `Belief` but its seconds
     sensors: str  #: that it sees, see `protocol_runs.SENSORS`
     module: str  #: that it lives in
     title: str
+    exact: bool = True  #: it believes its model exactly
 
 
 FILTERS: dict[str, Candidate] = {
-    "robust": Candidate(_robust, "imu+wheels", "estimators.robust", "robust bank"),
+    "robust": Candidate(_robust, "imu+wheels", "estimators.robust", "robust bank", False),
     "bank": Candidate(_bank, "imu", "estimators.bank", "plain bank"),
     "embedded": Candidate(_embedded, "imu+wheels+gnss", "estimators.embedded", "embedded UKF"),
     "propagated": Candidate(_propagated, "imu", "estimators.parameter", "propagated"),
@@ -152,6 +188,26 @@ def run_filter(name: str, twin: MismatchTwin) -> Belief:
     begin = time.process_time()
     beliefs = candidate.loop(twin, seen)
     return Belief(*beliefs, seconds=time.process_time() - begin)
+
+
+def in_doubt(name: str, twin: MismatchTwin, belief: Belief) -> Belief:
+    """What a filter said, to somebody who doubts its model: `belief` itself where the filter does so.
+
+    The second opinion has the filter's own model, sensors and speed.
+    """
+    if not FILTERS[name].exact:
+        return belief
+    begin = time.process_time()
+    imu = twin.readings("imu")[:, :IMU_CHANNELS]
+    opinion = form_opinion(row_plant(twin.row), OpinionSettings(), twin.inputs, imu, belief.speed, twin.dt)
+    sd, trusted = opinion.doubted(belief.n, belief.sd, belief.valid)
+    return belief._replace(
+        sd=sd,
+        low=np.minimum(belief.low, belief.n - _NORMAL_95 * sd),
+        high=np.maximum(belief.high, belief.n + _NORMAL_95 * sd),
+        valid=trusted,
+        seconds=belief.seconds + time.process_time() - begin,
+    )
 
 
 def judge(name: str, twin: MismatchTwin, belief: Belief) -> Verdict:

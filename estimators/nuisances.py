@@ -71,6 +71,7 @@ __all__ = [
     "settled_belief",
     "slip_sinkage",
     "tie",
+    "with_mass",
 ]
 
 #: Where each nuisance sits behind the ten states and eta (`joint.ETA`).
@@ -186,7 +187,7 @@ def slip_sinkage(slip):
 
 
 @kernel
-def _vehicle(v, factor):
+def with_mass(v, factor):
     """The same vehicle with another mass; its moments of inertia stay."""
     return Vehicle(
         v.m * factor, v.I_z, v.I_y, v.l_f, v.l_r, v.k_f, v.k_r, v.c_f, v.c_r, v.m_w, v.r, v.b,
@@ -207,7 +208,7 @@ def _believed(point, model):
     """The plant that a point of the belief stands for."""
     plant, n = model.plant, to_range(point[ETA], model.low, model.high)
     return Plant(
-        _vehicle(plant.vehicle, math.exp(point[MASS])),
+        with_mass(plant.vehicle, math.exp(point[MASS])),
         with_pressure(plant.soil, n, math.exp(point[STIFFNESS] - tie(n))),
         plant.ground,
         plant.soil_map,

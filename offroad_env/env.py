@@ -490,9 +490,7 @@ class OffroadBekkerEnv(gym.Env):
         """Move on by one period: the truth, everything that watches it, and what is reported of it."""
         phases = _EVERYTHING
         if self._extended is not None:
-            self._extended.drive(
-                self._episode, self._actions, lambda: self.command, self._memory.noise[self._row]
-            )
+            self.drive_extended()
             phases = BELIEVE | REPORT
         if self.is_compiled:
             self._run(phases)
@@ -503,6 +501,12 @@ class OffroadBekkerEnv(gym.Env):
         self._run(phases & ~REPORT)
         self.ask_estimator()
         self._run(REPORT)
+
+    def drive_extended(self) -> None:
+        """Move the truth of an extended model, which the compiled period cannot, by one period."""
+        self._extended.drive(
+            self._episode, self._actions, lambda: self.command, self._memory.noise[self._row]
+        )
 
     def ask_estimator(self) -> None:
         """Show the period's samples to an estimator that the compiled period does not carry.

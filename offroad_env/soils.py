@@ -46,6 +46,13 @@ _FIELDS = MappingProxyType(
             low_open=True,
             mistakes=((200.0000001, 1e9, "N/rad, not divided by the wheel load"),),
         ),
+        "C_kappa": Quantity(
+            "in (0, 200] (per unit of wheel load)",
+            0.0,
+            200.0,
+            low_open=True,
+            mistakes=((200.0000001, 1e9, "N, not divided by the wheel load"),),
+        ),
     }
 )
 
@@ -93,6 +100,7 @@ def make_soil(  # noqa: PLR0913 - a misspelt name must be refused, so every fiel
     b_1: float | None = None,
     mu: float | None = None,
     C_alpha: float | None = None,
+    C_kappa: float | None = None,
 ) -> Soil:
     """Make a validated soil, from scratch or from another one.
 
@@ -124,7 +132,10 @@ def make_soil(  # noqa: PLR0913 - a misspelt name must be refused, so every fiel
     mu
         Friction coefficient of hard ground [-]; default 0.8.
     C_alpha
-        Slip stiffness of hard ground per unit of wheel load [1/rad]; default 10.
+        Side-slip stiffness of hard ground per unit of wheel load [1/rad]; default 10.
+    C_kappa
+        Stiffness of hard ground against slip along the wheel per unit of wheel load [-]; default
+        ``C_alpha``, or as many times that as in ``base``.
 
     Returns
     -------
@@ -145,11 +156,15 @@ def make_soil(  # noqa: PLR0913 - a misspelt name must be refused, so every fiel
     given = {
         "k_c": k_c, "k_phi": k_phi, "n": n, "c": c, "phi": phi, "k_x": k_x, "k_y": k_y,
         "a_0": a_0, "a_1": a_1, "b_0": b_0, "b_1": b_1, "mu": mu, "C_alpha": C_alpha,
+        "C_kappa": C_kappa,
     }  # fmt: skip
     given = {name: value for name, value in given.items() if value is not None}
     start = _base_record(base)
     rigid = _rigid(kind, start)
     values = _start_values(start, rigid, given) | given
+    if C_kappa is None:
+        share = 1.0 if start is None else start.C_kappa / start.C_alpha
+        values["C_kappa"] = share * values["C_alpha"]
     checked = {name: _FIELDS[name].check(name, value) for name, value in values.items()}
     soil = Soil(**checked, rigid=1.0 if rigid else 0.0)
     if not rigid:

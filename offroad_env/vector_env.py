@@ -72,7 +72,7 @@ class OffroadBekkerVectorEnv(VectorEnv):
 
     Episodes share nothing but the arguments; seeds, time limit, truncation and ``infos`` are those of
     Gymnasium's `SyncVectorEnv`. A step is one compiled call for all episodes, on all processors; what
-    begins anew is drawn by the single environment's own `reset`.
+    begins anew is drawn by the single environment's own `reset`. Truths of an extended model move one by one.
 
     Parameters
     ----------
@@ -109,8 +109,6 @@ class OffroadBekkerVectorEnv(VectorEnv):
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.envs = [OffroadBekkerEnv(**options) for _ in range(self.num_envs)]
         first = self.envs[0]
-        if first.extension is not None:
-            raise InvalidParameter("an extended model runs in single environments only: use gym.make")
         self.max_episode_steps = int(max_episode_steps)
         self._time_limit = first.scenario.time_limit
         self.metadata = {**first.metadata, "autoreset_mode": self.autoreset_mode}
@@ -261,12 +259,17 @@ class OffroadBekkerVectorEnv(VectorEnv):
         """One period of the episodes in the mask ``moving``."""
         for i in np.flatnonzero((self._memory.episodes["noise_row"] > LAST_ROW) & moving):
             self.envs[i].draw_noise()
+        phases = _EVERYTHING
+        if self.envs[0].extension is not None:
+            phases = BELIEVE | REPORT
+            for i in np.flatnonzero(moving):
+                self.envs[i].drive_extended()
         asking = [i for i in np.flatnonzero(moving) if not self.envs[i].is_compiled]
         if not asking:
-            self._run(np.where(moving, _EVERYTHING, 0))
+            self._run(np.where(moving, phases, 0))
             return
         self._memory.assumptions = None
-        self._run(np.where(moving, DRIVE | BELIEVE, 0))
+        self._run(np.where(moving, phases & ~REPORT, 0))
         for i in asking:
             self.envs[i].ask_estimator()
         self._run(np.where(moving, REPORT, 0))

@@ -26,7 +26,8 @@ class Estimate(Results):
     """Estimate the sinkage exponent from logs of drives.
 
     A log is a .csv, .parquet or ROS bag with a .yaml of the same name; docs/logs.md has the format.
-    Writes for each log estimate_LOG_FILTER.csv (t, n, sd, low, high, valid, nis) and a figure.
+    Writes for each log estimate_LOG_FILTER.csv (t, n, sd, low, high, valid, nis; sd_in_doubt, trusted;
+    second_n, second_sd) and a figure. sd and valid hold given the model; the others doubt it.
     parameter, joint and bank work on any drive; map_joint, map_bank and map_ekf on the paper's
     half-car over a known ground.
     """
@@ -55,8 +56,19 @@ class Estimate(Results):
             rows.append((name, *_row(result, reference)))
             numbers.append(_numbers(result, reference) | {"quality": report.to_dict(), "hash": log.hash})
             self._write(result, reference, f"estimate_{name}_{self.filter}")
-        heading = ("log", "n at the end", "95 % interval", "vouched for", "innov.²", "x real time", "truth")
+        heading = (
+            "log",
+            "n at the end",
+            "vouched for",
+            "sd in doubt",
+            "trusted",
+            "second opinion",
+            "innov.²",
+            "x real time",
+            "truth",
+        )
         console().print(table(f"filter {self.filter}", heading, rows))
+        say("in doubt, trusted, second opinion: where mass, moduli and sensors may be wrong (docs/logs.md)")
         self.save_numbers({"filter": self.filter, "logs": numbers})
 
     def _show_quality(self, report: QualityReport) -> None:
@@ -115,8 +127,10 @@ def _row(result: LogEstimate, reference: np.ndarray | None) -> tuple[str, ...]:
     truth = numbers["truth_at_end"]
     return (
         f"{result.n[-1]:.3f} ± {result.sd[-1]:.3f}",
-        f"{result.low[-1]:.3f} ... {result.high[-1]:.3f}",
         f"{100.0 * numbers['valid_share']:.0f} %",
+        f"{result.sd_in_doubt[-1]:.3f}",
+        f"{100.0 * numbers['trusted_share']:.0f} %",
+        f"{result.second[-1, 0]:.3f} ± {result.second[-1, 1]:.3f}",
         "" if numbers["innovations"] is None else f"{numbers['innovations']:.2f}",
         f"{result.real_time_factor:.0f}",
         "" if truth is None else f"{truth:.3f}",
@@ -140,6 +154,10 @@ def _numbers(result: LogEstimate, reference: np.ndarray | None) -> dict[str, Any
         "high": float(result.high[-1]),
         "valid": bool(result.valid[-1]),
         "valid_share": float(result.valid.mean()),
+        "sd_in_doubt": float(result.sd_in_doubt[-1]),
+        "trusted": bool(result.trusted[-1]),
+        "second_opinion": result.second[-1].tolist(),
+        "trusted_share": float(result.trusted.mean()),
         "innovations": float(np.mean(updates)) / result.channels if len(updates) else None,
         "repairs": result.repairs,
         "real_time_factor": result.real_time_factor,

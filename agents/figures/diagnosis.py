@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,12 +13,27 @@ __all__ = ["diagnosis_figure"]
 
 
 def diagnosis_figure(numbers: Mapping) -> Figure:
-    """Confusion matrix, and power against the bound; ``numbers`` of `agents.studies.diagnosis.counted`."""
-    figure = Figure(figsize=(13.0, 5.2), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
-    _draw_confusion(left, numbers["confusion"])
-    _draw_power(right, numbers["power"])
+    """Confusion matrix, shares beside their bars, and power; ``numbers`` of `agents.studies.diagnosis`."""
+    figure = Figure(figsize=(13.5, 8.2), layout="constrained")
+    places = figure.subplot_mosaic(
+        [["names", "bars"], ["names", "power"]], width_ratios=(1.45, 1.0), height_ratios=(1.0, 1.1)
+    )
+    _draw_confusion(places["names"], numbers["confusion"])
+    _draw_bars(places["bars"], numbers["bars"])
+    _draw_power(places["power"], numbers["power"])
     return figure
+
+
+def _draw_bars(axes: Axes, bars: Sequence[Mapping]) -> None:
+    done = [bar for bar in bars if bar["count"]]
+    for i, bar in enumerate(done):
+        axes.barh(i, bar["most"] - bar["least"], left=bar["least"], height=0.7, color="#CFE8D5", zorder=1)
+        error = [[max(bar["share"] - bar["low"], 0.0)], [max(bar["high"] - bar["share"], 0.0)]]
+        axes.errorbar(bar["share"], i, xerr=error, fmt="o", color="#D55E00", capsize=3, zorder=2)
+    axes.set_yticks(range(len(done)), [f"{bar['what']} ({bar['count']})" for bar in done], fontsize=8)
+    axes.set(xlim=(-0.02, 1.02), xlabel="share of logs; green: where it must lie")
+    axes.invert_yaxis()
+    axes.set_title("Rates", loc="left", fontsize=10)
 
 
 def _draw_confusion(axes: Axes, confusion: Mapping[str, Mapping[str, float]]) -> None:
@@ -34,10 +49,10 @@ def _draw_confusion(axes: Axes, confusion: Mapping[str, Mapping[str, float]]) ->
         if share > 0.0:
             colour = "white" if share > 0.6 else "0.1"
             axes.text(
-                j, i, f"{share:.2f}".removeprefix("0"), ha="center", va="center", fontsize=8, color=colour
+                j, i, f"{share:.2g}".removeprefix("0"), ha="center", va="center", fontsize=6, color=colour
             )
-    axes.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=8)
-    axes.set_yticks(range(len(hidden)), hidden, fontsize=8)
+    axes.set_xticks(range(len(names)), names, rotation=90, fontsize=7)
+    axes.set_yticks(range(len(hidden)), hidden, fontsize=7)
     axes.set_title(
         "Hidden at twice the limit (rows), named first in a set (columns): share of logs",
         loc="left",
@@ -51,7 +66,9 @@ def _draw_power(axes: Axes, power: Mapping) -> None:
         threshold, ratio = power["threshold"], power["ratio"]
         axes.plot(sizes, norm.cdf(sizes - threshold), color="0.1", ls=":", lw=1.4, label="bound")
         if ratio is not None:
-            label = f"measured: {ratio:.2f} times the bound's sizes"
+            label = (
+                f"measured: {ratio:.2f} ({power['low']:.2f} to {power['high']:.2f}) times the bound's sizes"
+            )
             axes.plot(sizes, norm.cdf(sizes / ratio - threshold), color="#0072B2", lw=1.8, label=label)
         size = [point["size"] for point in power["points"]]
         share = np.array([point["share"] for point in power["points"]])

@@ -11,9 +11,10 @@ from estimators.log_filters import LogEstimate
 
 __all__ = ["log_estimate_figure"]
 
-_BLUE, _ORANGE, _GREY = "#0072B2", "#D55E00", "0.35"
+_BLUE, _ORANGE, _GREEN, _GREY = "#0072B2", "#D55E00", "#009E73", "0.35"
 #: Innovations are drawn as their mean over this time [s]: single samples would be a cloud.
 _MEAN_TIME = 1.0
+_NORMAL_95 = 1.959964
 
 
 def log_estimate_figure(result: LogEstimate, reference: np.ndarray | None = None) -> Figure:
@@ -45,6 +46,9 @@ def _draw_estimate(axes: Axes, result: LogEstimate, reference: np.ndarray | None
     axes.plot(t, result.n, color=_BLUE, lw=1.5, label="estimate")
     if reference is not None and len(reference):
         axes.plot(*reference.T, color="0.1", lw=1.3, ls="--", label="truth (ref column, unseen)")
+    mean, reach = result.second[:, 0], _NORMAL_95 * result.second[:, 1]
+    axes.fill_between(t, mean - reach, mean + reach, color=_GREEN, alpha=0.15, lw=0)
+    axes.plot(t, mean, color=_GREEN, lw=1.3, label="second opinion and its 95 %, in doubt of the model")
     low, high = axes.get_ylim()
     if not result.valid.all():
         axes.fill_between(

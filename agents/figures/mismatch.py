@@ -19,19 +19,35 @@ _BEHIND = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.4}
 _FLOOR = 0.1  # smallest error that is drawn [%]
 
 
-def mismatch_figure(summaries: Sequence[MismatchSummary], bars: Mapping[str, float]) -> Figure:
-    """Three panels over the mismatches: a group of bars each, one bar a filter; dashed: what is asked for."""
+def mismatch_figure(
+    summaries: Sequence[MismatchSummary], alone: Sequence[MismatchSummary], bars: Mapping[str, float]
+) -> Figure:
+    """Three panels over the mismatches: a group of bars each, one bar a filter; dashed: what is asked for.
+
+    Parameters
+    ----------
+    summaries, alone
+        In doubt of the model, drawn as bars, and by each filter's own word, drawn as ticks.
+    bars
+        What the robust bank is asked for.
+    """
     figure = Figure(figsize=(12.0, 8.4), layout="constrained")
     names = [name for name in MISMATCHES if any(line.mismatch == name for line in summaries)]
     filters = [name for name in FILTERS if any(line.filter == name for line in summaries)]
     found = {(line.filter, line.mismatch): line for line in summaries}
+    own = {(line.filter, line.mismatch): line for line in alone if FILTERS[line.filter].exact}
     panels = figure.subplots(3, 1, sharex=True)
     fields = ("error", "coverage", "flag")
+    first = next((name for name in filters if FILTERS[name].exact), None)
     for axes, field in zip(panels, fields, strict=True):
         for i, name in enumerate(filters):
             values = [100.0 * getattr(found[name, mismatch], field) for mismatch in names]
             place = np.arange(len(names)) + 0.8 * ((i + 0.5) / len(filters) - 0.5)
             _bars(axes, place, values, name, 0.8 / len(filters), error=field == "error")
+            if FILTERS[name].exact:
+                words = [100.0 * getattr(own[name, mismatch], field) for mismatch in names]
+                label = "by its own word" if axes is panels[0] and name == first else None
+                axes.plot(place, words, "_", ms=10, mew=1.8, color="0.25", zorder=6, label=label)
         axes.grid(axis="y", alpha=0.25)
         axes.set_axisbelow(True)
         for side in ("top", "right"):
@@ -39,13 +55,17 @@ def mismatch_figure(summaries: Sequence[MismatchSummary], bars: Mapping[str, flo
     _limits(panels, names, bars)
     panels[0].set(yscale="log", ylim=(0.1, 200.0), ylabel="median error of n [%]")
     panels[0].yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    panels[0].set_title("While the filter vouches for its estimate", loc="left", fontsize=11)
+    panels[0].set_title("While the estimate is trusted, in doubt of the model", loc="left", fontsize=11)
     panels[1].set(ylim=(0.0, 109.0), ylabel="95 % interval holds the truth [%]")
     panels[2].set(ylim=(0.0, 109.0), ylabel="flag up, of excited time [%]")
     labels = [fill(MISMATCHES[name].title, 14) for name in names]
     panels[2].set_xticks(np.arange(len(names)), labels, fontsize=9)
-    panels[0].legend(
-        frameon=False, fontsize=9, ncols=len(filters) + 1, loc="lower left", bbox_to_anchor=(0.35, 1.0)
+    figure.legend(
+        *panels[0].get_legend_handles_labels(),
+        frameon=False,
+        fontsize=9,
+        ncols=len(filters) + 2,
+        loc="outside upper right",
     )
     return figure
 

@@ -40,7 +40,7 @@ from offroad_env.effects import EFFECTS, apply
 from offroad_env.errors import OffroadError
 from offroad_env.soils import SOILS
 
-__all__ = ["DiagnosisStudy", "counted", "run_unit", "wilson"]
+__all__ = ["DiagnosisStudy", "counted", "run_unit", "together", "wilson"]
 
 #: Seeds of the report; tuning used those below 1000.
 _FIRST_SEED = 1000
@@ -49,15 +49,19 @@ MULTIPLES = (0.5, 1.0, 2.0, 4.0)
 _ONE_SIDED = (*ONE_SIDED, "aero_drag")
 #: The hider acts in ticks of this length: a delay is a whole number of them [s].
 _TICK = 0.005
-#: Effects that are hidden by the same means, and cannot be hidden together.
-_EXCLUSIVE = (("steer_delay", "steer_lag", "steer_offset"), ("slip_sinkage", "n_step"))
+#: Effects that are hidden in the one map of the soil, and cannot be hidden together.
+_EXCLUSIVE = ("slip_sinkage", "n_step", "n_trend")
 #: Where the hider's soil changes, as the finder's parameters.
 _PLACES = {"n_step": {"place": 35.0, "direction": 0.0}, "n_trend": {"place": 80.0, "direction": 0.0}}
 #: Size of the forces without a name [share of the weight].
 _STRANGE = 0.03
-#: An explanation that copies this share of the removed effect's trace is no wrong name.
+#: Studies that are drawn from the logs, for the interval of the ratio to the bound.
+_REDRAWN = 200
+#: Causes that copy this share of the removed effect's trace are no wrong names.
 MIMICRY = 0.9
 _QUIET = ("NO EFFECT", "NOT TESTABLE")
+#: Verdicts that claim to be all.
+_CONFIDENT = ("NAMED", "ONE OF")
 
 
 def wilson(hits: int, count: int, z: float = 1.959964) -> tuple[float, float]:
@@ -83,7 +87,24 @@ def limits_of(seed: int) -> dict:
         result = screen(fit, candidates_for(fit, tuple(EFFECTS)))
     except OffroadError as error:
         return {"failed": str(error)}
-    return {"limits": result.limits(), "alike": {name: _alike(result, name) for name in HIDERS}}
+    names, cosines = result.by_effect()
+    return {
+        "limits": result.limits(),
+        "alike": {name: _alike(result, name) for name in HIDERS},
+        "names": names,
+        "cosines": cosines.round(4).tolist(),
+    }
+
+
+def _mimicry(known: Mapping, gone: str, named: Sequence[str]) -> float:
+    """Share of an effect's trace that others copy together (R^2), in a run with nothing hidden."""
+    places = {name: i for i, name in enumerate(known["names"])}
+    inside = [places[name] for name in named if name in places]
+    if gone not in places or not inside:
+        return 0.0
+    cosines = np.array(known["cosines"])
+    cross = cosines[inside, places[gone]]
+    return float(cross @ np.linalg.lstsq(cosines[np.ix_(inside, inside)], cross, rcond=None)[0])
 
 
 def _alike(result: Screen, name: str) -> dict[str, float]:
@@ -118,12 +139,14 @@ def run_unit(kind: str, name: str, multiple: float, seed: int, *, known: Mapping
             return _diagnosed(hidden_log(case, STRANGERS[name](_STRANGE)), case)
         names, limits = name.split("+"), known[seed]["limits"]
         sizes = [_size(one, multiple * limits[one], seed) for one in names]
-        log = hidden_log(case, _together([_hidden(one, x) for one, x in zip(names, sizes, strict=True)]))
+        log = hidden_log(case, together([_hidden(one, x) for one, x in zip(names, sizes, strict=True)]))
         if kind == "same":
             return _same(log, case)
-        library = [other for other in EFFECTS if other != name] if kind == "removed" else None
+        gone = name if kind == "removed" else None
         truth = (name, sizes[0]) if kind == "single" and multiple == 2.0 else None
-        result = _diagnosed(log, case, library=library, truth=truth)
+        result = _diagnosed(log, case, gone=gone, truth=truth)
+        if gone is not None:
+            result["mimicry"] = _mimicry(known[seed], gone, [members[0] for members in result["sets"]])
         truths = {one: size / limits[one] for one, size in zip(names, sizes, strict=True)}
         alike = known[seed]["alike"][names[0]]
         return result | {"sizes_true": sizes, "multiples": truths, "alike": alike}
@@ -147,22 +170,33 @@ def _hidden(name: str, size: float) -> Hidden:
     return HIDERS[name](size)
 
 
-def _together(parts: Sequence[Hidden]) -> Hidden:
-    """Several things hidden in one run; at most one of them may change the commands."""
+def together(parts: Sequence[Hidden]) -> Hidden:
+    """Several things hidden in one run: each acts on what the ones before it have made."""
     if len(parts) == 1:
         return parts[0]
-    plain = Hidden()
-    commands = [part.command for part in parts if part.command is not plain.command]
+    # What every part would have sent on, one a tick: the next one's past.
+    sent: list[list[tuple[float, float, float]]] = [[] for _ in parts]
 
     def plant(plant):
         for part in parts:
             plant = part.plant(plant)
         return plant
 
+    def command(past):
+        for part, own in zip(parts, sent, strict=True):
+            own.append(part.command(past))
+            past = own
+        return past[-1]
+
     def step(x, readings, plant):
         for part in parts:
             plant = part.step(x, readings, plant) if part.step is not None else plant
         return plant
+
+    def kick(x, readings, plant, span):
+        for part in parts:
+            if part.kick is not None:
+                part.kick(x, readings, plant, span)
 
     def feel(x, readings, plant):
         for part in parts:
@@ -173,8 +207,10 @@ def _together(parts: Sequence[Hidden]) -> Hidden:
         for part in parts:
             part.sample(sample)
 
-    command = commands[0] if commands else plain.command
-    return Hidden(plant=plant, command=command, step=step, feel=feel, sample=sample)
+    kicks = any(part.kick is not None for part in parts)
+    return Hidden(
+        plant=plant, command=command, step=step, kick=kick if kicks else None, feel=feel, sample=sample
+    )
 
 
 def _diagnosed(
@@ -182,11 +218,11 @@ def _diagnosed(
     case: Case,
     *,
     white: bool = False,
-    library: Sequence[str] | None = None,
+    gone: str | None = None,
     truth: tuple[str, float] | None = None,
 ) -> dict:
     start = time.process_time()
-    diagnosis = diagnose([log], white=white, library=library)
+    diagnosis = diagnose([log], white=white, library=[name for name in EFFECTS if name != gone])
     result = _summary(diagnosis, case) | {"seconds": time.process_time() - start}
     if truth is not None and diagnosis.report is not None:
         result["gain"] = _share_of_oracle(diagnosis, log, *truth)
@@ -206,6 +242,8 @@ def _summary(diagnosis: Diagnosis, case: Case) -> dict:
         "rest": {rest.equation: rest.chance for rest in diagnosis.rest},
         "converged": diagnosis.checks.get("converged"),
         "solver": diagnosis.checks.get("solver"),
+        "overlap": diagnosis.checks.get("overlap"),
+        "refused": found.refused if found else None,
         "n_true": case.n,
         "n_fit": SOILS[case.soil].n + float(found.extended.nuisances[0]) if found else None,
     }
@@ -296,9 +334,9 @@ class DiagnosisStudy(Results):
         others = [multiple for multiple in MULTIPLES if multiple != 2.0]
         keys += [
             ("single", name, multiple, seed)
+            for multiple in others
             for seed in powers
             for name in self.effects
-            for multiple in others
         ]
         return keys
 
@@ -307,7 +345,7 @@ class DiagnosisStudy(Results):
         rng = np.random.default_rng([seed, 5])
         while True:
             pair = sorted(str(name) for name in rng.choice(self.effects, 2, replace=False))
-            if not any(set(pair) <= set(group) for group in _EXCLUSIVE):
+            if not set(pair) <= set(_EXCLUSIVE):
                 return "+".join(pair)
 
 
@@ -332,9 +370,12 @@ def counted(results: Mapping[Key, dict]) -> dict:
         own = [(key[1], r) for key, r in singles.items() if key[2] == multiple]
         numbers[f"single at {multiple:g}"] = _found(own)
     numbers["pair"] = _found([(key[1], r) for key, r in done.items() if key[0] == "pair"])
-    for kind in ("stranger", "removed"):
-        own = [r for key, r in done.items() if key[0] == kind]
+    hopeless = {kind: [r for key, r in done.items() if key[0] == kind] for kind in ("removed", "stranger")}
+    for kind, own in hopeless.items():
         numbers[kind] = _share(sum(map(_wrong_name, own)), len(own))
+    hopeless_all = [*hopeless["removed"], *hopeless["stranger"]]
+    numbers["wrong name"] = _share(sum(map(_wrong_name, hopeless_all)), len(hopeless_all))
+    numbers["wrong name or set"] = _share(sum(map(_wrong_model, hopeless_all)), len(hopeless_all))
     same = [r["same"] for key, r in done.items() if key[0] == "same"]
     numbers["same in another order"] = _share(sum(same), len(same))
     seconds = [r["seconds"] for r in done.values() if "seconds" in r]
@@ -347,7 +388,29 @@ def counted(results: Mapping[Key, dict]) -> dict:
     }
     numbers["power"] = _power(singles)
     numbers["confusion"] = _confusion(singles)
+    numbers["bars"] = _bars(numbers)
     return numbers
+
+
+def _bars(numbers: Mapping) -> list[dict]:
+    """What must be reached, beside what was: shares with their interval, and the ratio of sizes."""
+    single, pair = numbers["single at 2"], numbers["pair"]
+    rows = [
+        # Of a test that is right in 95 % of cases, half the studies would lie above: its interval counts.
+        ("false alarms, upper end", numbers["null"], 0.0, 0.07, numbers["null"]["high"]),
+        ("one effect: detected", single["detected"], 0.95, 1.0, None),
+        ("one effect: truth in a set", single["truth in a set"], 0.95, 1.0, None),
+        ("one effect: interval holds the truth", single["interval holds the truth"], 0.9, 0.98, None),
+        ("two effects: truths in the sets", pair["truth in a set"], 0.9, 1.0, None),
+        ("true name out of reach: wrong name", numbers["wrong name"], 0.0, 0.05, None),
+        ("another order: the same", numbers["same in another order"], 1.0, 1.0, None),
+    ]
+    bars = []
+    for what, share, least, most, judged in rows:
+        judged = share["share"] if judged is None else judged
+        met = least <= judged <= most if share["count"] else None
+        bars.append({"what": what, "least": least, "most": most, "met": met} | share)
+    return bars
 
 
 def _quantile(values: Sequence[float], share: float) -> float | None:
@@ -398,11 +461,16 @@ def _covers(name: str, truth: float, result: dict) -> bool:
 
 
 def _wrong_name(result: dict) -> bool:
-    """One name without a doubt, and not one that looks the same to this log."""
+    """Names without a doubt, one of which does not look the same to this log as what is hidden."""
     if result["verdict"] != "NAMED":
         return False
     alike = result.get("alike", {})
     return not all(alike.get(members[0], 0.0) ** 2 >= MIMICRY for members in result["sets"])
+
+
+def _wrong_model(result: dict) -> bool:
+    """Names or sets that claim to be all, and whose best together do not copy what is hidden."""
+    return result["verdict"] in _CONFIDENT and result.get("mimicry", 0.0) < MIMICRY
 
 
 def _power(singles: Mapping[Key, dict]) -> dict:
@@ -418,21 +486,31 @@ def _power(singles: Mapping[Key, dict]) -> dict:
     ]
     if not rows:
         return {"ratio": None, "points": []}
-    size, threshold, seen = (np.array(column, dtype=np.float64) for column in zip(*rows, strict=True))
-
-    def loss(log_ratio: float) -> float:
-        p = np.clip(norm.cdf(size * math.exp(-log_ratio) - threshold), 1e-3, 1.0 - 1e-3)
-        return -float(np.sum(seen * np.log(p) + (1.0 - seen) * np.log(1.0 - p)))
-
-    best = math.exp(minimize_scalar(loss, bounds=(-1.5, 1.5), method="bounded").x)
+    table = np.array(rows, dtype=np.float64)
+    size, threshold, seen = table.T
     # All found, or none: any ratio on that side is as good.
-    ratio = best if 0.0 < seen.mean() < 1.0 else None
+    found = {"ratio": None, "low": None, "high": None}
+    if 0.0 < seen.mean() < 1.0:
+        rng = np.random.default_rng(0)
+        draws = [_ratio(*table[rng.integers(len(table), size=len(table))].T) for _ in range(_REDRAWN)]
+        found["ratio"] = _ratio(*table.T)
+        found["low"], found["high"] = (float(value) for value in np.quantile(draws, (0.025, 0.975)))
     points = []
     for low, high in ((0.0, 3.3), (3.3, 6.6), (6.6, 13.0), (13.0, np.inf)):
         own = (size >= low) & (size < high)
         if own.any():
             points.append({"size": float(np.mean(size[own]))} | _share(int(seen[own].sum()), int(own.sum())))
-    return {"ratio": ratio, "threshold": float(np.mean(threshold)), "points": points}
+    return found | {"threshold": float(np.mean(threshold)), "points": points}
+
+
+def _ratio(size: np.ndarray, threshold: np.ndarray, seen: np.ndarray) -> float:
+    """How many times the bound's sizes logs with these thresholds take, by the greatest likelihood."""
+
+    def loss(log_ratio: float) -> float:
+        p = np.clip(norm.cdf(size * math.exp(-log_ratio) - threshold), 1e-3, 1.0 - 1e-3)
+        return -float(np.sum(seen * np.log(p) + (1.0 - seen) * np.log(1.0 - p)))
+
+    return math.exp(minimize_scalar(loss, bounds=(-1.5, 1.5), method="bounded").x)
 
 
 def _confusion(singles: Mapping[Key, dict]) -> dict[str, dict[str, float]]:
@@ -465,12 +543,28 @@ def _show(numbers: dict) -> None:
         "set size (theory)",
     )
     console().print(table("hide and find: share (95 % interval) of logs", heading, rows))
-    if (ratio := numbers["power"]["ratio"]) is not None:
-        say(f"power: it takes {ratio:.2f} times the sizes of the Fisher bound")
+    rows = [
+        (bar["what"], _text(bar), _range(bar), {True: "met", False: "missed", None: "not run"}[bar["met"]])
+        for bar in numbers["bars"]
+    ]
+    console().print(table("bars", ("share of logs", "share (95 % interval)", "bar", ""), rows))
+    if (power := numbers["power"])["ratio"] is not None:
+        ratio, low, high = power["ratio"], power["low"], power["high"]
+        say(f"power: it takes {ratio:.2f} times the sizes of the Fisher bound ({low:.2f} to {high:.2f})")
+    seconds = numbers["core seconds"]
+    if seconds["median"] is not None:
+        say(f"core-seconds of a verdict: median {seconds['median']:.1f}, 95 % {seconds['95 %']:.1f}")
     if (gain := numbers["gain over oracle's"])["logs"]:
         say(f"gain: {gain['pooled']:.0%} of the oracle's, over {gain['logs']} logs")
     if numbers["failed"]:
         say(f"{numbers['failed']} logs could not be driven or diagnosed")
+
+
+def _range(bar: dict) -> str:
+    least, most = bar["least"], bar["most"]
+    if most == 1.0:
+        return f">= {least:.0%}"
+    return f"<= {most:.0%}" if least == 0.0 else f"{least:.0%} to {most:.0%}"
 
 
 def _text(entry: dict) -> str:

@@ -18,7 +18,7 @@ from estimators.logs.quality import Finding, quality
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 
-__all__ = ["VERDICTS", "Diagnosis", "diagnose", "split_runs"]
+__all__ = ["OVERLAP", "VERDICTS", "Diagnosis", "diagnose", "overlap_of", "split_runs"]
 
 VERDICTS = (
     "DATA PROBLEM", "NUMERICS", "NOT TESTABLE", "UNEXPLAINED", "NAMED + UNEXPLAINED REST", "ONE OF", "NAMED",
@@ -32,6 +32,8 @@ SCREEN_RATE = 0.06
 REST_RATE = 0.002
 #: Share of what is wrong that must be left over before the causes found count as no explanation.
 _LEFT_OVER = 0.1
+#: Causes whose sizes hang together by more than this (correlation) may be one that the library lacks.
+OVERLAP = 0.2
 #: An error of the solver moves scores by less than this, absolutely or as a share of the largest.
 _SOLVER, _SOLVER_SHARE = 1.0, 0.1
 #: A log can test the library if it would see this share of it at the largest plausible size.
@@ -67,6 +69,11 @@ class Diagnosis:
     def unexplained(self) -> tuple[Rest, ...]:
         """Equations of motion in which a force without a name is left."""
         return tuple(rest for rest in self.rest if rest.chance < REST_RATE)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the causes leave something: a force, or what asks for effects that other windows refuse."""
+        return bool(self.unexplained) or (bool(self.causes) and self.search.refused)
 
 
 def diagnose(
@@ -116,7 +123,7 @@ def diagnose(
         causes=found.causes,
         rest=rest,
         limits=limits,
-        not_testable=_not_testable(nominal, limits),
+        not_testable=_not_testable(nominal, limits, found.causes),
         missing=_missing(nominal, library),
         checks={
             "solver": solver,
@@ -124,6 +131,7 @@ def diagnose(
             # A model that lacks much need not have a clean minimum: the one that is reported must.
             "converged": found.extended.converged,
             "threshold": found.threshold,
+            "overlap": overlap_of(found.extended),
         },
         search=found,
         logs=tuple(logs),
@@ -163,9 +171,25 @@ def _solver_error(found: Search, library: Sequence[str]) -> float:
     return float(np.abs(found.score_of(after - before)).max(initial=0.0))
 
 
-def _not_testable(fit: Fit, limits: dict[str, float]) -> dict[str, float]:
+def _not_testable(fit: Fit, limits: dict[str, float], causes: Sequence[Cause]) -> dict[str, float]:
     vehicle = fit.runs[0].setup.plant.vehicle
-    return {name: limit for name, limit in limits.items() if limit > EFFECTS[name].plausible(vehicle)}
+    # Limits are the nominal model's: what was found all the same was testable.
+    found = {rival.candidate.effect for cause in causes for rival in cause.rivals}
+    return {
+        name: limit
+        for name, limit in limits.items()
+        if limit > EFFECTS[name].plausible(vehicle) and name not in found
+    }
+
+
+def overlap_of(fit: Fit) -> float:
+    """Largest correlation of the sizes of two effects in the model, from 0 to 1; 0 for fewer."""
+    count = len(fit.sizes)
+    if count < 2:
+        return 0.0
+    spread = np.linalg.inv(fit.shares.normal)[-count:, -count:]
+    deviation = np.sqrt(np.diag(spread))
+    return float(np.abs(spread / np.outer(deviation, deviation) - np.eye(count)).max())
 
 
 def _missing(fit: Fit, library: Sequence[str]) -> dict[str, str]:
@@ -187,8 +211,11 @@ def _verdict(result: Diagnosis, solver: float) -> str:
         explained = sum(cause.delta for cause in causes)
         left = sum(one.excess for one in rest)
         return "UNEXPLAINED" if left > _LEFT_OVER * (left + explained) else "NAMED + UNEXPLAINED REST"
+    if result.doubtful:
+        return "NAMED + UNEXPLAINED REST"
     if causes:
-        return "ONE OF" if any(len(cause.rivals) > 1 for cause in causes) else "NAMED"
+        sets = any(len(cause.rivals) > 1 for cause in causes)
+        return "ONE OF" if sets or result.checks["overlap"] > OVERLAP else "NAMED"
     seen = len(result.limits) - len(result.not_testable)
     if seen < _TESTABLE * (len(result.limits) + len(result.missing)):
         return "NOT TESTABLE"

@@ -31,17 +31,22 @@ class Nuisance:
     step: float  #: of its finite difference
     sensors_only: bool
     channel: int = 0
-    limit: float = np.inf  #: nothing healthy has more, either way
-    effect: str | None = None  #: on hard ground alone: the effect whose size it is
+    limits: tuple[float, float] = (-np.inf, np.inf)  #: nothing healthy lies beyond
+    hard_limits: tuple[float, float] | None = None  #: the same on hard ground, where it differs
+    hard: bool = False  #: of hard ground alone
 
 
+#: No tyre is stiffer, or softer, than stated by more than this: the logarithm of a factor of four.
+_TYRES = (-1.4, 1.4)
 #: Beliefs about a healthy vehicle; a bias beyond them is an effect.
 NUISANCES = (
-    Nuisance(name="ground", spread=0.5, step=0.005, sensors_only=False),
-    # Tyres are known by one stiffness at best, and never in front as behind.
-    Nuisance(name="balance", spread=0.3, step=0.02, sensors_only=False, limit=0.8, effect="front_grip"),
+    Nuisance(name="ground", spread=0.5, step=1e-4, sensors_only=False, hard_limits=_TYRES),
+    # Tyres are known by one stiffness at best, and never in front as behind, nor along as across. A vehicle
+    # whose front tyres hold much more than the rear ones does not go straight at speed.
+    Nuisance(name="along", spread=0.5, step=0.005, sensors_only=False, limits=_TYRES, hard=True),
+    Nuisance(name="balance", spread=0.3, step=0.02, sensors_only=False, limits=(-0.8, 0.1), hard=True),
     # Half a sample either way, in standard deviations; inputs that are later than that are an effect.
-    Nuisance(name="shift", spread=1.0, step=0.25, sensors_only=False, limit=3.0**0.5),
+    Nuisance(name="shift", spread=1.0, step=0.25, sensors_only=False, limits=(-(3.0**0.5), 3.0**0.5)),
     *(Nuisance(name=f"bias_{i}", spread=0.02, step=0.01, sensors_only=True, channel=i) for i in range(3)),
     *(Nuisance(name=f"bias_{i}", spread=5e-4, step=1e-3, sensors_only=True, channel=i) for i in (3, 4)),
     # Each axle's wheel speeds err by 0.2 %: their mean and half their difference by less.
@@ -50,8 +55,9 @@ NUISANCES = (
 )
 #: Belief about a size, in plausible sizes: loose enough to change no result.
 _LOOSE = 100.0
-#: Finite differences: share of a state's spread, and of an effect's plausible size.
-_STATE_STEP, _SIZE_STEP = 0.001, 0.005
+#: Finite differences: share of a state's spread, and of an effect's plausible size. On bumps they hold
+#: only as far as the vehicle stays within a hand of where it was.
+_STATE_STEP, _SIZE_STEP = 0.001, 1e-4
 _ROUNDS = 8
 #: Passes of descending and learning the noise; the gain of a pass that ends them, in the log-likelihood.
 _PASSES, _SETTLED = 6, 1.0
@@ -134,8 +140,14 @@ class Fit:
         """A copy with these effects, and no others, in the model."""
         other = self.branch()
         other.candidates = tuple(candidates)
-        other.sizes = other._bounded(np.array(sizes, dtype=np.float64))
+        low, high = (limit[len(NUISANCES) :] for limit in other._limits())
+        other.sizes = np.clip(np.array(sizes, dtype=np.float64), low, high)
         return other
+
+    @property
+    def hard(self) -> bool:
+        """Whether the ground is hard."""
+        return self.runs[0].setup.plant.soil.rigid > 0.5
 
     def _window_of_rows(self) -> np.ndarray:
         """Number of the window of every row of data, over all runs."""
@@ -155,15 +167,16 @@ class Fit:
         setup, errors = run.setup, run.setup.errors
         soil, period = setup.plant.soil, run.step
         for nuisance, value in zip(NUISANCES, nuisances, strict=True):
+            if nuisance.hard and soil.rigid < 0.5:
+                continue
             if nuisance.name == "ground" and soil.rigid > 0.5:
                 setup = setup.with_soil(C_alpha=soil.C_alpha * float(np.exp(value)))
             elif nuisance.name == "ground":
                 setup = setup.with_soil(n=max(soil.n + float(value), 0.05))
-            elif nuisance.effect is not None and soil.rigid < 0.5:
-                continue
-            elif nuisance.effect is not None:
-                values = {EFFECTS[nuisance.effect].size.name: float(value)}
-                setup = apply(setup, [(nuisance.effect, values)])
+            elif nuisance.name == "along":
+                setup = setup.with_soil(C_kappa=soil.C_kappa * float(np.exp(value)))
+            elif nuisance.name == "balance":
+                setup = apply(setup, [("front_grip", {"share": float(value)})])
             elif nuisance.name == "shift":
                 # Half a sample of the inputs either way is nobody's fault.
                 shift = 0.5 * period / np.sqrt(3.0) * float(value)
@@ -233,7 +246,12 @@ class Fit:
         return np.concatenate([r.predict(s, r.simulate(s, x, warm, r.windows)) for r, s, x, warm in parts])
 
     def _sensed(self, setups: Sequence[Setup], step: float) -> np.ndarray:
-        """Change of the data where the vehicle moves the same but its sensors differ, over ``step``."""
+        """Change of the data where the vehicle moves the same but its sensors differ, over ``step``.
+
+        Where the wheels turn as measured, their sensors move the vehicle.
+        """
+        if any(run.moved_by(s, own) for run, s, own in zip(self.runs, setups, self._setups(), strict=True)):
+            return self._derivative(setups, self.starts, step)
         parts = zip(self.runs, setups, self._records, strict=True)
         prediction = np.concatenate([run.predict(setup, records) for run, setup, records in parts])
         return self._difference(self._prediction, prediction, step)
@@ -258,7 +276,7 @@ class Fit:
         for i, nuisance in enumerate(NUISANCES):
             point = self.nuisances.copy()
             point[i] += nuisance.step
-            if nuisance.effect is not None and self.runs[0].setup.plant.soil.rigid < 0.5:
+            if nuisance.hard and not self.hard:
                 columns.append(np.zeros(len(self.window)))
                 continue
             setups = self._setups(point)
@@ -309,6 +327,8 @@ class Fit:
         if not shared:
             return
         self._by_nuisances = self.nuisance_columns()
+        # Those of other effects are of another point: on bumps, starts that moved by a hand tell them apart.
+        self._by_sizes = {}
         for candidate, size in zip(self.candidates, self.sizes, strict=True):
             column = self.effect_column(candidate)
             if column is None:
@@ -377,14 +397,8 @@ class Fit:
             starts.append(moved)
         if not len(change):
             return self.nuisances, self.sizes, starts
-        limit = np.array([nuisance.limit for nuisance in NUISANCES])
-        nuisances = np.clip(self.nuisances + share * change[:count], -limit, limit)
-        return nuisances, self._bounded(self.sizes + share * change[count:]), starts
-
-    def _bounded(self, sizes: np.ndarray) -> np.ndarray:
-        low = [EFFECTS[c.effect].size.low for c in self.candidates]
-        high = [EFFECTS[c.effect].size.high for c in self.candidates]
-        return np.clip(sizes, low, high) if len(sizes) else sizes
+        point = np.clip(np.concatenate([self.nuisances, self.sizes]) + share * change, *self._limits())
+        return point[:count], point[count:], starts
 
     def cost_of(self, residual: np.ndarray) -> float:
         """Half the squared whitened residual, with what the beliefs about starts and nuisances add."""
@@ -435,8 +449,34 @@ class Fit:
         shares, back = self.reduce(self.whitener(residual), *white)
         if len(shares.score):
             self._loosely_bound(shares.normal)
-        change = np.linalg.solve(shares.normal, shares.score)
+        change = self._inside(shares)
         return shares, back, change, cost - shares.cost + 0.5 * float(shares.score @ change)
+
+    def _inside(self, shares: Shares) -> np.ndarray:
+        """Step of the shared parameters that, on hard ground, leaves those at their limits where they are.
+
+        On soil a step is only cut: the one limit there, of the timing, needs no more.
+        """
+        change = np.linalg.solve(shares.normal, shares.score)
+        if not self.hard or not len(change):
+            return change
+        low, high = self._limits()
+        point = np.concatenate([self.nuisances, self.sizes])
+        free = np.ones(len(change), dtype=bool)
+        while True:
+            out = free & (((point >= high) & (change > 0.0)) | ((point <= low) & (change < 0.0)))
+            if not out.any():
+                return change
+            free &= ~out
+            change = np.zeros(len(change))
+            change[free] = np.linalg.solve(shares.normal[np.ix_(free, free)], shares.score[free])
+
+    def _limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest value of every shared parameter."""
+        pairs = [n.hard_limits if self.hard and n.hard_limits else n.limits for n in NUISANCES]
+        sizes = [EFFECTS[c.effect].size for c in self.candidates]
+        low, high = np.array([*pairs, *((size.low, size.high) for size in sizes)], dtype=np.float64).T
+        return low, high
 
     def _whitened(self, held: bool) -> tuple[np.ndarray, np.ndarray]:
         shared = np.empty((len(self.window), 0)) if held else self.columns()
@@ -553,7 +593,8 @@ def settle(fit: Fit, *, white: bool = False) -> None:
             break
         fit.learn_noise(white=white)
     fit.learn_noise(white=white)
-    fit.descend(fresh=False)
+    # All derivatives at the point that is reached: scores project one kind from the other.
+    fit.descend()
 
 
 def first_noise(fit: Fit, *, wide: bool = False) -> None:

@@ -52,6 +52,9 @@ def held_out(fit: Fit, runs: Sequence[RunModel]) -> Held:
     for name in other.whitener.pieces.keys() - known.keys():
         del other.whitener.pieces[name]
     other.descend(held=True)
+    if other.hard:
+        other.whitener.learn_levels(other.residual())
+        other.descend(held=True)
     residual = other.residual()
     return Held(fit=other, residual=residual, cost=other.cost_of(residual) + other.whitener.log_scale())
 

@@ -8,6 +8,7 @@ the lower orders of the same recursion: no sample is lost, and a gap only begins
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -20,6 +21,8 @@ __all__ = ["ChannelNoise", "Whitener", "stretches"]
 
 #: Longest memory of a channel's noise: in samples, and as a share of a stretch.
 _ORDER, _ORDER_SHARE = 30, 0.05
+#: The level of a stretch is believed to be usual as if so many samples had shown it.
+_USUAL = 20.0
 #: A step longer than this many usual ones is a gap.
 _GAP = 1.5
 
@@ -120,12 +123,29 @@ class Whitener:
             for channel in own:
                 self.pieces.setdefault(channel.name, []).extend(stretches(channel, offset))
         self.noise: dict[str, ChannelNoise] = {}
+        self.levels: dict[int, float] = {}  #: first row of a stretch -> what its noise is multiplied by
 
     def learn(self, residual: np.ndarray, freedom: dict[str, float], *, white: bool = False) -> None:
         """Set the noise of every channel from residuals (M,); ``white`` leaves out its colour."""
         for name, pieces in self.pieces.items():
             own = [residual[piece] for piece in pieces]
             self.noise[name] = ChannelNoise.fitted(own, freedom.get(name, 0.0), 0 if white else None)
+
+    def learn_levels(self, residual: np.ndarray) -> None:
+        """Give every stretch its own level, from residuals (M,), the noise as it is.
+
+        What shakes a vehicle on hard ground grows with its speed, and a stretch that the model misses
+        should not outweigh all others.
+        """
+        self.levels = {}
+        for name, pieces in self.pieces.items():
+            for piece in pieces:
+                white = self.noise[name].whiten(residual[piece])
+                square = (float(white @ white) + _USUAL) / (len(white) + _USUAL)
+                self.levels[piece.start] = float(np.sqrt(square))
+
+    def _level(self, piece: slice) -> float:
+        return self.levels.get(piece.start, 1.0)
 
     def __call__(self, columns: np.ndarray) -> np.ndarray:
         """Whitened copy of (M,) or (M, k)."""
@@ -134,12 +154,15 @@ class Whitener:
             noise = self.noise[name]
             for piece in pieces:
                 out[piece] = noise.whiten(columns[piece])
+                if self.levels:
+                    out[piece] /= self._level(piece)
         return out
 
     def log_scale(self) -> float:
         """What the deviations contribute to minus the log-likelihood."""
         return sum(
             self.noise[name].log_scale(piece.stop - piece.start)
+            + (piece.stop - piece.start) * math.log(self._level(piece))
             for name, pieces in self.pieces.items()
             for piece in pieces
         )

@@ -112,6 +112,9 @@ def _columns(fit: Fit, equation: str) -> np.ndarray:
 
 def probe(fit: Fit) -> tuple[Rest, ...]:
     """What unknown forces would still explain at the present point of a fit, equation by equation."""
+    if fit.hard:
+        fit = fit.branch()
+        fit.whitener.learn_levels(fit.residual())
     residual = fit.whitener(fit.residual())
     states = fit.whitener(fit._states)
     found = []

@@ -19,6 +19,8 @@ from estimators.discrepancy.rig_model import RigModel
 
 __all__ = ["RepeatNoise", "RigFit", "RigWhitener", "fit_rig", "held_out_trials"]
 
+#: Finite difference of the ground's parameter: trials know it to some hundredths, and have no bumps.
+_GROUND_STEP = 0.005
 #: Steps of a descent, and the gain of a step that ends it, in the log-likelihood.
 _ROUNDS, _ENOUGH = 8, 0.05
 
@@ -141,8 +143,8 @@ class RigFit(Fit):
         """Derivatives of the data by the nuisances: by n; a rig has none of the others."""
         columns = np.zeros((len(self.runs[0].y), len(NUISANCES)))
         point, ground = self.nuisances.copy(), [nuisance.name for nuisance in NUISANCES].index("ground")
-        point[ground] += NUISANCES[ground].step
-        columns[:, ground] = self._derivative(self._setups(point), self.starts, NUISANCES[ground].step)
+        point[ground] += _GROUND_STEP
+        columns[:, ground] = self._derivative(self._setups(point), self.starts, _GROUND_STEP)
         return columns
 
     def learn_noise(self, *, white: bool = False) -> None:

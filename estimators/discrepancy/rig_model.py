@@ -219,6 +219,10 @@ class RigModel:
         """Trials have no start."""
         return np.zeros((1, at.STATE_SIZE)), np.zeros((1, 2, 3))
 
+    def moved_by(self, setup: RigSetup, other: RigSetup) -> bool:
+        """No sensor sets the wheel of a rig in motion."""
+        return False
+
     def simulate(self, setup: RigSetup, starts=None, warm=None, windows=None) -> Records:
         """Contact of all trials; a wheel that the soil does not carry stands at the deepest sinkage.
 

@@ -13,6 +13,7 @@ from estimators.discrepancy.kernels import actuator_states, imu_rows, run_full, 
 from estimators.discrepancy.windows import Windows, cut
 from estimators.logs.log import Log
 from estimators.logs.runs import plant_of
+from estimators.logs.signals import jumps
 from offroad_env.effects.protocol import Inputs, Setup
 from offroad_env.errors import DataError, SolverFailure
 from offroad_env.physics import state as at
@@ -28,6 +29,10 @@ PAPER_STEP = 0.01
 _FINEST, _COARSEST = 0.005, 0.02
 #: Below this speed the course of a satellite receiver means nothing [m/s].
 COURSE_SPEED = 1.0
+#: A vehicle with this wheelbase or a longer one is driven in windows and steps of full length [m].
+_FULL_SIZE = 2.0
+#: A step between rows longer than this many usual ones, and than this [s], is a gap.
+_GAP, _SHORTEST_GAP = 5.0, 0.15
 #: Half width of the mean that starts a window [s].
 _NEAR = 0.15
 
@@ -96,14 +101,15 @@ class RunModel:
         times = log.samples("a_x")[0]
         self.t_0 = float(times[0])
         self.step = round(float(np.clip(np.median(np.diff(times)), _FINEST, _COARSEST)), 6)
-        self.steps = max(math.ceil(self.step / (FULL_STEP if full else PAPER_STEP) - 1e-6), 1)
+        # Of two vehicles alike the smaller one lives faster, by the root of its size.
+        vehicle = plant.vehicle
+        pace = min(math.sqrt((vehicle.l_f + vehicle.l_r) / _FULL_SIZE), 1.0)
+        self.steps = max(math.ceil(self.step / (pace * (FULL_STEP if full else PAPER_STEP)) - 1e-6), 1)
         self.dt = self.step / self.steps
         count = math.floor((times[-1] - self.t_0) / self.step + 1e-6)
         if count * self.step < 3.0:
             raise DataError(f"{log.name}: lasts {count * self.step:.1f} s; a diagnosis needs 3 s at least")
         self.count = count
-        windows = cut(count, self.step, whole)
-        self.windows: Windows = windows if use is None else windows.only(use)
         self.driven = "drive_force" in log.channels if not full else self._has_torque()
         if not full and not self.driven:
             raise DataError(f"{log.name}: the paper's model needs drive_force")
@@ -111,7 +117,8 @@ class RunModel:
             # The wheels turn as measured: a spin inertia that nothing moves.
             plant = plant._replace(vehicle=plant.vehicle._replace(I_w=1e9))
         self.setup = Setup(plant=plant, mount=imu.mount())
-        self._rims = np.empty((0, 2)) if self.driven else self._measured_rims()
+        windows = cut(count, self.step, whole, self._usable(), pace)
+        self.windows: Windows = windows if use is None else windows.only(use)
         self._find_data()
         self.free = tuple(_FREE) if full and self.driven else tuple(i for i in _FREE if i < at.OMEGA_F)
         r = plant.vehicle.r
@@ -140,10 +147,44 @@ class RunModel:
     def _has_torque(self) -> bool:
         return any(name in self.log.channels for name in ("torque_f", "torque_r"))
 
-    def _measured_rims(self) -> np.ndarray:
-        grid = self.t_0 + self.step * np.arange(self.count + 1)
-        names = [name for name in _RIMS if name in self.log.channels]
-        columns = [np.interp(grid, *self.log.samples(name)) for name in names]
+    def _usable(self) -> np.ndarray | None:
+        """(K,) steps of the grid that can be simulated; None where all can.
+
+        In a gap of the log nobody knows the inputs; no start fits on both sides of a position that jumps. On
+        hard ground a tyre's law means nothing near standstill, where the model has a seam instead.
+        """
+        usable = np.ones(self.count, dtype=bool)
+        middle = self.t_0 + self.step * (np.arange(self.count) + 0.5)
+        t = self.log.t
+        before = np.clip(np.searchsorted(t, middle) - 1, 0, len(t) - 2)
+        usable &= np.diff(t)[before] <= max(_GAP * np.median(np.diff(t)), _SHORTEST_GAP)
+        for start, stop in jumps(self.log):
+            usable &= (middle < start) | (middle > stop)
+        plant = self.setup.plant
+        if plant.soil.rigid > 0.5:
+            name = next((name for name in ("v_x", "speed", *_RIMS) if self._has(name)), None)
+            if name is not None:
+                scale = plant.vehicle.r if name in _RIMS else 1.0
+                usable &= scale * np.abs(self._over(name, middle)) > plant.v_eps
+        return None if usable.all() else usable
+
+    def _over(self, name: str, t: np.ndarray) -> np.ndarray:
+        """A channel at the times ``t`` [s], straight between its samples."""
+        return np.interp(t, *self.log.samples(name))
+
+    def _rim_speeds(self, setup: Setup) -> np.ndarray:
+        """Wheel speeds that hold instead of a balance of torques, (K + 1, 2) [rad/s], or (0, 2).
+
+        As the sensors say: late as the inputs are, and wrong by as much as the sensors are.
+        """
+        if self.driven:
+            return np.empty((0, 2))
+        grid = self.t_0 - setup.inputs.delay + self.step * np.arange(self.count + 1)
+        errors = setup.errors
+        columns = []
+        for name, split in zip(_RIMS, (errors.wheel_split, -errors.wheel_split), strict=True):
+            if self._has(name):
+                columns.append(self._over(name, grid) / (errors.wheel_scale + split))
         return np.ascontiguousarray(np.stack(columns * (3 - len(columns)), axis=1)[:, :2])
 
     # ------------------------------------------------------------------ data
@@ -238,6 +279,12 @@ class RunModel:
         integral = np.concatenate([[0.0], np.cumsum(held * np.diff(t))])
         return np.diff(np.interp(edges, t, integral)) / self.step
 
+    def moved_by(self, setup: Setup, other: Setup) -> bool:
+        """Whether the vehicle moves otherwise by two setups that differ in their sensors alone."""
+        pair = (setup.errors, other.errors)
+        scales = {(errors.wheel_scale, errors.wheel_split) for errors in pair}
+        return not self.driven and len(scales) > 1
+
     # ------------------------------------------------------------------ simulation
 
     def simulate(self, setup: Setup, starts: np.ndarray, warm: np.ndarray, windows: Windows) -> Records:
@@ -254,7 +301,8 @@ class RunModel:
         commands, timing = self.commands(setup.inputs), (self.dt, self.steps)
         if setup.model == "full":
             actuators = actuator_states(setup.plant.vehicle, commands, self.dt, self.steps)
-            worst = run_full((starts, warm, actuators), spans, commands, self._rims, setup.plant, timing, out)
+            rims = self._rim_speeds(setup)
+            worst = run_full((starts, warm, actuators), spans, commands, rims, setup.plant, timing, out)
         else:
             worst = run_paper((starts, warm), spans, commands, setup.plant, timing, out)
         if worst.max() >= SUNK:

@@ -61,6 +61,16 @@ class Screen:
         own = np.sqrt(np.maximum(np.diag(self.information), 1e-300))
         return self.information / np.outer(own, own)
 
+    def by_effect(self) -> tuple[list[str], np.ndarray]:
+        """Effects that the data see, and how alike each two look (E, E), where each shows most."""
+        strength, best = np.diag(self.information), {}
+        for i in np.argsort(strength):
+            if strength[i] > 0.0:
+                best[self.candidates[i].effect] = int(i)
+        names = sorted(best)
+        places = [best[name] for name in names]
+        return names, self.cosines()[np.ix_(places, places)]
+
 
 def route_of(fit: Fit) -> np.ndarray:
     """Where the vehicle went, by the model at the present point, (T, 2) [m]."""

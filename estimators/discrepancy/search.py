@@ -11,6 +11,7 @@ from estimators.discrepancy.fit import NUISANCES, Candidate, Fit, settle
 from estimators.discrepancy.gain import held_out
 from estimators.discrepancy.run_model import RunModel
 from estimators.discrepancy.screen import Screen, candidates_for, chance_threshold, projected, screen
+from estimators.discrepancy.together import gain_of, guesses
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 
@@ -22,6 +23,8 @@ _MOST = 4
 ALIKE = 6.63
 #: Rivals that are refitted, and how alike a first look must find them.
 _REFITS, _FIRST_LOOK = 4, 3.0 * ALIKE
+#: Models as good as the best that may try the windows apart.
+_GATED = 3
 #: Rivals of the first step: scores that are this share of the best.
 _NEAR_BEST = 0.8
 
@@ -52,6 +55,14 @@ class Cause:
         return self.rivals[0]
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Trial:
+    """A model fitted with the noise as it is."""
+
+    cost: float
+    fit: Fit
+
+
 @dataclass(kw_only=True)
 class Search:
     """What a search found."""
@@ -61,7 +72,8 @@ class Search:
     first: Screen  #: scores against the nominal model
     last: Screen  #: scores against the extended model
     threshold: float  #: of the first screen
-    gate: tuple[float, ...] = ()  #: what each effect gains on the gate's windows, the last may be refused
+    gate: tuple[float, ...] = ()  #: what each effect gains on the gate's windows; what does not is refused
+    refused: bool = False  #: whether the windows of the search ask for more, and those of the gate refuse it
     causes: tuple[Cause, ...] = field(default=())
 
     def score_of(self, change: np.ndarray) -> np.ndarray:
@@ -121,22 +133,63 @@ def _best_by_effect(values: np.ndarray, candidates: Sequence[Candidate]) -> list
     return chosen
 
 
-def _forward(fit: Fit, result: Screen, threshold: float) -> Fit | None:
-    """The model with the one effect more that fits best, or None."""
+def _forward(fit: Fit, result: Screen, threshold: float) -> list[_Trial]:
+    """Models with one effect more, best first."""
     strength = np.abs(result.z)
     order = _best_by_effect(strength, result.candidates)
     top = strength[order[0]] if order else 0.0
     if not top > threshold:
-        return None
+        return []
     order = [i for i in order if strength[i] > max(threshold, _NEAR_BEST * top)][:_REFITS]
+    return _refitted(
+        fit, [((*fit.candidates, result.candidates[i]), (*fit.sizes, result.size[i])) for i in order]
+    )
+
+
+def _refitted(fit: Fit, guesses: Sequence[tuple[Sequence[Candidate], Sequence[float]]]) -> list[_Trial]:
+    """The models of these effects and sizes fitted, best first; what breaks down is left out."""
     trials = []
-    for i in order:
-        done = refit(fit, (*fit.candidates, result.candidates[i]), [*fit.sizes, result.size[i]])
+    for candidates, sizes in guesses:
+        late = [i for i, candidate in enumerate(candidates) if EFFECTS[candidate.effect].family == "timing"]
+        done = refit(fit, candidates, sizes, late[-1] if late else -1)
         if done is not None:
-            trials.append((done[1], len(trials), done[0]))
-    if not trials:
-        return None
-    return min(trials)[2]
+            trials.append(_Trial(cost=done[1], fit=done[0]))
+    return sorted(trials, key=lambda trial: trial.cost)
+
+
+def _together(fit: Fit, result: Screen, threshold: float, most: float) -> list[_Trial]:
+    """Models with one effect more (two, if there is none yet) in which one that stood alone may be gone.
+
+    Parameters
+    ----------
+    most
+        What the best model with so many effects less one gains, in twice the log-likelihood.
+    """
+    inside = range(len(fit.sizes))
+    bases = [[i for i in inside if i != k] for k in inside] or [[]]
+    found = [guess for base in bases for guess in guesses(fit, result, base, _REFITS)]
+    found = [guess for guess in found if guess.gain > most + threshold**2]
+    best = max((guess.gain for guess in found), default=0.0)
+    near = sorted((g for g in found if g.gain > best - _FIRST_LOOK), key=lambda guess: -guess.gain)
+    return _refitted(fit, [(guess.candidates, guess.sizes) for guess in near[:_REFITS]])
+
+
+def _larger(fit: Fit, result: Screen, threshold: float, apart: Sequence[RunModel]) -> list[_Trial]:
+    """Models that explain more by as much as an effect must: the best, and those as good, best first."""
+    single = _forward(fit, result, threshold)
+    if not single and not fit.candidates:
+        return []
+    most = gain_of(fit, result) if fit.candidates else float(np.max(result.z**2, initial=0.0))
+    joint = _together(fit, result, threshold, most)
+    if not fit.candidates and joint:
+        # A second effect must earn its place, here and on the windows apart.
+        gain = _gain_apart(single[0].fit, joint[0].fit, apart)
+        earned = 2.0 * (single[0].cost - joint[0].cost) > threshold**2
+        return joint if earned and (gain is None or gain > 0.0) else single
+    names = {frozenset(candidate.effect for candidate in trial.fit.candidates) for trial in single}
+    new = [t for t in joint if frozenset(c.effect for c in t.fit.candidates) not in names]
+    trials = sorted([*single, *new], key=lambda trial: trial.cost)
+    return [trial for trial in trials if 2.0 * (trial.cost - trials[0].cost) <= ALIKE]
 
 
 def _pruned(fit: Fit, threshold: float, *, white: bool) -> Fit:
@@ -162,6 +215,29 @@ def _gain_apart(fit: Fit, larger: Fit, runs: Sequence[RunModel]) -> float | None
         return None
 
 
+def _accepted(
+    fit: Fit, trials: Sequence[_Trial], bar: float, apart: Sequence[RunModel], *, white: bool
+) -> tuple[Fit | None, list[float]]:
+    """The first of the models that gains on the windows apart too, settled; and what was gained there."""
+    names, gains = {candidate.effect for candidate in fit.candidates}, []
+    for trial in trials[:_GATED]:
+        larger = trial.fit
+        # After a refusal, only what gains with the noise as it is gets the work of a noise of its own.
+        if gains and (_gain_apart(fit, larger, apart) or 0.0) <= 0.0:
+            continue
+        settle(larger, white=white)
+        larger = _pruned(larger, bar, white=white)
+        if {candidate.effect for candidate in larger.candidates} == names:
+            break
+        gain = _gain_apart(fit, larger, apart)
+        if gain is None:
+            return larger, gains
+        gains.append(gain)
+        if gain > 0.0:
+            return larger, gains
+    return None, gains
+
+
 def search(
     nominal: Fit, library: Sequence[str], rate: float, apart: Sequence[RunModel] = (), *, white: bool = False
 ) -> Search:
@@ -183,20 +259,15 @@ def search(
     candidates = candidates_for(nominal, library)
     first = last = screen(nominal, candidates)
     threshold = chance_threshold(first, rate)
-    fit, bar, gate = nominal, threshold, []
-    while len(fit.candidates) < _MOST:
-        larger = _forward(fit, last, bar)
+    fit, bar, gate, refused = nominal, threshold, [], False
+    while len(fit.candidates) < _MOST and not refused:
+        trials = _larger(fit, last, bar, apart)
+        # The first name is the best or none; later ones may be any that explain as much.
+        larger, gains = _accepted(fit, trials if fit.candidates else trials[:1], bar, apart, white=white)
+        gate += gains
+        refused = bool(gains) and larger is None
         if larger is None:
             break
-        settle(larger, white=white)
-        names = {candidate.effect for candidate in fit.candidates}
-        larger = _pruned(larger, bar, white=white)
-        if {candidate.effect for candidate in larger.candidates} == names:
-            break
-        if (gain := _gain_apart(fit, larger, apart)) is not None:
-            gate.append(gain)
-            if gain <= 0.0:
-                break
         fit = larger
         last = screen(fit, _outside(fit, candidates))
         bar = chance_threshold(last, rate)
@@ -211,6 +282,7 @@ def search(
         last=last,
         threshold=threshold,
         gate=tuple(gate),
+        refused=refused,
         causes=tuple(causes),
     )
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.discrepancy.diagnosis import Diagnosis
+from estimators.discrepancy.diagnosis import OVERLAP, Diagnosis
 from estimators.discrepancy.rig import RigRest
 from estimators.discrepancy.search import Cause, Rival
 from offroad_env.effects import EFFECTS
@@ -86,10 +86,14 @@ def sentence_of(diagnosis: Diagnosis) -> str:
     sentence = causes[0].upper() + causes[1:]
     if verdict == "NAMED + UNEXPLAINED REST":
         sentence += f"; and something is left: {_rest_phrase(diagnosis)}"
+    if diagnosis.checks.get("overlap", 0.0) > OVERLAP:
+        sentence += "; or one cause behind these, which the library lacks: their traces overlap"
     return sentence + "."
 
 
 def _rest_phrase(diagnosis: Diagnosis) -> str:
+    if not diagnosis.unexplained:
+        return "what would explain it in one part of the run makes another part worse"
     rest = max(diagnosis.unexplained, key=lambda one: one.excess)
     size = float(np.sqrt(max(np.average(rest.force**2, weights=1.0 / rest.deviation**2), 0.0)))
     if isinstance(rest, RigRest):
@@ -177,14 +181,7 @@ def isolability_of(diagnosis: Diagnosis) -> tuple[list[str], np.ndarray]:
     """Effects that the data see, and how alike each two look (E, E): cosines of their whitened traces."""
     if diagnosis.search is None:
         return [], np.empty((0, 0))
-    first, best = diagnosis.search.first, {}
-    strength = np.diag(first.information)
-    for i in np.argsort(strength):
-        if strength[i] > 0.0:
-            best[first.candidates[i].effect] = int(i)
-    names = sorted(best)
-    index = [best[name] for name in names]
-    return names, first.cosines()[np.ix_(index, index)]
+    return diagnosis.search.first.by_effect()
 
 
 def _ground_entry(value: float, deviation: float) -> dict[str, float]:
@@ -216,7 +213,7 @@ def ground_of(diagnosis: Diagnosis) -> dict[str, Any] | None:
         "prior": float(soil.n),
         "before": before,
         "after": after,
-        "single": best if agreed and not diagnosis.unexplained else None,
+        "single": best if agreed and not diagnosis.doubtful else None,
     }
 
 

@@ -20,6 +20,8 @@ _SHORTEST = 20.0
 _LENGTH = 4.0
 #: What the actuators did before the first row is not known: so long it can matter [s].
 _LEAD_IN = 1.0
+#: Between two interruptions a stretch must last so long to be worth a start of its own [s].
+_LEAST = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,14 +46,38 @@ class Windows:
         return len(self.first)
 
 
-def _pieces(start: int, stop: int, step: float) -> list[tuple[int, int]]:
+def _pieces(start: int, stop: int, length: float) -> list[tuple[int, int]]:
     """``start ... stop`` in equal windows as near to the wanted length as they divide it."""
-    count = max(round((stop - start) * step / _LENGTH), 1)
+    count = max(round((stop - start) / length), 1)
     edges = np.linspace(start, stop, count + 1).round().astype(int)
     return list(pairwise(edges))
 
 
-def cut(steps: int, step: float, whole: int | None = None) -> Windows:
+def _stretches(usable: np.ndarray, lead: int, shortest: int) -> list[tuple[int, int]]:
+    """Stretches of usable steps that are long enough, each without its first ``lead`` steps."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], usable.astype(int), [0]])))
+    pairs = zip(edges[::2] + lead, edges[1::2], strict=True)
+    return [(int(a), int(b)) for a, b in pairs if b - a >= shortest]
+
+
+def _parts(start: int, stop: int, stretches: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Where the steps ``start ... stop`` lie, counted through the stretches alone."""
+    parts, before = [], 0
+    for a, b in stretches:
+        low, high = max(start - before, 0), min(stop - before, b - a)
+        if high > low:
+            parts.append((a + low, a + high))
+        before += b - a
+    return parts
+
+
+def cut(
+    steps: int,
+    step: float,
+    whole: int | None = None,
+    usable: np.ndarray | None = None,
+    scale: float = 1.0,
+) -> Windows:
     """Windows over a run of ``steps`` steps of ``step`` [s].
 
     Parameters
@@ -59,19 +85,35 @@ def cut(steps: int, step: float, whole: int | None = None) -> Windows:
     whole
         What the whole run is for, where several runs share the work; else it is divided by time:
         the search gets the first part, then the gate, then the report, with 5 s left out between.
+    usable
+        (steps,) false where nothing may be simulated; default everywhere. Windows lie in one
+        stretch each, and the time is that of the stretches.
+    scale
+        Of the length of a window.
     """
     lead = round(_LEAD_IN / step)
-    if whole is None and steps * step < _SHORTEST:
+    if usable is None:
+        stretches, shortest = [(lead, steps)], 1
+    else:
+        shortest = round(_LEAST / step)
+        stretches = _stretches(usable, lead, shortest)
+    total = sum(b - a for a, b in stretches)
+    if whole is None and (lead + total) * step < _SHORTEST:
         whole = FIT
     if whole is not None:
-        blocks = [(lead, steps, whole)]
+        blocks = [(0, total, whole)]
     else:
         gap = round(_APART / step)
-        usable = max(steps - lead - 2 * gap, 0)
-        ends = np.round(usable * np.cumsum(_SHARES)).astype(int)
-        starts = lead + np.array([0, ends[0] + gap, ends[1] + 2 * gap])
+        ends = np.round(max(total - 2 * gap, 0) * np.cumsum(_SHARES)).astype(int)
+        starts = np.array([0, ends[0] + gap, ends[1] + 2 * gap])
         lengths = np.diff(np.concatenate([[0], ends]))
         blocks = [(int(a), int(a + n), use) for use, (a, n) in enumerate(zip(starts, lengths, strict=True))]
-    rows = [(a, b - a, use) for start, stop, use in blocks for a, b in _pieces(start, stop, step) if b > a]
+    rows = [
+        (a, b - a, use)
+        for start, stop, use in blocks
+        for low, high in _parts(start, stop, stretches)
+        for a, b in _pieces(low, high, scale * _LENGTH / step)
+        if b - a >= shortest
+    ]
     table = np.array(rows, dtype=np.int64).reshape(-1, 3)
     return Windows(first=table[:, 0], count=table[:, 1], use=table[:, 2])

@@ -45,7 +45,8 @@ STATE_KEYS = (
 _NEEDED_VEHICLE = ("m", "I_z", "I_y", "l_f", "l_r", "k_f", "k_r", "c_f", "c_r", "m_w", "r", "b")
 _SOIL_KEYS = ("k_c", "k_phi", "n", "c", "phi", "k_x", "k_y", "a_0", "a_1", "b_0", "b_1")
 _NEEDED_SOIL = ("k_phi", "n", "c", "phi")
-_RIGID_KEYS = ("mu", "C_alpha")
+_NEEDED_RIGID = ("mu", "C_alpha")
+_RIGID_KEYS = (*_NEEDED_RIGID, "C_kappa")
 
 _SLIP = Quantity("in (-1, 1)", -1.0, 1.0, True, True, mistakes=((1.0, 100.0, "per cent"),))
 _ACCELERATION_SD = Quantity("in (0, 50] m/s^2", 0.0, 50.0, low_open=True)
@@ -431,11 +432,12 @@ def _assumed(given: Mapping[str, float]) -> dict[str, float]:
 def _soil(section: Section) -> Soil:
     kind = section.choice("kind", ("deformable", "rigid"), "deformable")
     if kind == "rigid":
-        given = {name: section.number(name, _ANY) for name in _RIGID_KEYS}
+        keys, needed = _RIGID_KEYS, _NEEDED_RIGID
     else:
-        needed = {name: section.number(name, _ANY) for name in _NEEDED_SOIL}
-        given = needed | {name: section.number(name, _ANY, None) for name in _SOIL_KEYS if name not in needed}
-        given = {name: value for name, value in given.items() if value is not None}
+        keys, needed = _SOIL_KEYS, _NEEDED_SOIL
+    given = {name: section.number(name, _ANY) for name in needed}
+    given |= {name: section.number(name, _ANY, None) for name in keys if name not in needed}
+    given = {name: value for name, value in given.items() if value is not None}
     section.finish()
     try:
         return make_soil(kind=kind, **given)

@@ -13,6 +13,7 @@ from estimators.logs.log import Log
 from estimators.logs.schema import IMU, RIG_COLUMNS, VEHICLE_COLUMNS
 from estimators.logs.signals import (
     ChannelTiming,
+    jumps,
     longest_run,
     noise_sd,
     offset,
@@ -141,6 +142,7 @@ def quality(log: Log) -> QualityReport:
         findings += _timing_findings("t", timing(log.t), 0.5)
         findings += _clock_findings(log, {f.channel for f in findings if f.kind in ("axes", "sign")})
         findings += _excitation_findings(log)
+        findings += _jump_findings(log)
     measured = {name: _measure(log, name, findings) for name in log.channels}
     order = ("problem", "warning", "note")
     findings.sort(key=lambda finding: order.index(finding.severity))
@@ -345,6 +347,25 @@ def _clock_pairs(log: Log, untrusted: set[str]) -> list[tuple[str, str, tuple[_S
     if np.ptp(steered) > 0.0 and len(steer_t) >= 4:
         pairs.append(("steer", "yaw_rate", ((steer_t, steered), rate)))
     return pairs
+
+
+# ------------------------------------------------------------------ positions
+
+
+def _jump_findings(log: Log) -> list[Finding]:
+    found = jumps(log)
+    if not found:
+        return []
+    times = ", ".join(f"{0.5 * (start + stop):.1f}" for start, stop in found[:5])
+    return [
+        Finding(
+            kind="jump",
+            channel="x",
+            severity="warning",
+            sentence=f"the position jumps as no vehicle can move, {len(found)} times: at t = {times} s",
+            numbers={"times": float(len(found)), "at": found[0][0]},
+        )
+    ]
 
 
 # ------------------------------------------------------------------ excitation

@@ -9,7 +9,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy import ndimage, stats
 
 from estimators.logs.log import Log
 
@@ -18,6 +18,7 @@ __all__ = [
     "Likeness",
     "Offset",
     "Windows",
+    "jumps",
     "likeness",
     "longest_run",
     "noise_sd",
@@ -27,6 +28,10 @@ __all__ = [
     "unwrapped",
 ]
 
+#: Speed from positions: over how long, on which grid, and what surrounds it [s].
+_SPAN, _GRID, _AROUND = 0.2, 0.05, 0.5
+#: No wheeled vehicle is so much faster than half a second before and after: 1 g over that time [m/s].
+_JUMP = 5.0
 _LONGEST_GAP = 0.25  # a window with a longer silence than this (or 3 steps) is left out [s]
 
 
@@ -105,6 +110,26 @@ def unwrapped(angle: np.ndarray) -> np.ndarray:
     if spread <= 2.1 * math.pi:
         return np.unwrap(angle)
     return np.unwrap(angle, period=360.0) if 300.0 < spread <= 361.0 else angle
+
+
+def jumps(log: Log) -> list[tuple[float, float]]:
+    """Times (from, to) [s] at which the logged position moves as no vehicle can."""
+    if not {"x", "y"} <= set(log.channels):
+        return []
+    t = log.samples("x")[0]
+    if t[-1] - t[0] < 2.0 * _AROUND:
+        return []
+    grid = np.arange(t[0], t[-1] + 0.5 * _GRID, _GRID)
+    ends = (grid - 0.5 * _SPAN, grid + 0.5 * _SPAN)
+    moved = [np.diff([np.interp(end, *log.samples(name)) for end in ends], axis=0)[0] for name in ("x", "y")]
+    speed = np.hypot(*moved) / _SPAN
+    usual = ndimage.median_filter(speed, round(2.0 * _AROUND / _GRID) + 1, mode="nearest")
+    sd = 0.0 if log.config.gnss is None else log.config.gnss.sd_position
+    wild = np.flatnonzero(speed - usual > max(_JUMP, 6.0 * math.sqrt(2.0) * sd / _SPAN))
+    if not len(wild):
+        return []
+    groups = np.split(wild, np.flatnonzero(np.diff(wild) * _GRID > _AROUND) + 1)
+    return [(float(grid[g[0]]) - _SPAN, float(grid[g[-1]]) + _SPAN) for g in groups]
 
 
 class Windows:

@@ -25,7 +25,7 @@ class Soil(NamedTuple):
     """Bekker pressure-sinkage, Mohr-Coulomb strength, Janosi-Hanamoto shear, contact angles.
 
     ``rigid = 1.0`` replaces the soil by hard ground with a saturating combined-slip force
-    (``mu``, ``C_alpha``); the soil fields are then unused.
+    (``mu``, ``C_alpha``, ``C_kappa``); the soil fields are then unused.
     """
 
     k_c: float  #: cohesive modulus of sinkage [N/m^(n+1)]
@@ -41,7 +41,8 @@ class Soil(NamedTuple):
     b_1: float  #: slope of theta_r / theta_f with slip [-]
     rigid: float  #: 1.0 = hard ground, 0.0 = deformable soil
     mu: float  #: friction coefficient of hard ground [-]
-    C_alpha: float  #: slip stiffness of hard ground per unit of wheel load [1/rad], also per unit slip
+    C_alpha: float  #: side-slip stiffness of hard ground per unit of wheel load [1/rad]
+    C_kappa: float  #: stiffness against slip along the wheel per unit of wheel load [-]
 
 
 class Vehicle(NamedTuple):

@@ -60,6 +60,7 @@ def with_pressure(soil, n, factor):
         soil.rigid,
         soil.mu,
         soil.C_alpha,
+        soil.C_kappa,
     )
 
 

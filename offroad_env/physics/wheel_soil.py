@@ -505,14 +505,15 @@ def wheel_reaction(soil, wheel, h, motion, v_eps, law):
 
 @kernel
 def rigid_forces(soil, r, load, motion, v_eps):
-    """(F_x, F_y, torque) on hard ground: slip stiffness ``C_alpha`` [1/rad], saturating at ``mu`` load.
+    """(F_x, F_y, torque) on hard ground: slip stiffnesses ``C_kappa``, ``C_alpha``; at most ``mu`` load.
 
-    One force along the combined slip (s_x, -tan beta), mu N tanh(C |slip| / mu): the isotropic
-    similarity form of Pacejka (Tire and Vehicle Dynamics, section 4.3) with tanh as master curve.
+    One force along the combined slip (C_kappa s_x, -C_alpha tan beta) = C_alpha slip, mu N
+    tanh(C_alpha |slip| / mu): the similarity form of Pacejka (Tire and Vehicle Dynamics, section 4.3),
+    slips normalised by their own stiffness, with tanh as master curve.
     """
     r_omega, v_l, v_c = motion
     D = math.sqrt(max(r_omega * r_omega, v_l * v_l) + v_eps * v_eps) + _TINY
-    slip_x = (r_omega - v_l) / D
+    slip_x = soil.C_kappa / soil.C_alpha * (r_omega - v_l) / D
     slip_y = -v_c / D
     slip = math.sqrt(slip_x * slip_x + slip_y * slip_y)
     gain = soil.C_alpha * load

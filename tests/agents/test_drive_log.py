@@ -151,10 +151,17 @@ def test_estimate_refuses_measured_drives_on_a_hard_floor(offroad_data, tmp_path
 
 
 def test_estimate_takes_logs_of_an_independent_simulator(offroad_data, tmp_path):
-    """A multibody vehicle on a soil grid: the filters run; that n is right there is not claimed."""
+    """A multibody vehicle on a soil grid: the filter is certain of a wrong n, the second opinion not."""
     path = offroad_data("chrono_scm") / "clay_0.01_sin02_R0.csv"
     numbers = tmp_path / "numbers.json"
     assert offroad("estimate", path, "--n-prior", 0.6, "--out", tmp_path, "--json", numbers) == 0
     (found,) = json.loads(numbers.read_text())["logs"]
     assert 0.2 < found["n"] < 0.8
+    true_n = 0.5
+    assert found["valid"]
+    assert abs(found["n"] - true_n) > 3.0 * found["sd"]
+    assert abs(found["n"] - true_n) < 2.0 * found["sd_in_doubt"]
+    assert not found["trusted"]
+    mean, sd = found["second_opinion"]
+    assert abs(mean - true_n) < 2.0 * sd
     assert found["truth_at_end"] is None

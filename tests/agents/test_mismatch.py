@@ -14,7 +14,7 @@ from offroad_env.errors import InvalidParameter
 
 
 def _verdict(name, mismatch, row, error, flagged=100):
-    return Verdict(
+    word = Verdict(
         filter=name,
         mismatch=mismatch,
         row=row,
@@ -30,7 +30,9 @@ def _verdict(name, mismatch, row, error, flagged=100):
         end_sd=0.02,
         silent=False,
         real_time_factor=20.0,
-    )._asdict()
+    )
+    sure = word._replace(silent=True, covered=0.0 if flagged else math.nan)
+    return {"doubted": word._asdict(), "alone": sure._asdict()}
 
 
 @pytest.fixture(scope="module")
@@ -52,14 +54,17 @@ def test_a_run_without_flag_counts_against_the_flag_and_not_in_the_error(results
         assert line.coverage == 1.0
         assert line.flag == pytest.approx(0.5)
         assert line.error_all == pytest.approx(0.46)
+    for line in summaries_of(results, "alone"):
+        assert line.silent == 2
+        assert line.coverage == 0.0
 
 
 def test_the_figure_shows_every_filter_under_every_mismatch(results):
-    figure = mismatch_figure(summaries_of(results), BARS)
+    figure = mismatch_figure(summaries_of(results), summaries_of(results, "alone"), BARS)
     for axes in figure.axes:
         assert len(axes.patches) == len(FILTERS) * len(MISMATCHES)
-    shown = {text.get_text() for text in figure.axes[0].get_legend().get_texts()}
-    assert shown == {"asked for"} | {candidate.title for candidate in FILTERS.values()}
+    shown = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert shown == {"asked for", "by its own word"} | {candidate.title for candidate in FILTERS.values()}
 
 
 def test_the_bound_names_what_costs_most(results):
@@ -74,3 +79,12 @@ def test_wrong_names_are_refused(tmp_path):
         Mismatches(out=tmp_path, only=("kalman",)).run()
     with pytest.raises(InvalidParameter, match="under must name"):
         Mismatches(out=tmp_path, under=("wind",)).run()
+    with pytest.raises(InvalidParameter, match="first_seed"):
+        Mismatches(out=tmp_path, first_seed=20).run()
+    with pytest.raises(InvalidParameter, match="seeds"):
+        Mismatches(out=tmp_path, first_seed=18, seeds=3).run()
+
+
+def test_seeds_that_nobody_has_looked_at_can_be_asked_for():
+    study = Mismatches(first_seed=5, seeds=2, only=("robust",), under=("all",), rows=(3,))
+    assert {key[3] for key in study._units()} == {5, 6}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from estimators.discrepancy.noise import ChannelNoise, stretches
+from estimators.discrepancy.noise import ChannelNoise, Whitener, stretches
 from estimators.discrepancy.run_model import Channel
 from estimators.discrepancy.windows import FIT, REPORT, SELECT, cut
 
@@ -69,3 +69,30 @@ def test_the_parts_of_a_run_lie_apart_and_take_their_shares():
     assert np.allclose(length / np.sum(length), [0.6, 0.2, 0.2], atol=0.01)
     assert (windows.count >= 300).all()
     assert (windows.count <= 500).all()
+
+
+def test_windows_keep_out_of_what_cannot_be_simulated():
+    usable = np.ones(6000, dtype=bool)
+    usable[1500:3000] = False
+    windows = cut(6000, 0.01, usable=usable)
+    for first, count in zip(windows.first, windows.count, strict=True):
+        assert usable[first : first + count].all()
+        # What the actuators did in the pause is as unknown as what they did before the log.
+        assert not 3000 <= first < 3100
+    length = [windows.count[windows.use == use].sum() for use in (FIT, SELECT, REPORT)]
+    assert np.allclose(length / np.sum(length), [0.6, 0.2, 0.2], atol=0.01)
+
+
+def test_stretches_differ_in_their_level_only_where_that_is_asked_for():
+    rng = np.random.default_rng(3)
+    t = 0.01 * np.arange(800)
+    channel = Channel(
+        name="a_x", rows=slice(0, 800), t=t, window=(t >= 4.0).astype(int), record=np.zeros(800, int),
+        weight=np.zeros(800),
+    )  # fmt: skip
+    residual = rng.normal(size=800) * np.where(t >= 4.0, 3.0, 1.0)
+    whitener = Whitener([((channel,), 0)])
+    whitener.learn(residual, {})
+    assert np.std(whitener(residual)[400:]) > 2.0 * np.std(whitener(residual)[:400])
+    whitener.learn_levels(residual)
+    assert np.std(whitener(residual)[400:]) == pytest.approx(np.std(whitener(residual)[:400]), rel=0.1)

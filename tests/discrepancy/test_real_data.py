@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from agents.commands.data import Log as DataLog
 from agents.commands.diagnose import Diagnose
 from estimators.discrepancy.diagnosis import diagnose
-from estimators.discrepancy.fit import NUISANCES, Fit
+from estimators.discrepancy.fit import NUISANCES, Fit, Shares
 from estimators.discrepancy.hide import draw_case, hidden_log
 from estimators.discrepancy.run_model import RunModel
 from estimators.discrepancy.verdict import sentence_of
 from estimators.discrepancy.windows import FIT
-from estimators.logs import read_log, write_log
+from estimators.logs import f1tenth_log, read_log, write_log
 from estimators.wheel_rig import cmu_rig_log
 from helpers import measured_data
+from offroad_env.effects import apply
 from offroad_env.errors import DataError
 
 
@@ -67,3 +70,50 @@ def test_inputs_are_nobodys_fault_by_half_a_sample_at_most():
     # sqrt(3) standard deviations of a uniform law over a sample are half of it.
     setup = fit.setup(fit.runs[0], moved, np.empty(0))
     assert setup.inputs.delay == pytest.approx(0.5 * fit.runs[0].step)
+
+
+def hard_drive(**columns):
+    """A drive of the 1:10 car on a hard floor whose wheels turn as measured."""
+    drive = f1tenth_log(measured_data("f1tenth_indoor") / "DS1.csv", corrected=True)
+    return replace(drive, channels=drive.channels | columns)
+
+
+def test_no_window_holds_a_jump_of_the_position_or_a_car_that_stands():
+    drive = hard_drive()
+    run = RunModel(drive, whole=FIT)
+    begin = run.t_0 + run.step * run.windows.first
+    end = begin + run.step * run.windows.count
+    # The particle filter of this drive loses the car three times, the last at 40.1 s.
+    for jump in (25.4, 27.3, 40.1):
+        assert not ((begin < jump) & (jump < end)).any()
+    speed = np.abs(drive.channels["omega_f"]) * drive.config.vehicle.r
+    for a, b in zip(begin, end, strict=True):
+        assert speed[(drive.t > a) & (drive.t < b)].min() > 0.2
+    assert run.step * run.windows.count.min() >= 1.0
+    assert run.step * run.windows.count.max() < 2.5, "a small car lives faster"
+
+
+def test_sensors_of_wheels_that_turn_as_measured_move_the_car():
+    run = RunModel(hard_drive(), whole=FIT)
+    late = replace(run.setup, inputs=replace(run.setup.inputs, delay=0.02))
+    assert np.allclose(run._rim_speeds(late)[1:], run._rim_speeds(run.setup)[:-1])
+    wrong = apply(run.setup, [("wheel_radius_scale", {"share": 0.1})])
+    assert np.allclose(1.1 * run._rim_speeds(wrong), run._rim_speeds(run.setup))
+    assert run.moved_by(wrong, run.setup)
+    assert not run.moved_by(late, run.setup)
+
+
+def test_a_step_leaves_what_is_at_its_limit_and_goes_on_with_the_rest():
+    """Else a fit at a limit promises for ever what it cannot keep, and counts as no minimum."""
+    fit = Fit([RunModel(hard_drive(), use=FIT)])
+    names = [nuisance.name for nuisance in NUISANCES]
+    balance, ground = names.index("balance"), names.index("ground")
+    fit.nuisances[balance] = 0.1
+    score = np.zeros(len(NUISANCES))
+    score[[balance, ground]] = 1.0
+    shares = Shares(normal=np.eye(len(NUISANCES)), score=score, cost=0.0)
+    change = fit._inside(shares)
+    assert change[balance] == 0.0
+    assert change[ground] == pytest.approx(1.0)
+    shares.score[balance] = -1.0
+    assert fit._inside(shares)[balance] == pytest.approx(-1.0)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from offroad_env.effects import Extension
-from offroad_env.errors import InvalidParameter
 from offroad_env.vector_env import OffroadBekkerVectorEnv
 
 
@@ -47,6 +46,18 @@ def test_effects_of_the_file_act_on_inputs_forces_and_sensors(tmp_path):
     assert braked[-1, 5] < base[-1, 5]
 
 
-def test_vectorised_environments_say_that_they_take_no_extended_model(tmp_path):
-    with pytest.raises(InvalidParameter, match="single environments"):
-        OffroadBekkerVectorEnv(2, model=_file(tmp_path))
+@pytest.mark.parametrize("estimator", ["parameter", "joint"])
+def test_a_vector_of_extended_models_is_that_many_single_ones(tmp_path, estimator):
+    model = _file(tmp_path, ("steer_delay", {"delay": 0.1}), ("gyro_bias_yaw", {"bias": 0.25}))
+    options = {"model": model, "estimator": estimator, "terrain_info": "estimate", "scenario": "speed"}
+    envs = OffroadBekkerVectorEnv(2, **options)
+    singles = [gym.make("offroad_env:OffroadBekker-v0", **options) for _ in range(2)]
+    envs.reset(seed=5)
+    for i, env in enumerate(singles):
+        env.reset(seed=5 + i)
+    for action in np.random.default_rng(0).uniform(-0.3, 0.6, (10, 2, 2)):
+        seen, rewards, *_ = envs.step(action)
+        for i, env in enumerate(singles):
+            expected, reward, *_ = env.step(action[i])
+            assert all(np.array_equal(seen[key][i], expected[key]) for key in expected)
+            assert rewards[i] == reward

@@ -21,13 +21,14 @@ STEP = 0.01
 TRUE_N, BELIEVED_N = 0.55, 0.7
 
 
-def full_log(duration=8.0, soil="dry_sand"):
-    """A slalom of the full model on level ground, measured."""
+def full_log(duration=8.0, soil="dry_sand", mass=1.0):
+    """A slalom of the full model on level ground, measured; ``mass``: the true one over the nominal."""
     plant = make_plant(VEHICLES["mrzr"], make_soil(soil, n=TRUE_N), flat())
+    heavy = plant._replace(vehicle=plant.vehicle._replace(m=mass * plant.vehicle.m))
     t = STEP * np.arange(round(duration / STEP))
     commands = np.column_stack([0.15 * np.sin(1.3 * t), 1500.0 + 700.0 * np.sin(0.9 * t), np.zeros(len(t))])
-    state, warm = settled_state(plant, v_x=4.0)
-    run = simulate_commands(plant, state, warm, commands, interval=STEP)
+    state, warm = settled_state(heavy, v_x=4.0)
+    run = simulate_commands(heavy, state, warm, commands, interval=STEP)
     sensors = SensorSuite(imu=ImuConfig(), wheel=WheelSpeedConfig(), gnss=GnssConfig())
     belief = plant._replace(soil=make_soil(soil, n=BELIEVED_N))
     return log_from_run(run, plant, commands, sensors, np.random.default_rng(7), belief=belief, name="slalom")
@@ -103,13 +104,28 @@ def test_references_stay_unseen(full):
 def test_the_table_has_a_row_a_sample_and_reads_back(full):
     result = estimate_log(full, "parameter")
     head, *rows = result.csv().splitlines()
-    assert head == "t,n,sd,low,high,valid,nis"
+    assert head == "t,n,sd,low,high,valid,nis,sd_in_doubt,trusted,second_n,second_sd"
     assert len(rows) == len(result.t) == len(full.t)
     last = rows[-1].split(",")
     assert [float(value) for value in last[:5]] == [
         result.t[-1], result.n[-1], result.sd[-1], result.low[-1], result.high[-1]
     ]  # fmt: skip
-    assert rows[0].endswith(",")  # the prior has no innovation
+    assert rows[0].split(",")[6] == ""  # the prior has no innovation
+    assert float(last[7]) == result.sd_in_doubt[-1]
+    assert bool(int(last[8])) == result.trusted[-1]
+
+
+@pytest.mark.parametrize("mass", [1.0, 1.1])
+def test_an_estimate_in_doubt_holds_the_truth_for_a_vehicle_that_is_heavier_than_said(mass):
+    result = estimate_log(full_log(mass=mass), "parameter", n_prior=0.6)
+    late = result.t > 4.0
+    error = np.abs(result.n - TRUE_N)[late]
+    # By its own word the filter is certain either way, and right for the nominal vehicle only.
+    assert result.valid[late].all()
+    assert (error < 2.0 * result.sd[late]).mean() == (1.0 if mass == 1.0 else 0.0)
+    assert (error < 2.0 * result.sd_in_doubt[late]).all()
+    assert (result.sd_in_doubt > result.sd).all()
+    assert (result.trusted <= result.valid).all()
 
 
 def test_a_prior_of_ones_own_replaces_that_of_the_description(full):

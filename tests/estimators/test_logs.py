@@ -239,7 +239,7 @@ def test_numbers_are_read_as_people_write_them(log, tmp_path):
 )
 @pytest.mark.parametrize("rigid", [False, True])
 def test_a_description_survives_its_yaml(terrain, rigid, log, tmp_path):
-    soil = make_soil(kind="rigid", mu=0.7, C_alpha=8.0) if rigid else SOILS["clay"]
+    soil = make_soil(kind="rigid", mu=0.7, C_alpha=8.0, C_kappa=12.0) if rigid else SOILS["clay"]
     config = replace(
         log.config,
         soil=soil,
@@ -254,7 +254,7 @@ def test_a_description_survives_its_yaml(terrain, rigid, log, tmp_path):
     path = write_log(tmp_path / "run.csv", replace(log, config=config))
     back = read_log(path).config
     if rigid:  # what deformable soil would need is not written: hard ground has none of it
-        assert (back.soil.rigid, back.soil.mu, back.soil.C_alpha) == (1.0, 0.7, 8.0)
+        assert (back.soil.rigid, back.soil.mu, back.soil.C_alpha, back.soil.C_kappa) == (1.0, 0.7, 8.0, 12.0)
         back = replace(back, soil=soil)
     assert replace(back, start=config.start) == config
     assert dict(back.start.state) == dict(config.start.state)
@@ -528,6 +528,14 @@ def test_a_gap_of_the_whole_log_is_told_once_and_one_of_a_channel_for_that_chann
     assert [(f.channel, f.numbers["at"]) for f in found] == [("t", pytest.approx(9.99))]
 
 
+def test_a_position_that_jumps_is_told_and_one_that_only_drives_is_not(log):
+    assert not [f for f in quality(log).findings if f.kind == "jump"]
+    x = log.channels["x"] + 3.0 * (log.t > 12.0)
+    found = [f for f in quality(changed(log, x=x)).findings if f.kind == "jump"]
+    assert [f.severity for f in found] == ["warning"]
+    assert found[0].numbers["at"] == pytest.approx(12.0, abs=0.4)
+
+
 def test_jitter_is_measured(log):
     rng = np.random.default_rng(0)
     t = log.t + rng.uniform(-0.002, 0.002, len(log))
@@ -727,7 +735,8 @@ def test_a_converted_drive_is_a_log_on_hard_ground(tmp_path):
     back = read_log(write_log(tmp_path / "DS3.csv", drive))
     assert back.hash == drive.hash
     assert same_columns(back.channels, drive.channels)
-    assert plant_of(back).soil.rigid == 1.0
+    soil = plant_of(back).soil
+    assert (soil.rigid, soil.C_kappa) == (1.0, soil.C_alpha)
     state, _ = start_of(back)
     assert state[at.X] == drive.channels["x"][0]
     with pytest.raises(DataError, match="torque_f"):

@@ -108,7 +108,7 @@ def test_verdict_counts_only_what_the_filter_vouches_for(twins):
     T = len(twin.n)
     n, valid = np.full(T, 0.5), np.arange(T) >= T // 2
     n[T // 2 :] = 0.7  # 40 % wrong, outside of its interval, and vouched for
-    belief = Belief(n, np.full(T, 0.01), n - 0.02, n + 0.02, valid, 1.0)
+    belief = Belief(n, np.full(T, 0.01), n - 0.02, n + 0.02, valid, np.full(T, 5.0), 1.0)
     verdict = judge("bank", twin, belief)
     assert verdict.errors == pytest.approx([0.4] * len(verdict.errors))
     assert verdict.covered == 0.0
@@ -126,7 +126,7 @@ def test_verdict_counts_only_what_the_filter_vouches_for(twins):
 @pytest.mark.parametrize("name", ["embedded", "propagated"])
 def test_every_filter_of_the_study_runs(twins, name):
     belief = run_filter(name, twins["none"])
-    assert np.isfinite([belief.n, belief.sd, belief.low, belief.high]).all()
+    assert np.isfinite([belief.n, belief.sd, belief.low, belief.high, belief.speed]).all()
     assert (belief.low <= belief.n).all()
     assert name in FILTERS
 

@@ -237,6 +237,7 @@ def draw_soil(rng: np.random.Generator) -> Soil:
         rigid=0.0,
         mu=0.8,
         C_alpha=10.0,
+        C_kappa=10.0,
     )
 
 

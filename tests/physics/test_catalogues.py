@@ -198,6 +198,8 @@ def test_rigid_needs_nothing_and_does_not_turn_into_soil_by_itself():
     ground = make_soil(kind="rigid")
     assert ground.rigid == 1.0
     assert make_soil(ground, mu=0.5) == ground._replace(mu=0.5)
+    assert make_soil(ground, C_alpha=7.0).C_kappa == 7.0, "one stiffness, unless two are given"
+    assert make_soil(make_soil(ground, C_kappa=20.0), C_alpha=5.0).C_kappa == 10.0
     assert make_soil("clay", kind="rigid", mu=0.6).rigid == 1.0
     with pytest.raises(InvalidParameter, match="missing"):
         make_soil(ground, kind="deformable")

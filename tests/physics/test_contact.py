@@ -10,7 +10,7 @@ import pytest
 from offroad_env.physics.contact import AIRBORNE, CONTACT, NO_ROOT, SUNK, slope_frame, solve_contact
 from offroad_env.physics.records import Wheel
 from offroad_env.physics.wheel_soil import wheel_reaction
-from offroad_env.soils import SOILS
+from offroad_env.soils import SOILS, make_soil
 
 WHEEL = Wheel(r=0.33, b=0.21)
 LEVEL = slope_frame(0.0, 0.0)
@@ -22,7 +22,8 @@ ROLLING = (3.1, 3.0, 0.1)  # r omega, v_l, v_c [m/s]
 def solve(soil="clay", load=STATIC, k=45e3, motion=ROLLING, frame=LEVEL, warm=None, options=OPTIONS):
     """(status, F_l, F_c, F_n, torque, sinkage) of a two-wheeled axle."""
     warm = np.zeros(3) if warm is None else warm
-    return solve_contact(SOILS[soil], WHEEL, motion, frame, (float(load), k, 2.0), warm, options)
+    soil = SOILS[soil] if isinstance(soil, str) else soil
+    return solve_contact(soil, WHEEL, motion, frame, (float(load), k, 2.0), warm, options)
 
 
 def test_the_slope_frame_is_orthonormal_and_its_tangents_lie_in_the_ground():
@@ -147,3 +148,17 @@ def test_hard_ground_starts_with_its_slip_stiffness():
     slid = solve("hard_ground", load, motion=(10.0, 10.0, 0.001), options=options)
     assert spun[1] == pytest.approx(soil.C_alpha * load * 1e-4, rel=1e-3)
     assert slid[2] == pytest.approx(-soil.C_alpha * load * 1e-4, rel=1e-3)
+
+
+def test_hard_ground_may_hold_a_wheel_otherwise_along_than_across():
+    load, options = 1000.0, (1e-6, 1.0, False)
+    soil = make_soil("hard_ground", C_kappa=25.0)
+    spun = solve(soil, load, motion=(10.001, 10.0, 0.0), options=options)
+    slid = solve(soil, load, motion=(10.0, 10.0, 0.001), options=options)
+    assert spun[1] == pytest.approx(25.0 * load * 1e-4, rel=1e-3)
+    assert slid[2] == pytest.approx(-soil.C_alpha * load * 1e-4, rel=1e-3)
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        motion = tuple(float(v) for v in rng.normal(0.0, 3.0, 3))
+        _, F_l, F_c, _, _, _ = solve(soil, motion=motion)
+        assert math.hypot(F_l, F_c) <= soil.mu * STATIC * (1.0 + 1e-12)

@@ -33,6 +33,7 @@ def plain_soil(**changes: float) -> Soil:
     soil = Soil(
         k_c=13e3, k_phi=700e3, n=0.7, c=3e3, phi=0.4, k_x=0.02, k_y=0.015,
         a_0=0.4, a_1=0.0, b_0=-0.2, b_1=0.0, rigid=0.0, mu=0.8, C_alpha=10.0,
+        C_kappa=10.0,
     )  # fmt: skip
     return soil._replace(**changes)
 
