@@ -4,10 +4,14 @@ A wheel pulls by shearing the soil, and shears it by slipping; but slip also dig
 Ground Vehicles, section 2.9). Between the two lies a best slip, which depends on n. The controller
 drives at the speed asked for and lets the rim speed rise to v / (1 - best slip) and no further. Rim
 speeds are measured far better than the slip of a creeping vehicle, so it is they that are controlled.
+
+A wheel that slips along its plane has little force left across it (friction ellipse; Wong, section 1.3), and
+where the path is not the steepest line gravity pulls aside. So slip is given up towards the corridor's edge.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -50,6 +54,7 @@ class SlipController(SoilTracker):
     def _drive(self, senses: Senses, belief: Belief, lateral: float) -> float:
         wanted = super()._drive(senses, belief, lateral)
         slip = min(self.slip_share * self._capability.best_slip(belief.low, belief.high), _MOST_SLIP)
+        slip *= math.sqrt(max(1.0 - (senses.cross_track / self._briefing.corridor) ** 2, 0.0))
         allowed = max(senses.speed, _LOW_SPEED) / (1.0 - slip)
         resistance = self._capability.at("resistance", belief.mean)
         held = self._rim_control.command(allowed, float(np.mean(senses.rim_speed)), resistance=resistance)
