@@ -31,7 +31,9 @@ __all__ = ["THREADS", "CudaFleet", "CudaUnavailableError", "make_kernels"]
 #: blocks or four of twice the size; the smallest ones spread best, and wait for no others at their end.
 THREADS = 32
 
-_WORK, _WARM = (WORK_ROWS, at.READINGS_SIZE), (2, at.CONTACT_SIZE)
+# The size of an array in a thread's memory must be a number or tuple of this module.
+_STATE, _READINGS, _WARM = at.STATE_SIZE, at.READINGS_SIZE, (2, at.CONTACT_SIZE)
+_WORK = WORK_ROWS, _READINGS
 
 
 class CudaUnavailableError(OffroadError, RuntimeError):
@@ -61,8 +63,8 @@ def make_kernels(changed: bool) -> tuple[Any, Any]:
         states, readings, warms, slopes, status, done = vehicles
         if i >= status.shape[0] or not where[i if where.shape[0] > 1 else 0]:
             return
-        x, slope = cuda.local.array(at.STATE_SIZE, float64), cuda.local.array(at.STATE_SIZE, float64)
-        warm, seen = cuda.local.array(_WARM, float64), cuda.local.array(at.READINGS_SIZE, float64)
+        x, slope = cuda.local.array(_STATE, float64), cuda.local.array(_STATE, float64)
+        warm, seen = cuda.local.array(_WARM, float64), cuda.local.array(_READINGS, float64)
         copy_into(x, given[0][i if given[0].shape[0] > 1 else 0])
         for axle in range(2):
             copy_into(warm[axle], given[1][i if given[1].shape[0] > 1 else 0, axle])
@@ -86,13 +88,13 @@ def make_kernels(changed: bool) -> tuple[Any, Any]:
         if i >= status.shape[0]:
             return
         # A thread's own memory lies so that neighbours read side by side.
-        x, warm = cuda.local.array(at.STATE_SIZE, float64), cuda.local.array(_WARM, float64)
-        work, seen = cuda.local.array(_WORK, float64), cuda.local.array(at.READINGS_SIZE, float64)
+        x, warm = cuda.local.array(_STATE, float64), cuda.local.array(_WARM, float64)
+        work, seen = cuda.local.array(_WORK, float64), cuda.local.array(_READINGS, float64)
         copy_into(x, states[i])
         copy_into(seen, readings[i])
         for axle in range(2):
             copy_into(warm[axle], warms[i, axle])
-        copy_into(work[0, : at.STATE_SIZE], slopes[i])
+        copy_into(work[0, : _STATE], slopes[i])
         plant, who = plant_of(plants, i), i if commands.shape[0] > 1 else 0
         boundaries, worst, count = kept[0].shape[0], status[i], 0
         if boundaries > 1:
@@ -107,9 +109,9 @@ def make_kernels(changed: bool) -> tuple[Any, Any]:
                     copy_into(kept[0][count, i], x)
                     copy_into(kept[1][count, i], seen)
         if worst >= SUNK:
-            for j in range(at.STATE_SIZE):
+            for j in range(_STATE):
                 x[j] = np.nan
-            for j in range(at.READINGS_SIZE):
+            for j in range(_READINGS):
                 seen[j] = np.nan
         for row in range(count + 1, boundaries):
             copy_into(kept[0][row, i], x)
@@ -118,7 +120,7 @@ def make_kernels(changed: bool) -> tuple[Any, Any]:
         copy_into(readings[i], seen)
         for axle in range(2):
             copy_into(warms[i, axle], warm[axle])
-        copy_into(slopes[i], work[0, : at.STATE_SIZE])
+        copy_into(slopes[i], work[0, : _STATE])
         status[i], done[i] = worst, count
 
     return start, drive
@@ -228,12 +230,12 @@ class CudaFleet:
         self._plants = tuple(cuda.to_device(np.ascontiguousarray(part), stream=queue) for part in parts)
         self._start, self._drive = make_kernels(packed.effects is not None)
         self.numbers = self._plants[0]
-        self.states = cuda.device_array((count, at.STATE_SIZE), np.float64)
-        self.readings = cuda.device_array((count, at.READINGS_SIZE), np.float64)
+        self.states = cuda.device_array((count, _STATE), np.float64)
+        self.readings = cuda.device_array((count, _READINGS), np.float64)
         self.warm = cuda.device_array((count, *_WARM), np.float64)
         self.status = cuda.device_array(count, np.float64)
         self.done = cuda.device_array(count, np.int64)
-        slopes = cuda.device_array((count, at.STATE_SIZE), np.float64)
+        slopes = cuda.device_array((count, _STATE), np.float64)
         self._vehicles = (self.states, self.readings, self.warm, slopes, self.status, self.done)
         self.start(states, warm, stream=stream)
 
@@ -247,7 +249,7 @@ class CudaFleet:
         """
         queue, count = _as_stream(stream), len(self)
         given = (
-            _rows("states", _on_device("states", states, np.float64, queue), (count, at.STATE_SIZE)),
+            _rows("states", _on_device("states", states, np.float64, queue), (count, _STATE)),
             _rows("warm", _on_device("warm", warm, np.float64, queue), (count, *_WARM)),
         )
         chosen = _on_device("where", [True] if where is None else where, np.bool_, queue)
