@@ -14,7 +14,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import cuda, float64
+from numba import float64
 
 from offroad_env.errors import InvalidParameter, OffroadError
 from offroad_env.fleet import Fleet, FleetRun, count_steps
@@ -24,6 +24,11 @@ from offroad_env.physics.full_model import WORK_ROWS, full_continue, full_deriva
 from offroad_env.physics.numerics import copy_into
 from offroad_env.physics.packing import PackedPlant, unpack
 from offroad_env.simulator import FULL_STEP
+
+try:
+    from numba import cuda
+except ImportError:  # a numba that has left its old target to numba-cuda, which is not installed
+    cuda = None
 
 __all__ = ["THREADS", "CudaFleet", "CudaUnavailableError", "make_kernels"]
 
@@ -44,21 +49,23 @@ class CudaUnavailableError(OffroadError, RuntimeError):
 def make_kernels(changed: bool) -> tuple[Any, Any]:
     """(start, drive) for `CudaFleet`; ``changed``: for plants with effects. Compiled at their first call.
 
-    Both take the plants as (numbers (N, P), waves, patches) and, with effects, these; and the vehicles as
-    (states (N, 15), readings (N, 32), warm (N, 2, 3), slopes (N, 15), status (N,), done (N,)).
+    Both take the plants as (numbers (N, P), waves, patches) and, with effects, these; all but the numbers
+    with a row in front that means nothing, for an array without rows has no address and cannot be passed.
+    The vehicles are (states (N, 15), readings (N, 32), warm (N, 2, 3), slopes (N, 15), status (N,),
+    done (N,)).
     """
 
     def bare_plant(plants, i):
-        return unpack(PackedPlant(plants[0][i], plants[1], plants[2], None))
+        return unpack(PackedPlant(plants[0][i], plants[1][1:], plants[2][1:], None))
 
     def changed_plant(plants, i):
-        return unpack(PackedPlant(plants[0][i], plants[1], plants[2], plants[3]))
+        return unpack(PackedPlant(plants[0][i], plants[1][1:], plants[2][1:], plants[3][1:]))
 
     plant_of = cuda.jit(device=True)(changed_plant if changed else bare_plant)
 
     @cuda.jit
     def start(plants, given, where, vehicles):
-        """Vehicles for which ``where`` (N or 1,) is true begin at ``given`` = (states, warm), (N or 1, ...)."""
+        """Vehicles with true ``where`` (N or 1,) begin at ``given`` = (states, warm), (N or 1, ...)."""
         i = cuda.grid(1)
         states, readings, warms, slopes, status, done = vehicles
         if i >= status.shape[0] or not where[i if where.shape[0] > 1 else 0]:
@@ -94,7 +101,7 @@ def make_kernels(changed: bool) -> tuple[Any, Any]:
         copy_into(seen, readings[i])
         for axle in range(2):
             copy_into(warm[axle], warms[i, axle])
-        copy_into(work[0, : _STATE], slopes[i])
+        copy_into(work[0, :_STATE], slopes[i])
         plant, who = plant_of(plants, i), i if commands.shape[0] > 1 else 0
         boundaries, worst, count = kept[0].shape[0], status[i], 0
         if boundaries > 1:
@@ -120,7 +127,7 @@ def make_kernels(changed: bool) -> tuple[Any, Any]:
         copy_into(readings[i], seen)
         for axle in range(2):
             copy_into(warms[i, axle], warm[axle])
-        copy_into(slopes[i], work[0, : _STATE])
+        copy_into(slopes[i], work[0, :_STATE])
         status[i], done[i] = worst, count
 
     return start, drive
@@ -176,12 +183,12 @@ class CudaFleet:
     """A fleet of the full model that lives on a graphics processor.
 
     Whatever is an array here lies on the device and offers ``__cuda_array_interface__``:
-    ``torch.as_tensor(fleet.states, device="cuda")`` shares its memory. Arguments may be such arrays too, torch
-    tensors among them (float64, contiguous), and are read in place; NumPy arrays are copied.
+    ``torch.as_tensor(fleet.states, device="cuda")`` shares its memory. Arguments may be such arrays too,
+    torch tensors among them (float64, contiguous), and are read in place; NumPy arrays are copied.
 
     Calls return before the device is done. Work goes to ``stream``: a handle, or what has
-    ``__cuda_stream__`` (``torch.cuda.current_stream()``); by default to the default stream, which is that of torch
-    and CuPy as long as they were not told otherwise.
+    ``__cuda_stream__`` (``torch.cuda.current_stream()``); by default to the default stream, which is that
+    of torch and CuPy as long as they were not told otherwise.
 
     Parameters
     ----------
@@ -208,8 +215,8 @@ class CudaFleet:
     CudaUnavailableError
         Without numba-cuda or a device.
     InvalidParameter
-        As `simulate_fleet_commands`. Commands that lie on the device already are not looked at: a vehicle whose
-        command is not finite stops.
+        As `simulate_fleet_commands`. Commands that lie on the device already are not looked at: a vehicle
+        whose command is not finite stops.
     """
 
     def __init__(
@@ -225,9 +232,11 @@ class CudaFleet:
         self._timing = float(dt), count_steps(fleet, interval, dt)
         _require_device()
         count, packed = len(fleet), fleet.packed
-        parts = packed[:3] if packed.effects is None else packed
         queue = _as_stream(stream)
-        self._plants = tuple(cuda.to_device(np.ascontiguousarray(part), stream=queue) for part in parts)
+        parts = [packed.numbers] + [
+            np.concatenate([np.zeros((1, part.shape[1])), part]) for part in packed[1:] if part is not None
+        ]
+        self._plants = tuple(cuda.to_device(part, stream=queue) for part in parts)
         self._start, self._drive = make_kernels(packed.effects is not None)
         self.numbers = self._plants[0]
         self.states = cuda.device_array((count, _STATE), np.float64)
@@ -245,7 +254,7 @@ class CudaFleet:
     def start(self, states: Any, warm: Any, *, where: Any = None, stream: Any = None) -> None:
         """Begin anew: all vehicles, or those for which ``where`` (N,) bool is true.
 
-        ``states`` and ``warm`` are as in the constructor; ``fleet.states`` itself, changed in place, is allowed.
+        ``states`` and ``warm`` are as in the constructor; ``fleet.states``, changed in place, is allowed.
         """
         queue, count = _as_stream(stream), len(self)
         given = (
@@ -271,6 +280,8 @@ class CudaFleet:
 
     def run(self, commands: Any, *, every: bool = True, stream: Any = None) -> FleetRun:
         """Several intervals in one call, from where the vehicles are; returns arrays of the device.
+
+        ``status`` and ``done`` are those of this object, which the next call overwrites.
 
         Parameters
         ----------
