@@ -167,7 +167,7 @@ def _on_device(name: str, values: Any, dtype: type, stream: Any) -> Any:
     if array.dtype != dtype or not array.is_c_contiguous():
         raise InvalidParameter(
             f"{name} on the device must be contiguous {np.dtype(dtype)}, got {array.dtype} with strides "
-            f"{array.strides} (torch: .double().contiguous())"
+            f"{array.strides} (torch: .to(torch.{np.dtype(dtype)}).contiguous())"
         )
     return array
 
