@@ -120,7 +120,8 @@ def run_on_board(
         Whether it is told that n changes.
     """
     belief = make_plant(drive.plant.vehicle, drive.plant.soil, flat())
-    estimator = make_estimator(OnBoard(kind=kind, changing=changing), belief, n_range, ImuConfig(), GnssConfig())
+    choice = OnBoard(kind=kind, changing=changing)
+    estimator = make_estimator(choice, belief, n_range, ImuConfig(), GnssConfig())
     x = drive.states[0]
     pose = Pose(float(x[at.X]), float(x[at.Y]), float(x[at.YAW]), float(x[at.V_X]))
     begin = time.process_time()
