@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -88,9 +88,11 @@ def limits_of(seed: int) -> dict:
     except OffroadError as error:
         return {"failed": str(error)}
     names, cosines = result.by_effect()
+    limits = result.limits()
     return {
-        "limits": result.limits(),
-        "alike": {name: _alike(result, name) for name in HIDERS},
+        "limits": limits,
+        # Without a receiver nothing of it can be hidden.
+        "alike": {name: _alike(result, name) for name in HIDERS if name in limits},
         "names": names,
         "cosines": cosines.round(4).tolist(),
     }
@@ -307,7 +309,7 @@ class DiagnosisStudy(Results):
         seeds = range(_FIRST_SEED, _FIRST_SEED + count)
         limits = self._done(path, _limits_unit, [("limits", seed) for seed in seeds], "limits")
         known = {key[1]: result for key, result in limits.items() if "failed" not in result}
-        results = self._done(path, partial(run_unit, known=known), self._keys(set(known)), "hide and find")
+        results = self._done(path, partial(run_unit, known=known), self._keys(known), "hide and find")
         numbers = counted(results)
         _show(numbers)
         self.save_figure(diagnosis_figure(numbers), "diagnosis")
@@ -317,7 +319,8 @@ class DiagnosisStudy(Results):
         stamp = stamp_of("estimators.discrepancy.diagnosis", "estimators.discrepancy.hide")
         return run_units(path, work, dict.fromkeys(keys, stamp), label=label, n_jobs=self.n_jobs)
 
-    def _keys(self, seeds: set[int]) -> list[Key]:
+    def _keys(self, known: Mapping[int, dict]) -> list[Key]:
+        seeds = set(known)
         first = [seed for seed in sorted(seeds) if seed < _FIRST_SEED + self.seeds]
         powers = [seed for seed in sorted(seeds) if seed < _FIRST_SEED + self.power_seeds]
         keys: list[Key] = [("null", "", 0.0, _FIRST_SEED + i) for i in range(self.nulls)]
@@ -329,7 +332,10 @@ class DiagnosisStudy(Results):
         keys += [
             ("removed", name, 4.0, seed) for seed in sorted(seeds)[: self.removed] for name in self.effects
         ]
-        keys += [("pair", self._pair(seed), 2.0, seed) for seed in sorted(seeds)[: self.pairs]]
+        keys += [
+            ("pair", self._pair(seed, known[seed]["limits"]), 2.0, seed)
+            for seed in sorted(seeds)[: self.pairs]
+        ]
         keys += [("same", "payload", 2.0, seed) for seed in sorted(seeds)[: self.same]]
         others = [multiple for multiple in MULTIPLES if multiple != 2.0]
         keys += [
@@ -338,13 +344,15 @@ class DiagnosisStudy(Results):
             for seed in powers
             for name in self.effects
         ]
-        return keys
+        hiding = ("single", "removed")
+        return [key for key in keys if key[0] not in hiding or key[1] in known[key[3]]["limits"]]
 
-    def _pair(self, seed: int) -> str:
-        """Two effects that can be hidden together, drawn from the seed."""
+    def _pair(self, seed: int, possible: Container[str] = HIDERS) -> str:
+        """Two effects that can be hidden together in the log of this seed, drawn from it."""
         rng = np.random.default_rng([seed, 5])
+        effects = [name for name in self.effects if name in possible]
         while True:
-            pair = sorted(str(name) for name in rng.choice(self.effects, 2, replace=False))
+            pair = sorted(str(name) for name in rng.choice(effects, 2, replace=False))
             if not set(pair) <= set(_EXCLUSIVE):
                 return "+".join(pair)
 
