@@ -238,6 +238,7 @@ def _summary(diagnosis: Diagnosis, case: Case) -> dict:
         "road": case.road,
         "sets": [[rival.candidate.effect for rival in cause.rivals] for cause in diagnosis.causes],
         "sizes": [[(rival.size, rival.deviation) for rival in cause.rivals] for cause in diagnosis.causes],
+        "named": [cause.best.candidate.effect for cause in diagnosis.named],
         "strongest": float(np.abs(found.first.z).max()) if found else None,
         "threshold": found.threshold if found else None,
         "gate": list(found.gate) if found else [],
@@ -384,6 +385,7 @@ def counted(results: Mapping[Key, dict]) -> dict:
     hopeless_all = [*hopeless["removed"], *hopeless["stranger"]]
     numbers["wrong name"] = _share(sum(map(_wrong_name, hopeless_all)), len(hopeless_all))
     numbers["wrong name or set"] = _share(sum(map(_wrong_model, hopeless_all)), len(hopeless_all))
+    numbers["wrong name beside a rest"] = _share(sum(map(_wrong_beside, hopeless_all)), len(hopeless_all))
     same = [r["same"] for key, r in done.items() if key[0] == "same"]
     numbers["same in another order"] = _share(sum(same), len(same))
     seconds = [r["seconds"] for r in done.values() if "seconds" in r]
@@ -474,6 +476,14 @@ def _wrong_name(result: dict) -> bool:
         return False
     alike = result.get("alike", {})
     return not all(alike.get(members[0], 0.0) ** 2 >= MIMICRY for members in result["sets"])
+
+
+def _wrong_beside(result: dict) -> bool:
+    """Names beside which something is said to be left, one of which does not look like what is hidden."""
+    if result["verdict"] != "NAMED + UNEXPLAINED REST":
+        return False
+    alike = result.get("alike", {})
+    return not all(alike.get(name, 0.0) ** 2 >= MIMICRY for name in result["named"])
 
 
 def _wrong_model(result: dict) -> bool:

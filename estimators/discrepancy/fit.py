@@ -354,8 +354,9 @@ class Fit:
     def reduce(self, residual: np.ndarray, states: np.ndarray, shared: np.ndarray) -> tuple[Shares, list]:
         """Normal equations of the shared columns with the window states eliminated.
 
-        Arguments are whitened. Also returns, per window, what gives its states' change from that of the
-        shared parameters: (offset (S,), slope (S, g)).
+        Arguments are whitened. Columns of ``states`` beyond those of the states are something else that every
+        window has for itself, believed to be nought within one. Also returns, per window, what gives their
+        change from that of the shared parameters: (offset (S,), slope (S, g)).
         """
         g = shared.shape[1]
         prior, value = np.zeros(g), np.zeros(g)
@@ -369,13 +370,15 @@ class Fit:
         order = np.argsort(self.window, kind="stable")
         starts = np.concatenate([s[:, run.free] for s, run in zip(self.starts, self.runs, strict=True)])
         centre = np.concatenate([s[:, run.free] for s, run in zip(self._centre, self.runs, strict=True)])
-        weight = 1.0 / self.runs[0].spread ** 2
+        more = states.shape[1] - starts.shape[1]
+        weight = np.append(1.0 / self.runs[0].spread ** 2, np.ones(more))
+        away_from = np.column_stack([centre - starts, np.zeros((len(starts), more))])
         # A window in a gap of the log has no rows.
         edges = np.searchsorted(self.window[order], np.arange(len(starts) + 1))
         for w in range(len(starts)):
             rows = order[edges[w] : edges[w + 1]]
             A, G, r = states[rows], shared[rows], residual[rows]
-            away = centre[w] - starts[w]
+            away = away_from[w]
             inner = A.T @ A + np.diag(weight)
             cross, gradient = A.T @ G, A.T @ r + weight * away
             solved = np.linalg.solve(inner, np.column_stack([gradient, cross]))
