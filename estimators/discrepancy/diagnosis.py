@@ -30,8 +30,6 @@ VERDICTS = (
 SCREEN_RATE = 0.06
 #: The same for the unknown force of one equation of motion.
 REST_RATE = 0.002
-#: Share of what is wrong that must be left over before the causes found must stand on their own to be named.
-_LEFT_OVER = 0.1
 #: A cause stands on its own if forces without a name leave it this share of its information, beyond chance,
 #: and its size, within its 95 % interval or this share of it.
 _OWN, _SAME, _Z = 0.5, 0.25, 1.96
@@ -87,11 +85,7 @@ class Diagnosis:
 
     @property
     def named(self) -> tuple[Cause, ...]:
-        """Causes that explain most of what is wrong, or else those of them that stand on their own."""
-        explained = sum(cause.delta for cause in self.causes)
-        left = sum(rest.excess for rest in self.unexplained)
-        if left <= _LEFT_OVER * (left + explained):
-            return self.causes
+        """Causes that the verdict names: all, or beside a force without a name those that stand on their own."""
         return tuple(cause for cause, stands in zip(self.causes, self.stands, strict=True) if stands)
 
     @property

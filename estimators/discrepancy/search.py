@@ -18,7 +18,7 @@ from offroad_env.errors import OffroadError
 __all__ = ["Cause", "Rival", "Search", "search"]
 
 #: Most effects that are named together.
-_MOST = 6
+_MOST = 4
 #: Causes within this of the best, in twice the log-likelihood, are as good: 99 % of one parameter.
 ALIKE = 6.63
 #: Rivals that are refitted, and how alike a first look must find them.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -59,8 +58,11 @@ def _phrase(rival: Rival) -> str:
     return f"{effect.describe(rival.size)} (95 %: {low:.3g} to {amount(effect.id, high)})"
 
 
-def _names(causes: Sequence[Cause]) -> str:
-    return " and ".join(" or ".join(r.candidate.effect for r in cause.rivals) for cause in causes)
+def _doubt_phrase(diagnosis: Diagnosis) -> str:
+    """Causes that do not stand on their own, after what is left; or nothing."""
+    doubted = [cause for cause in diagnosis.causes if cause not in diagnosis.named]
+    names = [" or ".join(rival.candidate.effect for rival in cause.rivals) for cause in doubted]
+    return f", which {', '.join(names)} may stand for in part" if names else ""
 
 
 def _cause_phrase(cause: Cause) -> str:
@@ -86,13 +88,12 @@ def sentence_of(diagnosis: Diagnosis) -> str:
         seen = len(diagnosis.limits) - len(diagnosis.not_testable)
         return f"Nothing is wrong that these data could show; {seen} effects were tested."
     if verdict == "UNEXPLAINED":
-        return f"Something is wrong that no effect of the library explains: {_rest_phrase(diagnosis)}."
+        rest = f"{_rest_phrase(diagnosis)}{_doubt_phrase(diagnosis)}"
+        return f"Something is wrong that no effect of the library explains: {rest}."
     causes = "; and ".join(_cause_phrase(cause) for cause in diagnosis.named)
     sentence = causes[0].upper() + causes[1:]
     if verdict == "NAMED + UNEXPLAINED REST":
-        sentence += f"; and something is left: {_rest_phrase(diagnosis)}"
-    if doubted := [cause for cause in diagnosis.causes if cause not in diagnosis.named]:
-        sentence += f"; {_names(doubted)} may be part of that"
+        sentence += f"; and something is left: {_rest_phrase(diagnosis)}{_doubt_phrase(diagnosis)}"
     if diagnosis.checks.get("overlap", 0.0) > OVERLAP:
         sentence += "; or one cause behind these, which the library lacks: their traces overlap"
     return sentence + "."
