@@ -85,7 +85,7 @@ class Diagnosis:
 
     @property
     def named(self) -> tuple[Cause, ...]:
-        """Causes that the verdict names: all, or beside a force without a name those that stand on their own."""
+        """Causes that the verdict names: where a force without a name is left, those that stand alone."""
         return tuple(cause for cause, stands in zip(self.causes, self.stands, strict=True) if stands)
 
     @property
