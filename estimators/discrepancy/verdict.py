@@ -62,7 +62,7 @@ def _doubt_phrase(diagnosis: Diagnosis) -> str:
     """Causes that do not stand on their own, after what is left; or nothing."""
     doubted = [cause for cause in diagnosis.causes if cause not in diagnosis.named]
     names = [" or ".join(rival.candidate.effect for rival in cause.rivals) for cause in doubted]
-    return f", which {', '.join(names)} may stand for in part" if names else ""
+    return f", which may also stand behind {', '.join(names)}" if names else ""
 
 
 def _cause_phrase(cause: Cause) -> str:
