@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimators.discrepancy.fit import NUISANCES, Candidate, Fit, settle
-from estimators.discrepancy.gain import held_out
+from estimators.discrepancy.gate import Gate, Word
 from estimators.discrepancy.run_model import RunModel
 from estimators.discrepancy.screen import Screen, candidates_for, chance_threshold, projected, screen
 from estimators.discrepancy.together import gain_of, guesses
@@ -23,6 +23,9 @@ _MOST = 4
 ALIKE = 6.63
 #: Rivals that are refitted, and how alike a first look must find them.
 _REFITS, _FIRST_LOOK = 4, 3.0 * ALIKE
+#: Windows of the search and those apart together must show what chance does in this share of the logs in
+#: which the first screen may find something.
+_CONFIRMED = 0.4
 #: Models as good as the best that may try the windows apart.
 _GATED = 3
 #: Rivals of the first step: scores that are this share of the best.
@@ -183,9 +186,10 @@ def _larger(fit: Fit, result: Screen, threshold: float, apart: Sequence[RunModel
     joint = _together(fit, result, threshold, most)
     if not fit.candidates and joint:
         # A second effect must earn its place, here and on the windows apart.
-        gain = _gain_apart(single[0].fit, joint[0].fit, apart)
-        earned = 2.0 * (single[0].cost - joint[0].cost) > threshold**2
-        return joint if earned and (gain is None or gain > 0.0) else single
+        if 2.0 * (single[0].cost - joint[0].cost) <= threshold**2:
+            return single
+        word = Gate(single[0].fit, apart).word(joint[0].fit)
+        return joint if word is None or word.gain > 0.0 else single
     names = {frozenset(candidate.effect for candidate in trial.fit.candidates) for trial in single}
     new = [t for t in joint if frozenset(c.effect for c in t.fit.candidates) not in names]
     trials = sorted([*single, *new], key=lambda trial: trial.cost)
@@ -205,35 +209,49 @@ def _pruned(fit: Fit, threshold: float, *, white: bool) -> Fit:
     return fit
 
 
-def _gain_apart(fit: Fit, larger: Fit, runs: Sequence[RunModel]) -> float | None:
-    """What a larger model gains on windows apart, in the log-likelihood; None where that cannot be said."""
-    if not runs:
-        return None
-    try:
-        return held_out(fit, runs).cost - held_out(larger, runs).cost
-    except OffroadError:
-        return None
+def _support(fit: Fit, larger: Fit, gain: float) -> tuple[float, float]:
+    """(What the windows of the search say for the new effects, how much more than that scatters there).
+
+    In the log-likelihood: the ``gain`` with the noise as it was, or what the least of the new effects is
+    worth, if that is less.
+    """
+    names = {candidate.effect for candidate in fit.candidates}
+    new = [i for i, candidate in enumerate(larger.candidates) if candidate.effect not in names]
+    places = len(NUISANCES) + np.array(new, dtype=np.int64)
+    least = np.min(np.abs(larger.sizes[new]) / larger.deviations()[places], initial=np.inf)
+    wide = 1.0 if fit.drawn is None else np.max(larger.widenings()[places], initial=1.0)
+    return float(min(gain / wide, 0.5 * least**2)), float(wide)
 
 
 def _accepted(
-    fit: Fit, trials: Sequence[_Trial], bar: float, apart: Sequence[RunModel], *, white: bool
+    fit: Fit, trials: Sequence[_Trial], bars: tuple[float, float], apart: Sequence[RunModel], *, white: bool
 ) -> tuple[Fit | None, list[float]]:
-    """The first of the models that gains on the windows apart too, settled; and what was gained there."""
-    names, gains = {candidate.effect for candidate in fit.candidates}, []
+    """The first of the models that the windows apart confirm, settled; and what each gained there.
+
+    ``bars`` are the least sizes of an effect, in standard deviations: in the windows of the search, and in
+    those and the windows apart together.
+    """
+    names, gains, gate = {candidate.effect for candidate in fit.candidates}, [], Gate(fit, apart)
+    before = fit.cost_of(fit.residual())
+
+    def confirmed(word: Word) -> bool:
+        support, wide = _support(fit, larger, before - trial.cost)
+        return not word.contradicts and support + word.gain / wide > 0.5 * bars[1] ** 2
+
     for trial in trials[:_GATED]:
         larger = trial.fit
-        # After a refusal, only what gains with the noise as it is gets the work of a noise of its own.
-        if gains and (_gain_apart(fit, larger, apart) or 0.0) <= 0.0:
+        # After a refusal, only what is confirmed with the noise as it is gets the work of a noise of its own.
+        if gains and ((word := gate.word(larger)) is None or not confirmed(word)):
             continue
         settle(larger, white=white)
-        larger = _pruned(larger, bar, white=white)
+        larger = _pruned(larger, bars[0], white=white)
         if {candidate.effect for candidate in larger.candidates} == names:
             break
-        gain = _gain_apart(fit, larger, apart)
-        if gain is None:
+        word = gate.word(larger)
+        if word is None:
             return larger, gains
-        gains.append(gain)
-        if gain > 0.0:
+        gains.append(word.gain)
+        if confirmed(word):
             return larger, gains
     return None, gains
 
@@ -263,7 +281,8 @@ def search(
     while len(fit.candidates) < _MOST and not refused:
         trials = _larger(fit, last, bar, apart)
         # The first name is the best or none; later ones may be any that explain as much.
-        larger, gains = _accepted(fit, trials if fit.candidates else trials[:1], bar, apart, white=white)
+        bars = (bar, chance_threshold(last, _CONFIRMED * rate))
+        larger, gains = _accepted(fit, trials if fit.candidates else trials[:1], bars, apart, white=white)
         gate += gains
         refused = bool(gains) and larger is None
         if larger is None:
