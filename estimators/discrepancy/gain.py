@@ -18,6 +18,8 @@ __all__ = ["ChannelGain", "Held", "channel_gains", "held_beside", "held_out"]
 _BLOCK, _DRAWS = 1.0, 2000
 #: A window whose whitened residuals have this mean square begins again, so far beside its start [-, m].
 _BAD, _BESIDE = 1.5, 0.25
+#: Ground on which it is simulated as on a plane, where every start leads to the one minimum.
+_LEVEL = ("flat", "unknown")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,25 +48,29 @@ def held_out(fit: Fit, runs: Sequence[RunModel], near: Held | None = None) -> He
     Parameters
     ----------
     near
-        Another model on these windows, where windows that fit badly may begin too.
+        Another model on these windows: they begin where its do.
 
     Raises
     ------
     SolverFailure
         When the model breaks down there.
     """
-    other = Fit(runs)
+    other = Fit(runs) if near is None else near.fit.branch()
     other.candidates, other.sizes, other.nuisances = fit.candidates, fit.sizes.copy(), fit.nuisances.copy()
-    other.begin()
+    if near is None:
+        other.begin()
+    other.forget_shared()
+    other.whitener.levels = {}
     known = fit.whitener.noise
     other.whitener.noise = {name: known[name] for name in other.whitener.pieces if name in known}
     for name in other.whitener.pieces.keys() - known.keys():
         del other.whitener.pieces[name]
-    other.descend(held=True)
+    other.descend(fresh=near is None, held=True)
     if other.hard:
         other.whitener.learn_levels(other.residual())
         other.descend(held=True)
-    _begin_again(other, [*([near.fit.starts] if near else []), *_beside(other.starts)])
+    if any(run.log.config.terrain.kind not in _LEVEL for run in runs):
+        _begin_again(other, _beside(other.starts))
     return _held(other)
 
 
@@ -83,7 +89,7 @@ def _held(fit: Fit) -> Held:
 
 
 def _begin_again(fit: Fit, elsewhere: Sequence[list[np.ndarray]]) -> bool:
-    """Start windows that fit badly elsewhere too; whether that was better: bumps make many valleys."""
+    """Start windows that fit badly elsewhere too; whether that was better. Bumps make many valleys."""
     cost, better = _by_window(fit), False
     usual = 0.5 * np.bincount(fit.window, minlength=len(cost))
     for starts in elsewhere:

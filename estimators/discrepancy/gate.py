@@ -51,22 +51,29 @@ class Gate:
         The windows; none, and nothing is said.
     """
 
-    def __init__(self, fit: Fit, runs: Sequence[RunModel]) -> None:
+    def __init__(self, fit: Fit, runs: Sequence[RunModel], held: Held | None = None) -> None:
         self.fit, self.runs = fit, runs
-        self._held: Held | None = None
+        self._held, self._judged = held, None
 
-    def word(self, larger: Fit) -> Word | None:
-        """Of a model with more effects; None where nothing can be said."""
+    def word(self, larger: Fit, smaller: Fit | None = None) -> Word | None:
+        """Of a model with more effects than a ``smaller`` one, or this gate's; None where nothing is said."""
         if not self.runs:
             return None
         try:
             self._held = self._held or held_out(self.fit, self.runs)
-            held = held_out(larger, self.runs, self._held)
+            less = self._held if smaller is None else held_out(smaller, self.runs, self._held)
+            self._judged = held_out(larger, self.runs, less)
             # A start that the one has found is open to the other.
-            self._held = held_beside(self._held, held)
+            less = held_beside(less, self._judged)
         except OffroadError:
             return None
-        return _word(self._held, held, larger)
+        if smaller is None:
+            self._held = less
+        return _word(less, self._judged, larger)
+
+    def onward(self, fit: Fit) -> Gate:
+        """For models that are larger than the one that was judged last."""
+        return Gate(fit, self.runs, self._judged)
 
 
 def _word(held: Held, larger: Held, fitted: Fit) -> Word:

@@ -95,11 +95,12 @@ def _starts(fit: Fit, candidate: Candidate, size: float) -> list[float]:
 
 
 def refit(
-    fit: Fit, candidates: Sequence[Candidate], sizes: Sequence[float], new: int = -1
+    fit: Fit, candidates: Sequence[Candidate], sizes: Sequence[float], new: int = -1, enough: float = np.inf
 ) -> tuple[Fit, float] | None:
     """The model with these effects fitted, the noise as it is; None if it breaks down.
 
-    ``new`` is the place of the effect whose size is least known.
+    ``new`` is the place of the effect whose size is least known; what cannot cost less than ``enough`` is not
+    fitted to the end.
     """
     best: tuple[float, Fit] | None = None
     for size in _starts(fit, candidates[new], sizes[new]):
@@ -115,7 +116,7 @@ def refit(
     if best is None:
         return None
     try:
-        return best[1], best[1].descend(fresh=False)
+        return best[1], best[1].descend(fresh=False, enough=enough)
     except OffroadError:
         return None
 
@@ -177,7 +178,7 @@ def _together(fit: Fit, result: Screen, threshold: float, most: float) -> list[_
     return _refitted(fit, [(guess.candidates, guess.sizes) for guess in near[:_REFITS]])
 
 
-def _larger(fit: Fit, result: Screen, threshold: float, apart: Sequence[RunModel]) -> list[_Trial]:
+def _larger(fit: Fit, result: Screen, threshold: float, gate: Gate) -> list[_Trial]:
     """Models that explain more by as much as an effect must: the best, and those as good, best first."""
     single = _forward(fit, result, threshold)
     if not single and not fit.candidates:
@@ -188,7 +189,7 @@ def _larger(fit: Fit, result: Screen, threshold: float, apart: Sequence[RunModel
         # A second effect must earn its place, here and on the windows apart.
         if 2.0 * (single[0].cost - joint[0].cost) <= threshold**2:
             return single
-        word = Gate(single[0].fit, apart).word(joint[0].fit)
+        word = gate.word(joint[0].fit, single[0].fit)
         return joint if word is None or word.gain > 0.0 else single
     names = {frozenset(candidate.effect for candidate in trial.fit.candidates) for trial in single}
     new = [t for t in joint if frozenset(c.effect for c in t.fit.candidates) not in names]
@@ -224,14 +225,15 @@ def _support(fit: Fit, larger: Fit, gain: float) -> tuple[float, float]:
 
 
 def _accepted(
-    fit: Fit, trials: Sequence[_Trial], bars: tuple[float, float], apart: Sequence[RunModel], *, white: bool
+    gate: Gate, trials: Sequence[_Trial], bars: tuple[float, float], *, white: bool
 ) -> tuple[Fit | None, list[float]]:
     """The first of the models that the windows apart confirm, settled; and what each gained there.
 
     ``bars`` are the least sizes of an effect, in standard deviations: in the windows of the search, and in
     those and the windows apart together.
     """
-    names, gains, gate = {candidate.effect for candidate in fit.candidates}, [], Gate(fit, apart)
+    fit, gains = gate.fit, []
+    names = {candidate.effect for candidate in fit.candidates}
     before = fit.cost_of(fit.residual())
 
     def confirmed(word: Word) -> bool:
@@ -277,17 +279,17 @@ def search(
     candidates = candidates_for(nominal, library)
     first = last = screen(nominal, candidates)
     threshold = chance_threshold(first, rate)
-    fit, bar, gate, refused = nominal, threshold, [], False
+    fit, bar, gate, told, refused = nominal, threshold, Gate(nominal, apart), [], False
     while len(fit.candidates) < _MOST and not refused:
-        trials = _larger(fit, last, bar, apart)
+        trials = _larger(fit, last, bar, gate)
         # The first name is the best or none; later ones may be any that explain as much.
         bars = (bar, chance_threshold(last, _CONFIRMED * rate))
-        larger, gains = _accepted(fit, trials if fit.candidates else trials[:1], bars, apart, white=white)
-        gate += gains
+        larger, gains = _accepted(gate, trials if fit.candidates else trials[:1], bars, white=white)
+        told += gains
         refused = bool(gains) and larger is None
         if larger is None:
             break
-        fit = larger
+        fit, gate = larger, gate.onward(larger)
         last = screen(fit, _outside(fit, candidates))
         bar = chance_threshold(last, rate)
     causes = []
@@ -300,7 +302,7 @@ def search(
         first=first,
         last=last,
         threshold=threshold,
-        gate=tuple(gate),
+        gate=tuple(told),
         refused=refused,
         causes=tuple(causes),
     )
@@ -326,18 +328,19 @@ def _cause(fit: Fit, last: Screen, k: int, first: Screen) -> tuple[Fit, Cause]:
     own = (fit.sizes[k] / fit.deviations()[-len(fit.sizes) + k]) ** 2
     rivals = [(cost, fit.candidates[k], fit)]
     inside = {candidate.effect for candidate in fit.candidates}
+    # Where healthy runs scatter more than the likelihood says, so do its differences.
+    wide = 1.0 if fit.drawn is None else float(fit.widenings()[len(NUISANCES) + k])
     for i in _best_by_effect(-loss, last.candidates)[:_REFITS]:
         if loss[i] > max(_FIRST_LOOK, 0.1 * own) or last.candidates[i].effect in inside:
             continue
         names, values = list(fit.candidates), fit.sizes.copy()
         names[k], values[k] = last.candidates[i], sizes[i]
-        done = refit(fit, names, values, k)
+        lowest = min(rival[0] for rival in rivals)
+        done = refit(fit, names, values, k, lowest + 0.5 * wide * ALIKE)
         if done is not None:
             rivals.append((done[1], last.candidates[i], done[0]))
     rivals.sort(key=lambda rival: rival[0])
     lowest = rivals[0][0]
-    # Where healthy runs scatter more than the likelihood says, so do its differences.
-    wide = 1.0 if fit.drawn is None else float(fit.widenings()[len(NUISANCES) + k])
     near = [rival for rival in rivals if 2.0 * (rival[0] - lowest) <= wide * ALIKE]
     cause = Cause(
         rivals=tuple(_rival(trial, candidate, 2.0 * (c - lowest)) for c, candidate, trial in near),
