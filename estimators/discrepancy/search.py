@@ -75,8 +75,10 @@ class Search:
     first: Screen  #: scores against the nominal model
     last: Screen  #: scores against the extended model
     threshold: float  #: of the first screen
-    gate: tuple[float, ...] = ()  #: what each effect gains on the gate's windows; what does not is refused
-    refused: bool = False  #: whether the windows of the search ask for more, and those of the gate refuse it
+    gate: tuple[float, ...] = ()  #: what each model gains on the gate's windows, in the log-likelihood
+    refused: bool = (
+        False  #: whether the windows of the search ask for more, beyond chance, and those of the gate refuse
+    )
     causes: tuple[Cause, ...] = field(default=())
 
     def score_of(self, change: np.ndarray) -> np.ndarray:
@@ -226,36 +228,42 @@ def _support(fit: Fit, larger: Fit, gain: float) -> tuple[float, float]:
 
 def _accepted(
     gate: Gate, trials: Sequence[_Trial], bars: tuple[float, float], *, white: bool
-) -> tuple[Fit | None, list[float]]:
-    """The first of the models that the windows apart confirm, settled; and what each gained there.
+) -> tuple[Fit | None, list[float], bool]:
+    """The first of the models that the windows apart confirm, settled; what each gained; was one refused?
 
     ``bars`` are the least sizes of an effect, in standard deviations: in the windows of the search, and in
-    those and the windows apart together.
+    those and the windows apart together. What does not reach the second one in the windows of the search is
+    chance, and its refusal leaves nothing open.
     """
-    fit, gains = gate.fit, []
+    fit, gains, refused = gate.fit, [], False
     names = {candidate.effect for candidate in fit.candidates}
     before = fit.cost_of(fit.residual())
 
-    def confirmed(word: Word) -> bool:
-        support, wide = _support(fit, larger, before - trial.cost)
-        return not word.contradicts and support + word.gain / wide > 0.5 * bars[1] ** 2
-
+    enough = 0.5 * bars[1] ** 2
     for trial in trials[:_GATED]:
         larger = trial.fit
         # After a refusal, only what is confirmed with the noise as it is gets the work of a noise of its own.
-        if gains and ((word := gate.word(larger)) is None or not confirmed(word)):
+        if gains and not _confirmed(gate.word(larger), _support(fit, larger, before - trial.cost), enough):
             continue
         settle(larger, white=white)
         larger = _pruned(larger, bars[0], white=white)
         if {candidate.effect for candidate in larger.candidates} == names:
             break
-        word = gate.word(larger)
+        word, support = gate.word(larger), _support(fit, larger, before - trial.cost)
         if word is None:
-            return larger, gains
+            return larger, gains, False
         gains.append(word.gain)
-        if confirmed(word):
-            return larger, gains
-    return None, gains
+        if _confirmed(word, support, enough):
+            return larger, gains, False
+        refused |= support[0] > enough
+    return None, gains, refused
+
+
+def _confirmed(word: Word | None, support: tuple[float, float], enough: float) -> bool:
+    """Whether windows of the search and those apart together show enough, and the latter do not object."""
+    if word is None or word.contradicts:
+        return False
+    return support[0] + word.gain / support[1] > enough
 
 
 def search(
@@ -272,7 +280,7 @@ def search(
     rate
         Share of logs with nothing wrong in which the first screen may find something.
     apart
-        Windows on which every effect must gain too, or it is refused and the search ends.
+        Windows that may refuse an effect, with which the search ends.
     white
         Take all noise for white.
     """
@@ -280,13 +288,13 @@ def search(
     first = last = screen(nominal, candidates)
     threshold = chance_threshold(first, rate)
     fit, bar, gate, told, refused = nominal, threshold, Gate(nominal, apart), [], False
-    while len(fit.candidates) < _MOST and not refused:
+    while len(fit.candidates) < _MOST:
         trials = _larger(fit, last, bar, gate)
         # The first name is the best or none; later ones may be any that explain as much.
         bars = (bar, chance_threshold(last, _CONFIRMED * rate))
-        larger, gains = _accepted(gate, trials if fit.candidates else trials[:1], bars, white=white)
+        tried = trials if fit.candidates else trials[:1]
+        larger, gains, refused = _accepted(gate, tried, bars, white=white)
         told += gains
-        refused = bool(gains) and larger is None
         if larger is None:
             break
         fit, gate = larger, gate.onward(larger)
