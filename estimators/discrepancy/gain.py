@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from estimators.discrepancy.fit import NUISANCES, Fit
-from estimators.discrepancy.noise import ChannelNoise
 from estimators.discrepancy.run_model import RunModel
 from offroad_env.errors import OffroadError
 from offroad_env.physics import state as at
@@ -43,20 +42,13 @@ class ChannelGain:
     high: float
 
 
-def held_out(
-    fit: Fit,
-    runs: Sequence[RunModel],
-    near: Held | None = None,
-    noise: Mapping[str, ChannelNoise] | None = None,
-) -> Held:
+def held_out(fit: Fit, runs: Sequence[RunModel], near: Held | None = None) -> Held:
     """The model of ``fit`` on other windows: parameters and noise as they are.
 
     Parameters
     ----------
     near
         Another model on these windows: they begin where its do.
-    noise
-        By channel, where it is not that of ``fit``.
 
     Raises
     ------
@@ -69,7 +61,7 @@ def held_out(
         other.begin()
     other.forget_shared()
     other.whitener.levels = {}
-    known = fit.whitener.noise if noise is None else noise
+    known = fit.whitener.noise
     other.whitener.noise = {name: known[name] for name in other.whitener.pieces if name in known}
     for name in other.whitener.pieces.keys() - known.keys():
         del other.whitener.pieces[name]

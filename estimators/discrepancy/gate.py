@@ -51,30 +51,29 @@ class Gate:
         The windows; none, and nothing is said.
     """
 
-    def __init__(self, fit: Fit, runs: Sequence[RunModel], near: Held | None = None) -> None:
+    def __init__(self, fit: Fit, runs: Sequence[RunModel], held: Held | None = None) -> None:
         self.fit, self.runs = fit, runs
-        self._held, self._near = None, near
+        self._held, self._judged = held, None
 
     def word(self, larger: Fit, smaller: Fit | None = None) -> Word | None:
         """Of a model with more effects than a ``smaller`` one, or this gate's; None where nothing is said."""
         if not self.runs:
             return None
         try:
-            if self._held is None:
-                self._held = held_out(self.fit, self.runs, self._near)
+            self._held = self._held or held_out(self.fit, self.runs)
             less = self._held if smaller is None else held_out(smaller, self.runs, self._held)
-            self._near = held_out(larger, self.runs, less, less.fit.whitener.noise)
+            self._judged = held_out(larger, self.runs, less)
             # A start that the one has found is open to the other.
-            less = held_beside(less, self._near)
+            less = held_beside(less, self._judged)
         except OffroadError:
             return None
         if smaller is None:
             self._held = less
-        return _word(less, self._near, larger)
+        return _word(less, self._judged, larger)
 
     def onward(self, fit: Fit) -> Gate:
-        """For models that are larger than the one that was judged last, near which windows begin."""
-        return Gate(fit, self.runs, self._near)
+        """For models that are larger than the one that was judged last."""
+        return Gate(fit, self.runs, self._judged)
 
 
 def _word(held: Held, larger: Held, fitted: Fit) -> Word:
