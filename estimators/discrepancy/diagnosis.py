@@ -244,8 +244,9 @@ def _verdict(result: Diagnosis, solver: float) -> str:
 def _report(result: Diagnosis, runs: list[RunModel]) -> None:
     """Open the report split: once, after everything is decided."""
     try:
-        pair = (held_out(result.search.nominal, runs), held_out(result.search.extended, runs))
+        nominal = held_out(result.search.nominal, runs)
+        extended = held_out(result.search.extended, runs, nominal)
     except OffroadError:
         return
-    result.report = pair
-    result.gains = channel_gains(*pair)
+    result.report = nominal, extended
+    result.gains = channel_gains(nominal, extended)
