@@ -25,13 +25,11 @@ from agents.tuned import SETTINGS
 
 __all__ = [
     "COMMON",
-    "HERE",
     "OWN",
     "Round",
     "TuneArgs",
     "Tuned",
     "knobs",
-    "own_knobs",
     "search_arm",
     "tune_scenario",
     "write_settings",
@@ -55,18 +53,10 @@ COMMON: dict[str, dict[str, tuple[float, float]]] = {
 #: doubt is not the aware arm.
 OWN: dict[str, dict[str, tuple[float, float]]] = {"nominal": {"n": (0.0, 1.0)}, "aware": {"z": (0.25, 2.0)}}
 
-#: Further knobs of an arm in a task: only in `patches` does the soil change on the way.
-HERE: dict[tuple[str, str], dict[str, tuple[float, float]]] = {("patches", "aware"): {"change": (0.0, 1.0)}}
-
-
-def own_knobs(scenario: str, name: str) -> dict[str, tuple[float, float]]:
-    """Knobs that no other arm of the task has, with their ranges."""
-    return OWN.get(name, {}) | HERE.get((scenario, name), {})
-
 
 def knobs(scenario: str, name: str) -> dict[str, tuple[float, float]]:
     """Knobs of an arm in a task: name -> (lowest, highest) value of the search."""
-    return COMMON[scenario] | own_knobs(scenario, name)
+    return COMMON[scenario] | OWN.get(name, {})
 
 
 @dataclass(frozen=True)
@@ -176,7 +166,7 @@ def tune_scenario(
     pool = [settings for finalists, _ in found.values() for settings in finalists]
     tuned = {}
     for name, (finalists, driven) in found.items():
-        own = {knob: getattr(finalists[0], knob) for knob in own_knobs(args.scenario, name)}
+        own = {knob: getattr(finalists[0], knob) for knob in OWN.get(name, {})}
         held = ArmSettings(**SETTINGS[args.scenario, name])
         candidates = [s if s in finalists else replace(s, **own) for s in pool] + [held]
         scores = _scores(name, candidates, args, args.final_episodes, progress)
