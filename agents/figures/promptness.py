@@ -67,8 +67,9 @@ def promptness_figure(driven: Sequence[_Driven], filters: Sequence[_Filter]) -> 
             axes.annotate(
                 f"filter {line.name}",
                 (line.delay, bottom),
-                xytext=(7, 4),
+                xytext=(0, 9),
                 textcoords="offset points",
+                ha="center",
                 color=_AWARE,
                 fontsize=8,
             )

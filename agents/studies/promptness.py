@@ -47,6 +47,8 @@ FILTERS = {"not told": False, "told that n changes": True}
 NEAR, _LEAST = 0.1, 0.15
 #: Steps of n with less than this between them are one change [s].
 _TOGETHER = 0.1
+#: Changes with less time than this before the next one, or the goal, ask for no answer [s].
+_ROOM = 1.0
 #: The first search is over from here [s].
 _SEARCHED = 3.0
 _QUICK = 10
@@ -68,7 +70,7 @@ class FilterLine(NamedTuple):
 
     name: str
     delay: float  #: median time from an edge below the front wheels to an estimate within `NEAR` [s]
-    slowest: float  #: the same, 90th percentile; inf: the next edge came first [s]
+    answered: float  #: share of the edges to which such an answer came before the next one
     edges: int
     rmse: float  #: of n after the first seconds [-]
     coverage: float  #: share of the time with the truth within two standard deviations
@@ -111,7 +113,7 @@ def delays_of(n: np.ndarray, mean: np.ndarray) -> list[float]:
     found = []
     for group, until in zip(groups, untils, strict=True):
         begin, end = int(group[0]) + 1, int(group[-1]) + 1
-        if abs(n[end] - n[begin - 1]) > _LEAST:
+        if abs(n[end] - n[begin - 1]) > _LEAST and (until - end) * CONTROL_PERIOD >= _ROOM:
             near = np.flatnonzero(np.abs(mean[end:until] - n[end]) < NEAR)
             found.append((end - begin + near[0]) * CONTROL_PERIOD if near.size else math.inf)
     return found
@@ -181,7 +183,7 @@ def filter_lines(results: Mapping[Key, Mapping]) -> list[FilterLine]:
             FilterLine(
                 name=name,
                 delay=float(np.percentile(delays, 50.0, method="higher")),
-                slowest=float(np.percentile(delays, 90.0, method="higher")),
+                answered=float(np.mean(np.isfinite(delays))),
                 edges=delays.size,
                 rmse=math.sqrt(np.mean([unit["square"] for unit in units])),
                 coverage=float(np.mean([unit["inside"] for unit in units])),
@@ -231,7 +233,7 @@ def _show(driven: list[DrivenLine], filters: list[FilterLine]) -> None:
         (
             line.name,
             f"{line.delay:.2f}",
-            f"{line.slowest:.2f}",
+            f"{line.answered:.0%}",
             f"{line.edges}",
             f"{line.rmse:.3f}",
             f"{line.coverage:.0%}",
@@ -239,5 +241,5 @@ def _show(driven: list[DrivenLine], filters: list[FilterLine]) -> None:
         )
         for line in filters
     ]
-    heading = ("filter", "delay [s]", "90 % [s]", "edges", "RMSE [-]", "within 2 sd", "flag up")
+    heading = ("filter", "delay [s]", "answered", "edges", "RMSE [-]", "within 2 sd", "flag up")
     console().print(table(f"the filter on board: from an edge to n within {NEAR:g}", heading, rows))
