@@ -42,7 +42,7 @@ _CORNERS = {"margin": (0.5, 1.1), "slip_angle": (0.15, 0.52), "feed_forward": (0
 #: Knobs of a task's controller with the ranges that are searched, the same for all arms.
 #: ``slip_angle`` ends where the table of `agents.capability` does.
 COMMON: dict[str, dict[str, tuple[float, float]]] = {
-    "track": {"margin": (0.7, 1.3), "feed_forward": (0.0, 1.3)},
+    "track": {"distance": (0.01, 0.1), "unknown": (0.2, 2.0), "feed_forward": (0.0, 1.3)},
     "speed": _CORNERS,
     "climb": {"slip_share": (0.5, 4.0)},
     "brake": {"brake_share": (0.4, 2.0)},
@@ -55,13 +55,17 @@ COMMON: dict[str, dict[str, tuple[float, float]]] = {
 #: doubt is not the aware arm.
 OWN: dict[str, dict[str, tuple[float, float]]] = {"nominal": {"n": (0.0, 1.0)}, "aware": {"z": (0.25, 2.0)}}
 
-#: Further knobs of an arm in a task: only in `patches` does the soil change on the way.
-HERE: dict[tuple[str, str], dict[str, tuple[float, float]]] = {("patches", "aware"): {"change": (0.0, 1.0)}}
+#: An arm's own knobs in a task that asks for others: only in `patches` does the soil change on the way, and
+#: at the given speed of `track` there is nothing to insure.
+HERE: dict[tuple[str, str], dict[str, tuple[float, float]]] = {
+    ("patches", "aware"): OWN["aware"] | {"change": (0.0, 1.0)},
+    ("track", "aware"): {},
+}
 
 
 def own_knobs(scenario: str, name: str) -> dict[str, tuple[float, float]]:
     """Knobs that no other arm of the task has, with their ranges."""
-    return OWN.get(name, {}) | HERE.get((scenario, name), {})
+    return HERE.get((scenario, name), OWN.get(name, {}))
 
 
 def knobs(scenario: str, name: str) -> dict[str, tuple[float, float]]:
