@@ -28,18 +28,24 @@ from offroad_env.physics.records import Vehicle
 __all__ = ["PathController", "PathLaw", "PathWeights", "bend_dynamics", "path_law"]
 
 # State: distance from the path [m], heading error [rad], side speed [m/s], yaw rate [rad/s] and steering
-# [rad], all less those of the steady bend; what front and rear axle hold beyond belief [m/s^2].
-_DISTANCE, _HEADING, _SIDE, _YAW_RATE, _STEER, _FRONT, _REAR = range(7)
-_SIZE = 7
+# [rad], all less those of the steady bend; what front and rear axle hold beyond belief [m/s^2], and the
+# error of the heading that is seen [rad].
+_DISTANCE, _HEADING, _SIDE, _YAW_RATE, _STEER, _FRONT, _REAR, _BIAS = range(8)
+_SIZE = 8
 #: What is seen and felt: distance, heading error, yaw rate, side acceleration.
 _SEEN = 4
-#: Their standard deviations [m, rad, rad/s, m/s^2]: the navigation filter's (its errors last, above all
-#: in heading, since it does not know the slip angles), and the IMU's mean of two samples.
-_SEEN_SD = (0.02, 0.1, 0.0124, 0.2)
+#: Their standard deviations [m, rad, rad/s, m/s^2]: of the navigation filter, and of the IMU's mean of two.
+_SEEN_SD = (0.02, 0.02, 0.0124, 0.2)
+#: Standard deviation [rad] and fading [s] of the error that lasts: the navigation filter expects small slip
+#: angles and sees a vehicle that slides through a bend turned too far out.
+_BIAS_SD, _BIAS_FADING = 0.1, 10.0
 #: Wander of the motion itself beside what the axles hold: side speed [m/s/sqrt(s)], yaw rate [rad/s/sqrt(s)].
 _WANDER = 0.01
 #: Time in which what an axle holds beyond belief fades [s]: a few waves of the ground, a quarter of a bend.
 _FADING = 3.0
+#: Steepest way back to the path that a distance from it may ask for [rad]. From further off the law would
+#: swing the steering from end to end, which at its limited rate gets slower than the law expects.
+_STEEPEST = 0.05
 #: Steering that counts as bad as the distance of `PathWeights` [rad].
 _STEERING = 0.1
 #: Lateral acceleration at which the stiffness of an axle is read from the table [m/s^2].
@@ -60,7 +66,7 @@ class PathWeights:
 def bend_dynamics(
     vehicle: Vehicle, stiffness: tuple[float, float], speed: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Errors about a steady bend: (A (7, 7), B (7,), C (4, 7)) of x' = A x + B u, y = C x.
+    """Errors about a steady bend: (A (8, 8), B (8,), C (4, 8)) of x' = A x + B u, y = C x.
 
     With axle accelerations s_i = C_i beta_i + d_i, where beta_f = delta - (v_y + l_f r) / v and
     beta_r = -(v_y - l_r r) / v,
@@ -90,10 +96,11 @@ def bend_dynamics(
     A[_YAW_RATE] = vehicle.m * l_f * l_r / (wheelbase * vehicle.I_z) * (front - rear)
     A[_STEER, _STEER] = -1.0 / vehicle.steer_lag
     A[_FRONT, _FRONT] = A[_REAR, _REAR] = -1.0 / _FADING
+    A[_BIAS, _BIAS] = -1.0 / _BIAS_FADING
     B = np.zeros(_SIZE)
     B[_STEER] = 1.0 / vehicle.steer_lag
     C = np.zeros((_SEEN, _SIZE))
-    C[0, _DISTANCE] = C[1, _HEADING] = C[2, _YAW_RATE] = 1.0
+    C[0, _DISTANCE] = C[1, _HEADING] = C[1, _BIAS] = C[2, _YAW_RATE] = 1.0
     C[3] = felt
     return A, B, C
 
@@ -101,11 +108,11 @@ def bend_dynamics(
 class PathLaw(NamedTuple):
     """Matrices of the controller for a period, for one soil; or stacked, for several."""
 
-    transition: np.ndarray  #: (7, 7) of the state
-    effect: np.ndarray  #: (7,) of the steering commanded on the state
-    steering: np.ndarray  #: (7,) gains: the steering beyond the bend's is minus their product with the state
-    believing: np.ndarray  #: (7, 4) gains of the filter
-    seen: np.ndarray  #: (4, 7) what is seen and felt of a state
+    transition: np.ndarray  #: (8, 8) of the state
+    effect: np.ndarray  #: (8,) of the steering commanded on the state
+    steering: np.ndarray  #: (8,) gains: the steering beyond the bend's is minus their product with the state
+    believing: np.ndarray  #: (8, 4) gains of the filter
+    seen: np.ndarray  #: (4, 8) what is seen and felt of a state
 
 
 def path_law(
@@ -128,6 +135,7 @@ def path_law(
     wander = np.full(_SIZE, _TINY)
     wander[[_SIDE, _YAW_RATE]] = _WANDER**2
     wander[[_FRONT, _REAR]] = 2.0 * weights.unknown**2 / _FADING
+    wander[_BIAS] = 2.0 * _BIAS_SD**2 / _BIAS_FADING
     noise = np.diag(np.square(_SEEN_SD))
     S = solve_discrete_are(F.T, C.T, np.diag(wander * dt), noise)
     believing = np.linalg.solve(C @ S @ C.T + noise, C @ S).T
@@ -203,7 +211,10 @@ class PathController(SoilTracker):
         )
         state = law.transition @ self._state + law.effect * self._beyond
         self._state = state + law.believing @ (seen - law.seen @ state)
-        steer = bend - float(law.steering @ self._state)
+        counted = self._state.copy()
+        far = _STEEPEST * float(law.steering[_HEADING] / law.steering[_DISTANCE])
+        counted[_DISTANCE] = min(max(counted[_DISTANCE], -far), far)
+        steer = bend - float(law.steering @ counted)
         steer = min(max(steer, -vehicle.steer_max), vehicle.steer_max)
         self._beyond = steer - bend
         return steer

@@ -42,7 +42,7 @@ _CORNERS = {"margin": (0.5, 1.1), "slip_angle": (0.15, 0.52), "feed_forward": (0
 #: Knobs of a task's controller with the ranges that are searched, the same for all arms.
 #: ``slip_angle`` ends where the table of `agents.capability` does.
 COMMON: dict[str, dict[str, tuple[float, float]]] = {
-    "track": {"distance": (0.01, 0.1), "unknown": (0.2, 2.0), "feed_forward": (0.0, 1.3)},
+    "track": {"distance": (0.01, 0.05), "unknown": (0.2, 2.0), "feed_forward": (0.0, 1.3)},
     "speed": _CORNERS,
     "climb": {"slip_share": (0.5, 4.0)},
     "brake": {"brake_share": (0.4, 2.0)},
