@@ -43,9 +43,9 @@ _BIAS_SD, _BIAS_FADING = 0.1, 10.0
 _WANDER = 0.01
 #: Time in which what an axle holds beyond belief fades [s]: a few waves of the ground, a quarter of a bend.
 _FADING = 3.0
-#: Steepest way back to the path that a distance from it may ask for [rad]. From further off the law would
-#: swing the steering from end to end, which at its limited rate gets slower than the law expects.
-_STEEPEST = 0.05
+#: Largest steering beyond the bend's, and steepest way back to the path that a distance may ask for [rad].
+#: Swung further, at its limited rate, the steering comes so late that the loop swings from end to end.
+_SWING, _STEEPEST = 0.3, 0.05
 #: Steering that counts as bad as the distance of `PathWeights` [rad].
 _STEERING = 0.1
 #: Lateral acceleration at which the stiffness of an axle is read from the table [m/s^2].
@@ -142,6 +142,16 @@ def path_law(
     return PathLaw(F, G[:, 0], steering[0], believing, C)
 
 
+def _moved(vehicle: Vehicle, steer: float, command: float, dt: float) -> float:
+    """Steering [rad] after ``dt`` of a command: a first-order lag at a limited rate, in closed form.
+
+    delta' = w tanh((u - delta) / (T w)) gives sinh((u - delta) / (T w)) e^(-t / T) for the same at t.
+    """
+    reach = vehicle.steer_lag * vehicle.steer_rate
+    left = math.sinh((command - steer) / reach) * math.exp(-dt / vehicle.steer_lag)
+    return command - reach * math.asinh(left)
+
+
 @lru_cache(maxsize=64)
 def _laws(vehicle: Vehicle, table: Capability, speed: float, dt: float, weights: PathWeights) -> PathLaw:
     """The laws for `_NODES` soils, evenly over the table's grid of n, stacked."""
@@ -186,7 +196,8 @@ class PathController(SoilTracker):
             briefing.vehicle, self._capability, briefing.target_speed, briefing.dt, self.weights
         )
         self._state = np.zeros(_SIZE)
-        self._beyond = 0.0  # the last steering less the bend's [rad]
+        self._beyond = 0.0  # the last command less the bend's steering [rad]
+        self._steering = 0.0  # where the wheels stand [rad]
 
     def act(self, observation: Observation) -> np.ndarray:
         """Action (2,)."""
@@ -210,12 +221,16 @@ class PathController(SoilTracker):
             ]
         )
         state = law.transition @ self._state + law.effect * self._beyond
-        self._state = state + law.believing @ (seen - law.seen @ state)
-        counted = self._state.copy()
+        state = state + law.believing @ (seen - law.seen @ state)
+        state[_STEER] = self._steering - bend
+        self._state = state
+        counted = state.copy()
         far = _STEEPEST * float(law.steering[_HEADING] / law.steering[_DISTANCE])
         counted[_DISTANCE] = min(max(counted[_DISTANCE], -far), far)
-        steer = bend - float(law.steering @ counted)
+        beyond = -float(law.steering @ counted)
+        steer = bend + min(max(beyond, -_SWING), _SWING)
         steer = min(max(steer, -vehicle.steer_max), vehicle.steer_max)
+        self._steering = _moved(vehicle, self._steering, steer, self._briefing.dt)
         self._beyond = steer - bend
         return steer
 
