@@ -25,10 +25,11 @@ from agents.path_controller import PathController, PathWeights
 from agents.protocol import Agent, Observation
 from agents.ride_controller import RideController
 from agents.slip_controller import SlipController
+from agents.speed_control import SpeedGains
 from agents.speed_planner import Belief, BeliefSource, PlannerGains, SoilTracker
 from agents.stop_controller import StopController
 from offroad_env.errors import InvalidParameter
-from offroad_env.physics._jit import kernel
+from offroad_env.scenarios import find_scenario
 
 __all__ = [
     "ARMS",
@@ -43,10 +44,6 @@ __all__ = [
     "believe_worst",
     "make_arm",
 ]
-
-
-_HALVINGS = 20  # of the prior: a millionth of it
-_LEAST_SD = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +63,6 @@ class ArmSettings:
     ride_share: float = 0.85  #: ride: share of the limit that feedback aims at [-]
     n: float = 0.5  #: nominal: believed place in the prior, 0 = lowest n, 1 = highest [-]
     z: float = 1.0  #: aware: how many standard deviations the insured interval reaches [-]
-    change: float = 0.0  #: aware: probability that the next metres are any soil of the prior [-]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,33 +111,12 @@ def _worst(scenario: str, settings: ArmSettings) -> Callable[[Capability], float
     return lambda table: table.worst_lateral(settings.slip_angle)
 
 
-@kernel
-def _mixture_quantile(level, mean, sd, prior, change):
-    """n below which the share ``level`` of (1 - change) N(mean, sd) + change U(prior) lies; by bisection."""
-    low, high = prior
-    lowest, highest = low, high
-    for _ in range(_HALVINGS):
-        n = 0.5 * (lowest + highest)
-        normal = 0.5 * (1.0 + math.erf((n - mean) / (math.sqrt(2.0) * sd)))
-        if (1.0 - change) * normal + change * (n - low) / (high - low) < level:
-            lowest = n
-        else:
-            highest = n
-    return 0.5 * (lowest + highest)
-
-
-def believe_estimate(z: float, change: float = 0.0) -> BeliefSource:
+def believe_estimate(z: float) -> BeliefSource:
     """Mean of the estimate, insured over mean -+ z standard deviations inside the prior.
 
     The larger the filter's own doubt, the slower the vehicle. Before the filter has an estimate
     the prior's mean and standard deviation (uniform: width / sqrt(12)) stand in.
-
-    No standard deviation tells of a change that has not happened yet. Where the soil may be another a few
-    metres on, what they hold is (1 - change) N(mean, sd) + change U(prior), and the interval ends at the
-    quantiles of this mixture that are Phi(-z) and Phi(z) of it. With change = 1 the insured n is a fixed
-    place in the prior, whatever the filter says.
     """
-    tail = 0.5 * math.erfc(z / math.sqrt(2.0))
 
     def believe(briefing: Any, table: Capability, observation: Observation) -> Belief:
         low, high = briefing.n_range
@@ -149,10 +124,6 @@ def believe_estimate(z: float, change: float = 0.0) -> BeliefSource:
         if valid < 0.5 or not (math.isfinite(mean) and math.isfinite(sd)):
             mean, sd = 0.5 * (low + high), (high - low) / math.sqrt(12.0)
         mean = min(max(mean, low), high)
-        if change > 0.0 and high > low:
-            mixture = (mean, max(sd, _LEAST_SD), (low, high), change)
-            ends = (_mixture_quantile(level, *mixture) for level in (tail, 1.0 - tail))
-            return Belief(next(ends), mean, next(ends))
         return Belief(max(mean - z * sd, low), mean, min(mean + z * sd, high))
 
     return believe
@@ -174,7 +145,7 @@ def believe_truth(briefing: Any, table: Capability, observation: Observation) ->
 ARMS: dict[str, tuple[str, bool, Callable[[str, ArmSettings], BeliefSource]]] = {
     "nominal": ("none", False, lambda scenario, settings: believe_fixed(settings.n)),
     "conservative": ("none", False, lambda scenario, settings: believe_worst(_worst(scenario, settings))),
-    "aware": ("estimate", True, lambda scenario, settings: believe_estimate(settings.z, settings.change)),
+    "aware": ("estimate", True, lambda scenario, settings: believe_estimate(settings.z)),
     "oracle": ("truth", True, lambda scenario, settings: believe_truth),
 }
 
@@ -240,6 +211,8 @@ def make_arm(
         slip_angle=settings.slip_angle,
         feed_forward=settings.feed_forward,
         brake_share=settings.brake_share,
+        # An integral that was learnt on another soil drives the vehicle out of the next bend.
+        speed=SpeedGains(k_i=0.0) if find_scenario(scenario).changing else SpeedGains(),
     )
     believe = belief(scenario, settings)
     if tracker is not None:

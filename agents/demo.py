@@ -12,6 +12,7 @@ from dataclasses import replace
 from agents.report import Section
 from agents.sections.context import DemoSettings, Run
 from agents.sections.control import arms_section, learning_section
+from agents.sections.diagnosis import diagnosis_section
 from agents.sections.driving import drive_section, estimate_section
 from agents.sections.measured import wheel_section
 from agents.sections.physics import exponent_section, forward_section, soil_section
@@ -28,6 +29,7 @@ SECTIONS: dict[str, tuple[str, float, Callable[[Run], Section]]] = {
     "estimate": ("estimating n", 8.0, estimate_section),
     "arms": ("comparing arms", 45.0, arms_section),
     "learning": ("learning to drive", 40.0, learning_section),
+    "diagnose": ("what the simulation gets wrong", 25.0, diagnosis_section),
     "wheel-data": ("measured wheel data", 4.0, wheel_section),
 }
 

@@ -20,7 +20,7 @@ from estimators.discrepancy.verdict import (
     sentence_of,
 )
 
-__all__ = ["made_by", "render_diagnosis"]
+__all__ = ["made_by", "percent", "render_diagnosis"]
 
 #: Pairs of effects that are listed.
 _PAIRS = 12
@@ -248,7 +248,7 @@ def _gain(diagnosis: Diagnosis, evidence: Evidence) -> Section:
                 figures.error_unit(gain.channel, channels),
                 f"{gain.nominal:.3g}",
                 f"{gain.extended:.3g}",
-                _percent(gain.low, gain.high),
+                percent(gain.low, gain.high),
                 f"{more.gain:+.2f} [{more.low:+.2f}, {more.high:+.2f}]",
             )
         )
@@ -287,7 +287,8 @@ def _prediction(diagnosis: Diagnosis, evidence: Evidence) -> Section:
     return Section(name="prediction", title=title, sees=sees, pictures=tuple(pictures), tables=tuple(tables))
 
 
-def _percent(low: float, high: float) -> str:
+def percent(low: float, high: float) -> str:
+    """An interval of shares in words."""
     # Adding zero makes no minus of it.
     return f"{round(100.0 * low) + 0} to {round(100.0 * high) + 0} %"
 
@@ -318,7 +319,7 @@ def _prediction_table(diagnosis: Diagnosis, evidence: Evidence) -> Table:
     rows = []
     for one in evidence.predictions:
         known = np.isfinite(one.low)
-        span = _percent(one.low, one.high) if known else "too few for an interval"
+        span = percent(one.low, one.high) if known else "too few for an interval"
         row = (f"{one.quantity}, {one.horizon:.0f} s", one.unit, str(one.count), f"{one.nominal:.3g}")
         rows.append((*row, f"{one.extended:.3g}", span) if diagnosis.causes else row)
     heading = ("error of", "unit", "forecasts", "nominal", "extended", "less by (95 %)")

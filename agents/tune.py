@@ -55,12 +55,8 @@ COMMON: dict[str, dict[str, tuple[float, float]]] = {
 #: doubt is not the aware arm.
 OWN: dict[str, dict[str, tuple[float, float]]] = {"nominal": {"n": (0.0, 1.0)}, "aware": {"z": (0.25, 2.0)}}
 
-#: An arm's own knobs in a task that asks for others: only in `patches` does the soil change on the way, and
-#: at the given speed of `track` there is nothing to insure.
-HERE: dict[tuple[str, str], dict[str, tuple[float, float]]] = {
-    ("patches", "aware"): OWN["aware"] | {"change": (0.0, 1.0)},
-    ("track", "aware"): {},
-}
+#: The same where a task asks for other ones: at the given speed of `track` there is nothing to insure.
+HERE: dict[tuple[str, str], dict[str, tuple[float, float]]] = {("track", "aware"): {}}
 
 
 def own_knobs(scenario: str, name: str) -> dict[str, tuple[float, float]]:

@@ -49,7 +49,6 @@ SETTINGS: dict[tuple[str, str], dict[str, float]] = {
         "slip_angle": 0.1696,
         "feed_forward": 0.7007,
         "z": 1.0715,
-        "change": 0.3336,
     },
     ("patches", "conservative"): {
         "margin": 0.921,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.embedded import EmbeddedParameterUKF
+from estimators.embedded import CHANGING_SOIL, EmbeddedParameterUKF
 from estimators.on_board import OnBoardFilter, OnBoardSettings
 from estimators.protocol import Estimate, Estimator, Pose
 from offroad_env.errors import InvalidParameter
@@ -29,7 +29,8 @@ class OnBoard:
     Raises
     ------
     InvalidParameter
-        For an unknown kind or vehicle model, or a rate outside [50, 1000] Hz.
+        For an unknown kind or vehicle model, a rate outside [50, 1000] Hz, or ``changing`` with a filter that
+        cannot be told.
     """
 
     kind: str = "joint"  #: one of `KINDS`
@@ -38,12 +39,15 @@ class OnBoard:
     soil: Soil | None = None  #: believed soil, all but its n
     ground: Ground | None = None  #: believed ground
     vehicle_model: str | None = None  #: "half_car" or "bicycle"
+    changing: bool = False  #: whether n is known to change every few tens of metres, kind "parameter" only
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise InvalidParameter(f"kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
         if not 50.0 <= self.rate <= 1000.0:
             raise InvalidParameter(f"rate must be in [50, 1000] Hz, got {self.rate} - a period in s?")
+        if self.changing and self.kind != "parameter":
+            raise InvalidParameter(f'changing needs kind "parameter", got {self.kind!r}')
         if self.vehicle_model not in (None, *VEHICLE_MODELS):
             raise InvalidParameter(
                 f"vehicle_model must be one of {', '.join(VEHICLE_MODELS)}, got {self.vehicle_model!r}"
@@ -132,7 +136,8 @@ def make_estimator(
         )
     belief, dt = choice.belief(plant), every / imu.rate
     if choice.kind == "parameter":
-        inner = EmbeddedParameterUKF(belief, n_range, dt=dt, imu=imu)
+        told = CHANGING_SOIL if choice.changing else None
+        inner = EmbeddedParameterUKF(belief, n_range, dt=dt, imu=imu, settings=told)
     else:
         settings = OnBoardSettings(components=_COMPONENTS if choice.kind == "bank" else 1)
         inner = OnBoardFilter(belief, n_range, dt=dt, imu=imu, gnss=gnss, settings=settings)

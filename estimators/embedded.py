@@ -29,6 +29,12 @@ learnt at all (`least_information`): the estimate holds and its standard deviati
 narrow meanwhile. But a step shows in all innovations of half a second at once, along their
 sensitivity to n; noise does not. When that score leaves its band, the belief is widened by the
 change that explains it and the flag is down until the copies have followed (`_notice`).
+
+*Where the soil is known to change.* Then all this is too slow, and a belief that drifts faster learns from
+the inertial unit alone no sooner: when only the front wheels stand on softer soil, the vehicle hardly
+decelerates. But they slip, at once and by far more than a rim's speed may be wrong. `CHANGING_SOIL` lets
+the belief drift with the soil and compares the rims' speeds too; on soil that rests its band is four times
+as wide, so it is not the default.
 """
 
 from __future__ import annotations
@@ -52,11 +58,12 @@ from offroad_env.physics.packing import PackedPlant, pack, unpack
 from offroad_env.physics.records import Ground, Soil, SoilMap, Vehicle
 from offroad_env.physics.sensor_kernels import ImuMount
 from offroad_env.physics.settle import settle
-from offroad_env.sensors import ImuConfig
+from offroad_env.sensors import ImuConfig, WheelSpeedConfig
 from offroad_env.simulator import Plant, plant_model
 
 __all__ = [
     "ASSUMPTIONS",
+    "CHANGING_SOIL",
     "MEMORY",
     "EmbeddedParameterUKF",
     "EmbeddedSettings",
@@ -117,6 +124,8 @@ ASSUMPTIONS = np.dtype(
         ("change_time", "f8"),
         ("change_level", "f8"),
         ("change_settle", "f8"),
+        ("radius", "f8"),  # of the wheels [m]
+        ("rim_variance", "f8"),
         ("dt", "f8"),
     ]
 )
@@ -126,6 +135,8 @@ _MEAN_TIME = 2.0
 #: The filter's range is wider than the user's by this share on both sides: a bound is endlessly far
 #: away on the scale of eta, so a soil close to one would be approached too slowly.
 _MARGIN = 0.15
+#: Samples of the rim speeds a second [Hz].
+_RIM_RATE = WheelSpeedConfig().rate
 #: Settings of the test for a change.
 _CHANGE = ("change_time", "change_level", "change_settle")
 #: Variance of eta up to which a change widens the belief: a fifth of the range of n, as wide as a prior.
@@ -150,6 +161,9 @@ class EmbeddedSettings:
     hold_speed: float = 1.0  #: below this the copies rest and the estimate holds [m/s]
     least_information: float = 0.02  #: smallest share of the variance that a second must remove [1/s]
     surprise: float = 25.0  #: largest chi-square (3 channels) of the mean innovation for a valid estimate
+    #: The same of a rim's speed beyond the vehicle's own [m/s]; infinite: rims are not compared. The paper's
+    #: wheels do not spin, so with its model they never are.
+    rim_error: float = math.inf
 
     change_time: float = 0.5  #: fading window of the test for a change of n [s]
     #: Deviation at which n has changed [standard deviations]. They are those of errors that last, far
@@ -159,9 +173,18 @@ class EmbeddedSettings:
 
     def __post_init__(self) -> None:
         check_alpha(self.alpha)
-        for name in ("drift", "error_time", "settle_time", "hold_speed", "surprise", *_CHANGE):
+        for name in ("drift", "error_time", "settle_time", "hold_speed", "surprise", "rim_error", *_CHANGE):
             if not getattr(self, name) > 0.0:
                 raise InvalidParameter(f"{name} must be > 0, got {getattr(self, name)}")
+
+
+#: Where the soil is known to change every few tens of metres: eta may move by a standard deviation of the
+#: prior in a second, and slip follows n within 0.1 s. A radius known to 1 % and the speed of the navigation
+#: filter leave some 0.1 m/s of a rim's speed unknown; twice that, and the level of the test, were chosen on
+#: recorded drives over patches: for delay, and for few alarms on soil that rests below another mass.
+CHANGING_SOIL = EmbeddedSettings(
+    drift=1.0, settle_time=0.1, rim_error=0.25, change_level=2.5, change_settle=0.2
+)
 
 
 @kernel
@@ -228,7 +251,7 @@ def _watch(predicted, z, R, weights, mean_innovation, dt):
     """Chi-square of the innovations' running mean, whose variance is R dt/(2 time) and the belief's."""
     a_0_m, a_0_c, a_i, _ = weights
     total = 0.0
-    for j in range(z.shape[0]):
+    for j in range(mean_innovation.shape[0]):
         expected = a_0_m * predicted[0, j] + a_i * (predicted[1, j] + predicted[2, j])
         spread = a_0_c * (predicted[0, j] - expected) ** 2
         spread += a_i * ((predicted[1, j] - expected) ** 2 + (predicted[2, j] - expected) ** 2)
@@ -316,31 +339,42 @@ def _place(memory, assumed, nav, imu, command, points):
 
 
 @kernel
-def _compare(memory, assumed, nav, imu, points, predicted):
+def _compare(memory, assumed, nav, measured, points, predicted):
     """Compare what the copies (3, 5) predicted with the sample that belongs to it, learn, pull.
 
     That sample is the previous one, taken at the state before the step: so a step yields its
-    prediction without another force evaluation, and every sample is used one period late.
+    prediction without another force evaluation, and every sample is used one period late. Rims turn
+    with the state itself: theirs is compared at once.
     """
+    imu, rims = measured
     copies, last, dt, w = memory.copies[:], memory.last[:], assumed.dt, assumed.weights
-    weights, R = (w[0], w[1], w[2], w[3]), assumed.R[:]
-    channels = np.empty((3, 3))
+    weights, used = (w[0], w[1], w[2], w[3]), last.shape[0]
+    if assumed.rim_variance < math.inf and all_finite(rims):
+        used += rims.shape[0]
+    channels, z, R = np.empty((3, used)), np.empty(used), np.zeros((used, used))
+    copy_into(z[:3], last)
+    R[:3, :3] = assumed.R[:]
+    for j in range(3, used):
+        # Beyond its own speed, which a copy is drawn to and the navigation filter may have wrong.
+        z[j], R[j, j] = rims[j - 3] - nav[V], assumed.rim_variance
     for i in range(3):
         channels[i, 0], channels[i, 1], channels[i, 2] = predicted[i, 0], predicted[i, 1], predicted[i, 4]
+        for j in range(3, used):
+            channels[i, j] = assumed.radius * copies[i, at.OMEGA_F + j - 3] - copies[i, at.V_X]
         _pull(copies[i], nav, imu, assumed.gains[:], dt)
     if math.isfinite(last[0]):
         shares = (assumed.least_information * dt, dt / assumed.settle_time)
-        memory.surprise = _watch(channels, last, R, weights, memory.mean_innovation[:], dt)
-        _learn(memory, points, channels, last, R, weights, shares)
-        _notice(memory, assumed, points, channels, last)
+        memory.surprise = _watch(channels, z, R, weights, memory.mean_innovation[:], dt)
+        _learn(memory, points, channels, z, R, weights, shares)
+        _notice(memory, assumed, points, channels, z)
     last[0], last[1], last[2] = imu[0], imu[1], imu[4]
 
 
 @inline_kernel
-def _conclude(memory, assumed, nav, imu, points, predicted, status):
+def _conclude(memory, assumed, nav, measured, points, predicted, status):
     """After the copies' step: compare and learn, or put copies without contact to sleep."""
     if status < SUNK and all_finite(predicted.reshape(-1)) and all_finite(memory.copies[:].reshape(-1)):
-        _compare(memory, assumed, nav, imu, points, predicted)
+        _compare(memory, assumed, nav, measured, points, predicted)
     else:
         _sleep(memory)
 
@@ -353,38 +387,38 @@ def _believed(assumed, map_):
 
 
 @kernel
-def learn_full(memory, assumed, map_, nav, imu, command):
-    """Take in one sample of the inertial unit, full model; the navigation filter has taken it in already.
+def learn_full(memory, assumed, map_, nav, measured, command):
+    """Take in one sample of the sensors, full model; the navigation filter has taken it in already.
 
     Parameters
     ----------
     memory, assumed : records of the types `MEMORY` and `ASSUMPTIONS`; the memory is updated in place
     map_ : (waves, patches) of the ground and soil that the filter believes in
     nav : state (8,) of the navigation filter
-    imu : (5,)
+    measured : (imu (5,), rim speeds (2,)); NaN where a rim was not measured
     command : (steering [rad], drive and brake torque [N m])
     """
     packed, mount = _believed(assumed, map_)
     if memory.awake < 0.5 and nav[V] > assumed.hold_speed:
         _wake(memory, assumed, nav, unpack(packed))
     eta, n, predicted = np.empty((3, 1)), np.empty(3), np.empty((3, 5))
-    if _place(memory, assumed, nav, imu, command, (eta, n)):
+    if _place(memory, assumed, nav, measured[0], command, (eta, n)):
         copies, warms = memory.copies[:], memory.warms[:]
         status = step_full_copies(copies, warms, packed, n, command, assumed.dt, mount, predicted)
-        _conclude(memory, assumed, nav, imu, eta, predicted, status)
+        _conclude(memory, assumed, nav, measured, eta, predicted, status)
 
 
 @kernel
-def learn_paper(memory, assumed, map_, nav, imu, command):
+def learn_paper(memory, assumed, map_, nav, measured, command):
     """`learn_full` for the paper's model, where ``command`` is (steering [rad], F_u [N], NaN)."""
     packed, mount = _believed(assumed, map_)
     if memory.awake < 0.5 and nav[V] > assumed.hold_speed:
         _wake(memory, assumed, nav, unpack(packed))
     eta, n, predicted = np.empty((3, 1)), np.empty(3), np.empty((3, 5))
-    if _place(memory, assumed, nav, imu, command, (eta, n)):
+    if _place(memory, assumed, nav, measured[0], command, (eta, n)):
         copies, warms = memory.copies[:], memory.warms[:]
         status = step_paper_copies(copies, warms, packed, n, command, assumed.dt, mount, predicted)
-        _conclude(memory, assumed, nav, imu, eta, predicted, status)
+        _conclude(memory, assumed, nav, measured, eta, predicted, status)
 
 
 @kernel
@@ -402,13 +436,13 @@ def _summary(memories, assumptions):
 
 
 @kernel
-def _learn_full(memories, assumptions, waves, patches, nav, imu, command):
-    learn_full(memories[0], assumptions[0], (waves, patches), nav, imu, command)
+def _learn_full(memories, assumptions, waves, patches, nav, imu, rims, command):
+    learn_full(memories[0], assumptions[0], (waves, patches), nav, (imu, rims), command)
 
 
 @kernel
-def _learn_paper(memories, assumptions, waves, patches, nav, imu, command):
-    learn_paper(memories[0], assumptions[0], (waves, patches), nav, imu, command)
+def _learn_paper(memories, assumptions, waves, patches, nav, imu, rims, command):
+    learn_paper(memories[0], assumptions[0], (waves, patches), nav, (imu, rims), command)
 
 
 def checked_range(plant: Plant, n_range: tuple[float, float], dt: float) -> tuple[float, float]:
@@ -489,6 +523,9 @@ class EmbeddedParameterUKF:
         assumed["gains"] = s.position_gain, s.speed_gain, s.side_gain, s.yaw_rate_gain, s.pitch_rate_gain
         for name in ("hold_speed", "least_information", "settle_time", "drift", "surprise", *_CHANGE):
             assumed[name] = getattr(s, name)
+        assumed["radius"] = vehicle.r
+        rim_error = s.rim_error if plant_model(self.plant) == "full" else math.inf
+        assumed["rim_variance"] = rim_error**2 * 2.0 * s.error_time * _RIM_RATE
         assumed["dt"] = self.dt
 
     def lodge(self, memory: np.ndarray) -> None:
@@ -551,7 +588,8 @@ class EmbeddedParameterUKF:
         """
         if self._own:
             self.navigation.update(imu, rim_speeds, command[0], gnss, self.dt)
-        self._kernel(self.memory, self.assumptions, *self._map, self.navigation.x, imu, command)
+        nav = self.navigation.x
+        self._kernel(self.memory, self.assumptions, *self._map, nav, imu, rim_speeds, command)
         return self.estimate
 
     @property

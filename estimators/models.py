@@ -13,7 +13,7 @@ import numpy as np
 
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import kernel
+from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.full_model import WORK_ROWS, full_step
 from offroad_env.physics.packing import unpack
@@ -30,6 +30,7 @@ __all__ = [
     "channels_of",
     "imu_of",
     "paper_observation",
+    "plant_with",
     "plant_with_exponent",
     "share_horizontal",
     "step_full_copies",
@@ -43,12 +44,12 @@ HALF_CAR_CHANNELS = np.array([0, 1, 2, 3, 4])
 BICYCLE_CHANNELS = np.array([0, 1, 4])
 
 
-@kernel
-def plant_with_exponent(plant, n):
-    """The same plant on the same soil with another sinkage exponent."""
+@inline_kernel
+def plant_with(plant, vehicle, soil):
+    """The same plant with another vehicle and soil."""
     return Plant(
-        plant.vehicle,
-        with_exponent(plant.soil, n),
+        vehicle,
+        soil,
         plant.ground,
         plant.soil_map,
         plant.slip,
@@ -58,6 +59,12 @@ def plant_with_exponent(plant, n):
         plant.fine,
         plant.effects,
     )
+
+
+@kernel
+def plant_with_exponent(plant, n):
+    """The same plant on the same soil with another sinkage exponent."""
+    return plant_with(plant, plant.vehicle, with_exponent(plant.soil, n))
 
 
 @kernel

@@ -39,6 +39,7 @@ import numpy as np
 
 from estimators.bounds import linear_step
 from estimators.joint import ETA, JointModel, JointSettings, joint_model
+from estimators.models import plant_with
 from estimators.transforms import range_slope, to_range
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
@@ -207,17 +208,10 @@ def tie(n):
 def _believed(point, model):
     """The plant that a point of the belief stands for."""
     plant, n = model.plant, to_range(point[ETA], model.low, model.high)
-    return Plant(
+    return plant_with(
+        plant,
         with_mass(plant.vehicle, math.exp(point[MASS])),
         with_pressure(plant.soil, n, math.exp(point[STIFFNESS] - tie(n))),
-        plant.ground,
-        plant.soil_map,
-        plant.slip,
-        plant.resultant,
-        plant.half_car,
-        plant.v_eps,
-        plant.fine,
-        plant.effects,
     )
 
 

@@ -35,6 +35,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators.models import plant_with
 from estimators.nuisances import Doubt, slip_sinkage, with_mass
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
@@ -175,17 +176,10 @@ def _say(model, belief, motion, drive, warm, said):
     v_x, q = motion
     steer, force, brake, load = drive
     plant = model.plant
-    own = Plant(
+    own = plant_with(
+        plant,
         with_mass(plant.vehicle, math.exp(mass) * load),
         with_pressure(plant.soil, n, math.exp(stiffness)),
-        plant.ground,
-        plant.soil_map,
-        plant.slip,
-        plant.resultant,
-        plant.half_car,
-        plant.v_eps,
-        plant.fine,
-        plant.effects,
     )
     x, rates, readings = np.zeros(at.STATE_SIZE), np.zeros(at.STATE_SIZE), np.empty(at.READINGS_SIZE)
     x[at.V_X], x[at.V_Y], x[at.YAW_RATE] = v_x, q[0], q[1]

@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 
 from estimators.carried import KINDS, OnBoard, make_estimator
-from estimators.embedded import EmbeddedParameterUKF
+from estimators.embedded import CHANGING_SOIL, EmbeddedParameterUKF
 from estimators.navigation import NavigationFilter
 from estimators.protocol import Estimate, Estimator
 from offroad_env.effects import Extension, read_extension
@@ -331,6 +331,7 @@ class OffroadBekkerEnv(gym.Env):
                 self._believed_range(),
                 dt=CONTROL_PERIOD / SAMPLES,
                 imu=self.sensors.imu,
+                settings=CHANGING_SOIL if self.scenario.changing else None,
                 navigation=self._navigation,
             )
             self._learner.reset(*self.prior, self._navigation.pose)

@@ -18,7 +18,7 @@ from offroad_env.physics import state as at
 from offroad_env.physics.contact import NO_ROOT, SUNK
 from offroad_env.physics.full_model import WORK_ROWS, full_continue, full_derivative
 from offroad_env.physics.paper_model import paper_advance
-from offroad_env.physics.sensor_kernels import IMU, OFFSET, SCALE, WHEEL, ImuMount, sense
+from offroad_env.physics.sensor_kernels import CHANNELS, GNSS, IMU, OFFSET, SCALE, WHEEL, ImuMount, sense
 from offroad_env.simulator import FULL_STEP, Plant
 
 __all__ = ["ExtendedTruth", "InputChain"]
@@ -76,6 +76,10 @@ class ExtendedTruth:
         self.chain = InputChain(self.setup.inputs)
         self._full = extension.model == "full"
         self._work = np.empty((WORK_ROWS, at.READINGS_SIZE))
+        errors = self.setup.errors
+        self._displaced = errors.pose_delay > 0.0 or errors.antenna != 0.0
+        self._past: list[np.ndarray] = []  # states, one a sample, as far back as a receiver is late
+        self._fix = np.empty(CHANNELS)
 
     def imperfect(self, errors: np.ndarray) -> np.ndarray:
         """Errors (3, CHANNELS) of the sensors with those of the effects."""
@@ -122,12 +126,26 @@ class ExtendedTruth:
 
     def _sense(self, e: Any, noise: np.ndarray, i: int) -> None:
         due = tuple(every > 0 and e["tick"] % max(every, 1) == 0 for every in e["every"].tolist())
-        mount = self.setup.mount
-        sense(e["state"], e["readings"], mount, e["errors"], noise[e["noise_row"]], due, e["samples"][i])
+        mount, row, sample = self.setup.mount, noise[e["noise_row"]], e["samples"][i]
+        sense(e["state"], e["readings"], mount, e["errors"], row, due, sample)
+        if self._displaced:
+            sense(self._received(e["state"]), e["readings"], mount, e["errors"], row, due, self._fix)
+            sample[GNSS] = self._fix[GNSS]
         e["tick"] += 1
         e["noise_row"] += 1
         if due[0]:
             e["rims"] = e["samples"][i][WHEEL]
+
+    def _received(self, x: np.ndarray) -> np.ndarray:
+        """The state that a receiver tells of: as old as its fixes are, and where its antenna sits."""
+        errors = self.setup.errors
+        late = round(max(errors.pose_delay, 0.0) * SAMPLES / CONTROL_PERIOD)
+        self._past = [*self._past[-late:], x.copy()] if late else [x.copy()]
+        told = self._past[0].copy()
+        told[at.X] += errors.antenna * math.cos(told[at.YAW])
+        told[at.Y] += errors.antenna * math.sin(told[at.YAW])
+        told[at.V_Y] += errors.antenna * told[at.YAW_RATE]
+        return told
 
     @staticmethod
     def _keep_sound(e: Any) -> None:

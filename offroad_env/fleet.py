@@ -21,7 +21,15 @@ from offroad_env.physics.packing import PackedPlant, pack
 from offroad_env.physics.records import Soil, Vehicle
 from offroad_env.simulator import FULL_STEP, Plant, plant_model
 
-__all__ = ["Fleet", "FleetRun", "make_fleet", "simulate_fleet", "simulate_fleet_commands", "vary"]
+__all__ = [
+    "Fleet",
+    "FleetRun",
+    "count_steps",
+    "make_fleet",
+    "simulate_fleet",
+    "simulate_fleet_commands",
+    "vary",
+]
 
 _COLUMNS = {name: i for i, name in enumerate((*Vehicle._fields, *Soil._fields))}
 
@@ -159,6 +167,16 @@ def _as_run(found: tuple[np.ndarray, np.ndarray, np.ndarray], intervals: int) ->
     return FleetRun(states=states, readings=readings, status=outcome[:, 0], done=done)
 
 
+def count_steps(fleet: Fleet, interval: float, dt: float) -> int:
+    """Steps of ``dt`` for which a fleet of the full model holds a command."""
+    if fleet.model != "full":
+        raise InvalidParameter("commands drive the full model; this fleet is of the paper's")
+    steps = round(interval / dt)
+    if steps < 1 or abs(steps * dt - interval) > 1e-9 * interval:
+        raise InvalidParameter(f"interval must be a multiple of dt = {dt:g} s, got {interval:g} s")
+    return steps
+
+
 def simulate_fleet_commands(
     fleet: Fleet,
     states: np.ndarray,
@@ -182,12 +200,7 @@ def simulate_fleet_commands(
     threads : int, optional
         Threads at work; by default one for each core that the process may use.
     """
-    if fleet.model != "full":
-        raise InvalidParameter("commands drive the full model; this fleet is of the paper's")
-    count = len(fleet)
-    steps = round(interval / dt)
-    if steps < 1 or abs(steps * dt - interval) > 1e-9 * interval:
-        raise InvalidParameter(f"interval must be a multiple of dt = {dt:g} s, got {interval:g} s")
+    count, steps = len(fleet), count_steps(fleet, interval, dt)
     held = _inputs("commands", commands, count)
     if not np.isfinite(held).all():
         raise InvalidParameter("commands must be finite, got NaN or infinity")

@@ -306,8 +306,9 @@ def _believe_full(e, rules, table, assumptions):
     for i in range(e.count):
         _navigate(e, rules, command, i)
         if assumptions is not None:
-            imu = e.samples[:][i][IMU]
-            learn_full(e.filter, assumptions[0], known, e.navigation[:], imu, command)
+            sample = e.samples[:][i]
+            measured = (sample[IMU], sample[WHEEL])
+            learn_full(e.filter, assumptions[0], known, e.navigation[:], measured, command)
     if assumptions is not None:
         _note_estimate(e, assumptions[0])
 
@@ -321,8 +322,9 @@ def _believe_paper(e, rules, table, assumptions):
     for i in range(e.count):
         _navigate(e, rules, command, i)
         if assumptions is not None:
-            imu = e.samples[:][i][IMU]
-            learn_paper(e.filter, assumptions[0], known, e.navigation[:], imu, command)
+            sample = e.samples[:][i]
+            measured = (sample[IMU], sample[WHEEL])
+            learn_paper(e.filter, assumptions[0], known, e.navigation[:], measured, command)
     if assumptions is not None:
         _note_estimate(e, assumptions[0])
 

@@ -56,6 +56,7 @@ class Scenario:
     time_limit: float = 120.0  #: [s]
     stop_zone: float = 0.0  #: > 0: the task is to stand within this distance before the end [m]
     shake_limit: float = math.inf  #: largest running r.m.s. of the vertical acceleration [m/s^2]
+    changing: bool = False  #: whether n changes on the way: what is carried on board is told so
     stalling: bool = False  #: whether getting stuck is how the task ends for everybody, not a failure
     weights: RewardWeights = field(default_factory=RewardWeights)  #: of the reward's terms
     measure: str = "time"  #: what a benchmark measures, a name in `MEASURES`
@@ -209,6 +210,7 @@ SCENARIOS: dict[str, Scenario] = {
         corridor=1.5,
         target_speed=0.0,
         start_speed=3.0,
+        changing=True,
     ),
 }
 

@@ -70,10 +70,12 @@ def benchmark_sections(
     seconds: float,
 ) -> list[Section]:
     """The page: an overview, what the soil changes, then one section a task and form, then the policies."""
-    sections = [_overview(results, command, seconds), _physics(physics, command)]
+    tasks, forms = (" ".join(dict.fromkeys(key[i] for key in results)) for i in (0, 1))
+    whole = f"{command} --tasks {tasks} --forms {forms}"
+    sections = [_overview(results, whole, seconds), _physics(physics, whole)]
     sections += [_section(result, command) for result in results.values()]
     if trained:
-        sections.append(_learned(results, trained, command))
+        sections.append(_learned(results, trained, whole))
     return sections
 
 
@@ -98,9 +100,9 @@ def _learned(
         command=command,
         tables=(Table(heading=heading, rows=tuple(rows), texts=3),),
         notes=(
-            "Guided policies of PPO: five times a second they tell pure pursuit and a speed plan where to go "
-            "a little differently and how much to trust the soil. ppo_aware sees the estimate, ppo_oblivious "
-            "does not, ppo_memory sees its last two seconds instead.",
+            "Guided policies of PPO: five times a second they tell a tracker and its speed plan an offset to "
+            "the steering and which n to believe in. ppo_aware sees the estimate, ppo_oblivious does not, "
+            "ppo_memory sees its last two seconds instead.",
             "Brackets are Student's 95 % intervals over training seeds.",
         ),
         data={f"{task}.{form}": arms for (task, form), arms in trained.items()},
@@ -114,7 +116,7 @@ def _physics(picture: Picture, command: str) -> Section:
         sees="Every task has its reason in physics, written down before any agent drove it.",
         command=command,
         pictures=(picture,),
-        notes=tuple(f"{task.name}: {task.reason}" for task in SCENARIOS.values()),
+        notes=tuple(f"{task.name}: {_plain(task.reason)}" for task in SCENARIOS.values()),
     )
 
 
@@ -174,7 +176,7 @@ def _section(result: Benchmark, command: str) -> Section:
         command=f"{command} --tasks {result.scenario} --forms {result.form}",
         pictures=(figure_picture(arms_figure(result), "Every episode, and means with 95 % intervals."),),
         tables=(_scores(result), _differences(result)) if result.against else (_scores(result),),
-        notes=(task.reason, f"Score: {result.measure} [{result.unit}]."),
+        notes=(_plain(task.reason), f"Score: {result.measure} [{result.unit}]."),
         data=result.to_dict(),
     )
 
@@ -212,3 +214,8 @@ def _difference_row(difference: Difference, unit: str) -> tuple[str, str, str, s
         f"{_percent(difference.wins.value)} % "
         f"[{_percent(difference.wins.low)}, {_percent(difference.wins.high)}]",
     )
+
+
+def _plain(text: str) -> str:
+    """Without the marks that set off names in sources."""
+    return text.replace("`", "")

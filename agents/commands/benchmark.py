@@ -51,9 +51,11 @@ class BenchmarkRun:
         args = self.arguments()
         results = run_study(args, self.out)
         trained = run_learned(args, self.out) if self.policies else {}
-        write_results(
-            results, args, self.out, self.json, trained=trained, seconds=time.perf_counter() - start
+        seconds = time.perf_counter() - start
+        command = (
+            f"offroad benchmark --agents {' '.join(self.agents)}{'' if self.policies else ' --no-policies'}"
         )
+        write_results(results, args, self.out, self.json, command=command, trained=trained, seconds=seconds)
 
     def arguments(self) -> BenchmarkArgs:
         """What is compared on what."""
@@ -76,10 +78,14 @@ def write_results(
     out: Path,
     numbers: Path | None,
     *,
+    command: str,
     seconds: float,
     trained: Mapping[tuple[str, str], list[LearnedArm]] | None = None,
 ) -> None:
-    """Page and numbers into ``out``, and the verdicts on the screen."""
+    """Page and numbers into ``out``, and the verdicts on the screen.
+
+    ``command`` made them, but for tasks, forms, episodes and seed.
+    """
     from agents.benchmark.learned import learned_verdict
     from agents.benchmark.page import benchmark_sections, verdict
     from agents.figures.tasks import tasks_figure
@@ -87,7 +93,7 @@ def write_results(
     from agents.studies.tasks import task_curves
     from offroad_env import __version__
 
-    command = f"offroad benchmark --episodes {args.episodes} --seed {args.seed}"
+    command = f"{command} --episodes {args.episodes} --seed {args.seed}"
     caption = "Curves over n from the forces of a wheel, runs of the vehicle's model, and two drives."
     physics = figure_picture(tasks_figure(task_curves()), caption)
     write_bytes(out / "tasks.png", physics.png)

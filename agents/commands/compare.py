@@ -47,4 +47,7 @@ class Compare:
             n_jobs=self.n_jobs,
         )
         results = run_study(args, self.out, terrain_info=self.terrain_info)
-        write_results(results, args, self.out, self.json, seconds=time.perf_counter() - start)
+        command = f"offroad compare {self.agent} --terrain-info {self.terrain_info}"
+        command += f" --against {' '.join(self.against)}"
+        seconds = time.perf_counter() - start
+        write_results(results, args, self.out, self.json, command=command, seconds=seconds)

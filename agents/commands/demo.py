@@ -70,7 +70,7 @@ class Demo:
             title="OffroadBekker: one run of everything",
             intro="A vehicle drives on soil whose sinkage exponent n nobody tells it. This page is one run "
             "of every part of the project: the physics, the environment, an estimator of n, controllers that "
-            "know more or less about n, and a comparison with measured data.",
+            "know more or less about n, a search for what a simulation gets wrong, and measured data.",
             footer=_made_by(self.seed, self.quick),
         )
 

@@ -16,6 +16,7 @@ STUDIES: dict[str, tuple[str, str, str]] = {
     "headroom": ("headroom", "Headroom", "what knowing n is worth, over soils and widths of the prior"),
     "learning": ("learning", "Learning", "trained policies with the estimate, without it, with memory"),
     "changing": ("changing", "Changing", "n that changes on the way: how soon the filters answer"),
+    "promptness": ("promptness", "Promptness", "what it is worth to learn soon that the soil has changed"),
     "prediction": ("prediction", "Prediction", "position error after 10 s with prior, estimated and true n"),
     "carried": ("carried", "Carried", "the estimators that the environment can carry: error, band, cost"),
     "sensors": ("sensors", "Sensors", "what wheel speeds and satellite fixes add to the inertial unit"),

@@ -41,21 +41,18 @@ def arms_figure(benchmark: Benchmark, *, title: str | None = None) -> Figure:
         mean score, mean time of the episodes that all arms finished, and share of failed episodes.
     """
     figure = Figure(figsize=(13.0, 5.2), layout="constrained")
-    episodes, score, time, failed = figure.subplots(1, 4, width_ratios=(4.2, 2.0, 2.0, 2.0))
+    episodes, score, time, failed = figure.subplots(1, 4, width_ratios=(3.9, 2.2, 2.2, 1.6))
     _draw_episodes(episodes, benchmark)
     names = [summary.name for summary in benchmark.summaries]
     _draw_rows(score, benchmark.summaries, [summary.score for summary in benchmark.summaries])
     score.set_yticks(range(len(names)), names)
     score.set_title(_broken(f"Mean score [{benchmark.unit}]: {benchmark.measure}"), loc="left", fontsize=9)
     _draw_rows(time, benchmark.summaries, [summary.paired_time for summary in benchmark.summaries])
-    time.set_title(
-        f"Mean time [s] of the {benchmark.finished_by_all}\nepisodes that all arms finished",
-        loc="left",
-        fontsize=10,
-    )
+    paired = f"Mean time [s] of the {benchmark.finished_by_all} episodes that all arms finished"
+    time.set_title(_broken(paired), loc="left", fontsize=9)
     shares = [_failure_share(summary.success) for summary in benchmark.summaries]
     _draw_rows(failed, benchmark.summaries, shares, percent=True)
-    failed.set_title("Failed episodes [%]", loc="left", fontsize=10)
+    failed.set_title("Failed episodes [%]", loc="left", fontsize=9)
     figure.suptitle(title or _headline(benchmark), fontsize=12, x=0.01, ha="left")
     return figure
 
@@ -64,7 +61,7 @@ def _style(name: str) -> tuple[str, str]:
     return _STYLES.get(name) or _OTHERS[sum(name.encode()) % len(_OTHERS)]
 
 
-def _broken(text: str, width: int = 34) -> str:
+def _broken(text: str, width: int = 30) -> str:
     """The text in lines of at most ``width`` characters."""
     return "\n".join(textwrap.wrap(text, width))
 

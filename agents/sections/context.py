@@ -31,10 +31,19 @@ class DemoSettings:
     n_jobs: int = 2  #: local processes of the arms
     learning_time: float = 30.0  #: wall time of learning [s]
     test_episodes: int = 3  #: episodes that the trained policy drives
+    log_duration: float = 60.0  #: drive in which something is hidden [s]
 
     def quick(self) -> DemoSettings:
         """The same in a fraction of the time, to see that it works."""
-        return replace(self, duration=20.0, row_duration=30.0, episodes=4, learning_time=2.0, test_episodes=1)
+        return replace(
+            self,
+            duration=20.0,
+            row_duration=30.0,
+            episodes=4,
+            learning_time=2.0,
+            test_episodes=1,
+            log_duration=30.0,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

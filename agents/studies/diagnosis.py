@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -88,9 +88,11 @@ def limits_of(seed: int) -> dict:
     except OffroadError as error:
         return {"failed": str(error)}
     names, cosines = result.by_effect()
+    limits = result.limits()
     return {
-        "limits": result.limits(),
-        "alike": {name: _alike(result, name) for name in HIDERS},
+        "limits": limits,
+        # Without a receiver nothing of it can be hidden.
+        "alike": {name: _alike(result, name) for name in HIDERS if name in limits},
         "names": names,
         "cosines": cosines.round(4).tolist(),
     }
@@ -236,6 +238,7 @@ def _summary(diagnosis: Diagnosis, case: Case) -> dict:
         "road": case.road,
         "sets": [[rival.candidate.effect for rival in cause.rivals] for cause in diagnosis.causes],
         "sizes": [[(rival.size, rival.deviation) for rival in cause.rivals] for cause in diagnosis.causes],
+        "named": [cause.best.candidate.effect for cause in diagnosis.named],
         "strongest": float(np.abs(found.first.z).max()) if found else None,
         "threshold": found.threshold if found else None,
         "gate": list(found.gate) if found else [],
@@ -307,7 +310,7 @@ class DiagnosisStudy(Results):
         seeds = range(_FIRST_SEED, _FIRST_SEED + count)
         limits = self._done(path, _limits_unit, [("limits", seed) for seed in seeds], "limits")
         known = {key[1]: result for key, result in limits.items() if "failed" not in result}
-        results = self._done(path, partial(run_unit, known=known), self._keys(set(known)), "hide and find")
+        results = self._done(path, partial(run_unit, known=known), self._keys(known), "hide and find")
         numbers = counted(results)
         _show(numbers)
         self.save_figure(diagnosis_figure(numbers), "diagnosis")
@@ -317,7 +320,8 @@ class DiagnosisStudy(Results):
         stamp = stamp_of("estimators.discrepancy.diagnosis", "estimators.discrepancy.hide")
         return run_units(path, work, dict.fromkeys(keys, stamp), label=label, n_jobs=self.n_jobs)
 
-    def _keys(self, seeds: set[int]) -> list[Key]:
+    def _keys(self, known: Mapping[int, dict]) -> list[Key]:
+        seeds = set(known)
         first = [seed for seed in sorted(seeds) if seed < _FIRST_SEED + self.seeds]
         powers = [seed for seed in sorted(seeds) if seed < _FIRST_SEED + self.power_seeds]
         keys: list[Key] = [("null", "", 0.0, _FIRST_SEED + i) for i in range(self.nulls)]
@@ -329,7 +333,10 @@ class DiagnosisStudy(Results):
         keys += [
             ("removed", name, 4.0, seed) for seed in sorted(seeds)[: self.removed] for name in self.effects
         ]
-        keys += [("pair", self._pair(seed), 2.0, seed) for seed in sorted(seeds)[: self.pairs]]
+        keys += [
+            ("pair", self._pair(seed, known[seed]["limits"]), 2.0, seed)
+            for seed in sorted(seeds)[: self.pairs]
+        ]
         keys += [("same", "payload", 2.0, seed) for seed in sorted(seeds)[: self.same]]
         others = [multiple for multiple in MULTIPLES if multiple != 2.0]
         keys += [
@@ -338,13 +345,15 @@ class DiagnosisStudy(Results):
             for seed in powers
             for name in self.effects
         ]
-        return keys
+        hiding = ("single", "removed")
+        return [key for key in keys if key[0] not in hiding or key[1] in known[key[3]]["limits"]]
 
-    def _pair(self, seed: int) -> str:
-        """Two effects that can be hidden together, drawn from the seed."""
+    def _pair(self, seed: int, possible: Container[str] = HIDERS) -> str:
+        """Two effects that can be hidden together in the log of this seed, drawn from it."""
         rng = np.random.default_rng([seed, 5])
+        effects = [name for name in self.effects if name in possible]
         while True:
-            pair = sorted(str(name) for name in rng.choice(self.effects, 2, replace=False))
+            pair = sorted(str(name) for name in rng.choice(effects, 2, replace=False))
             if not set(pair) <= set(_EXCLUSIVE):
                 return "+".join(pair)
 
@@ -376,6 +385,7 @@ def counted(results: Mapping[Key, dict]) -> dict:
     hopeless_all = [*hopeless["removed"], *hopeless["stranger"]]
     numbers["wrong name"] = _share(sum(map(_wrong_name, hopeless_all)), len(hopeless_all))
     numbers["wrong name or set"] = _share(sum(map(_wrong_model, hopeless_all)), len(hopeless_all))
+    numbers["wrong name beside a rest"] = _share(sum(map(_wrong_beside, hopeless_all)), len(hopeless_all))
     same = [r["same"] for key, r in done.items() if key[0] == "same"]
     numbers["same in another order"] = _share(sum(same), len(same))
     seconds = [r["seconds"] for r in done.values() if "seconds" in r]
@@ -466,6 +476,14 @@ def _wrong_name(result: dict) -> bool:
         return False
     alike = result.get("alike", {})
     return not all(alike.get(members[0], 0.0) ** 2 >= MIMICRY for members in result["sets"])
+
+
+def _wrong_beside(result: dict) -> bool:
+    """Names beside which something is said to be left, one of which does not look like what is hidden."""
+    if result["verdict"] != "NAMED + UNEXPLAINED REST":
+        return False
+    alike = result.get("alike", {})
+    return not all(alike.get(name, 0.0) ** 2 >= MIMICRY for name in result["named"])
 
 
 def _wrong_model(result: dict) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.discrepancy.fit import Fit, fit_runs
 from estimators.discrepancy.gain import ChannelGain, Held, channel_gains, held_out
-from estimators.discrepancy.probe import Rest, probe
+from estimators.discrepancy.probe import Beside, Rest, beside_forces, probe
 from estimators.discrepancy.run_model import RunModel
 from estimators.discrepancy.search import Cause, Search, search
 from estimators.discrepancy.windows import FIT, REPORT, SELECT
@@ -30,8 +30,9 @@ VERDICTS = (
 SCREEN_RATE = 0.06
 #: The same for the unknown force of one equation of motion.
 REST_RATE = 0.002
-#: Share of what is wrong that must be left over before the causes found count as no explanation.
-_LEFT_OVER = 0.1
+#: A cause stands on its own if forces without a name leave it this share of its information, beyond chance,
+#: and its size, within its 95 % interval or this share of it.
+_OWN, _SAME, _Z = 0.5, 0.25, 1.96
 #: Causes whose sizes hang together by more than this (correlation) may be one that the library lacks.
 OVERLAP = 0.2
 #: An error of the solver moves scores by less than this, absolutely or as a share of the largest.
@@ -47,6 +48,7 @@ class Diagnosis:
     verdict: str
     causes: tuple[Cause, ...] = ()
     rest: tuple[Rest, ...] = ()
+    beside: Beside | None = None  #: the causes with forces without a name beside them; where such are left
     findings: tuple[Finding, ...] = ()
     limits: dict[str, float] = field(default_factory=dict)  #: smallest size that would have been seen
     not_testable: dict[str, float] = field(default_factory=dict)  #: the limits beyond all plausible sizes
@@ -69,6 +71,22 @@ class Diagnosis:
     def unexplained(self) -> tuple[Rest, ...]:
         """Equations of motion in which a force without a name is left."""
         return tuple(rest for rest in self.rest if rest.chance < REST_RATE)
+
+    @property
+    def stands(self) -> tuple[bool, ...]:
+        """Of every cause, whether it stays what it is when forces without a name are fitted beside it."""
+        if self.beside is None:
+            return (True,) * len(self.causes)
+        own, sizes = self.beside, self.search.extended.sizes
+        strong = np.abs(own.sizes) > self.search.threshold * own.deviations
+        reach = np.maximum(_Z * own.deviations, _SAME * np.abs(sizes))
+        same = np.abs(own.sizes - sizes) <= reach
+        return tuple(bool(stands) for stands in strong & same & (own.kept >= _OWN))
+
+    @property
+    def named(self) -> tuple[Cause, ...]:
+        """Causes that the verdict names: where a force without a name is left, those that stand alone."""
+        return tuple(cause for cause, stands in zip(self.causes, self.stands, strict=True) if stands)
 
     @property
     def doubtful(self) -> bool:
@@ -117,11 +135,14 @@ def diagnose(
     solver = _solver_error(found, library)
     progress("what is left")
     rest = probe(found.extended)
+    left = any(one.chance < REST_RATE for one in rest)
+    beside = beside_forces(found.extended) if found.causes and left else None
     limits = found.first.limits()
     result = Diagnosis(
         verdict="",
         causes=found.causes,
         rest=rest,
+        beside=beside,
         limits=limits,
         not_testable=_not_testable(nominal, limits, found.causes),
         missing=_missing(nominal, library),
@@ -207,10 +228,8 @@ def _verdict(result: Diagnosis, solver: float) -> str:
     strongest = float(np.abs(result.search.first.z).max(initial=0.0))
     if solver > max(_SOLVER, _SOLVER_SHARE * strongest) or not result.checks["converged"]:
         return "NUMERICS"
-    if rest:
-        explained = sum(cause.delta for cause in causes)
-        left = sum(one.excess for one in rest)
-        return "UNEXPLAINED" if left > _LEFT_OVER * (left + explained) else "NAMED + UNEXPLAINED REST"
+    if rest and not result.named:
+        return "UNEXPLAINED"
     if result.doubtful:
         return "NAMED + UNEXPLAINED REST"
     if causes:
@@ -225,8 +244,9 @@ def _verdict(result: Diagnosis, solver: float) -> str:
 def _report(result: Diagnosis, runs: list[RunModel]) -> None:
     """Open the report split: once, after everything is decided."""
     try:
-        pair = (held_out(result.search.nominal, runs), held_out(result.search.extended, runs))
+        nominal = held_out(result.search.nominal, runs)
+        extended = held_out(result.search.extended, runs, nominal)
     except OffroadError:
         return
-    result.report = pair
-    result.gains = channel_gains(*pair)
+    result.report = nominal, extended
+    result.gains = channel_gains(nominal, extended)

@@ -58,7 +58,7 @@ _LOOSE = 100.0
 #: Finite differences: share of a state's spread, and of an effect's plausible size. On bumps they hold
 #: only as far as the vehicle stays within a hand of where it was.
 _STATE_STEP, _SIZE_STEP = 0.001, 1e-4
-_ROUNDS = 8
+_ROUNDS, _ROUGHLY = 8, 3
 #: Passes of descending and learning the noise; the gain of a pass that ends them, in the log-likelihood.
 _PASSES, _SETTLED = 6, 1.0
 #: What a step promises and does not keep, above which the point is no minimum.
@@ -66,6 +66,8 @@ _STALLED = 10.0
 #: A step that promises more than this share of what the one before did, and so much at all, asks for new
 #: derivatives.
 _SLOW, _STAKE = 0.2, 1.0
+#: Shares of a step that are tried until one pays.
+_SHARES = (1.0, 0.5, 0.2, 0.05)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,6 +119,7 @@ class Fit:
         self.sizes = np.empty(0)
         self.starts: list[np.ndarray] = []
         self.warm: list[np.ndarray] = []
+        self._simulated: tuple | None = None  #: the point that was simulated last
         # Derivatives of the data, taken at a point not far away.
         self._states: np.ndarray | None = None
         self._by_nuisances: np.ndarray | None = None
@@ -227,10 +230,19 @@ class Fit:
 
     def residual(self) -> np.ndarray:
         """Measured less predicted at the present point, (M,)."""
-        self._records: list = []
-        self._prediction = self._predict(self._setups(), self.starts, self._records)
-        self._coarse_prediction: np.ndarray | None = None
+        point = self._point()
+        if point != self._simulated:
+            self._simulated = None
+            self._records: list = []
+            self._prediction = self._predict(self._setups(), self.starts, self._records)
+            self._coarse_prediction: np.ndarray | None = None
+            self._simulated = point
         return self._residual(self._prediction)
+
+    def _point(self) -> tuple:
+        """Everything that a simulation hangs on."""
+        numbers = (self.nuisances, self.sizes, *self.starts, *self.warm)
+        return (self.runs, self.candidates, *(values.tobytes() for values in numbers))
 
     def _derivative(self, setups: Sequence[Setup], starts: Sequence[np.ndarray], step: float) -> np.ndarray:
         """Change of the data from the present point to another, over ``step``.
@@ -335,6 +347,10 @@ class Fit:
                 raise SolverFailure(f"the model breaks down near {candidate.effect} = {size:.3g}")
             self._by_sizes[candidate.key] = column
 
+    def forget_shared(self) -> None:
+        """Let the derivatives by what all windows share be taken anew when they are asked for."""
+        self._by_nuisances, self._by_sizes = None, {}
+
     def column(self, candidate: Candidate) -> np.ndarray:
         """Derivative by the size of an effect, taken where it was asked for first; 0 where it cannot be."""
         if candidate.key not in self._by_sizes:
@@ -354,8 +370,9 @@ class Fit:
     def reduce(self, residual: np.ndarray, states: np.ndarray, shared: np.ndarray) -> tuple[Shares, list]:
         """Normal equations of the shared columns with the window states eliminated.
 
-        Arguments are whitened. Also returns, per window, what gives its states' change from that of the
-        shared parameters: (offset (S,), slope (S, g)).
+        Arguments are whitened. Columns of ``states`` beyond those of the states are something else that every
+        window has for itself, believed to be nought within one. Also returns, per window, what gives their
+        change from that of the shared parameters: (offset (S,), slope (S, g)).
         """
         g = shared.shape[1]
         prior, value = np.zeros(g), np.zeros(g)
@@ -369,13 +386,15 @@ class Fit:
         order = np.argsort(self.window, kind="stable")
         starts = np.concatenate([s[:, run.free] for s, run in zip(self.starts, self.runs, strict=True)])
         centre = np.concatenate([s[:, run.free] for s, run in zip(self._centre, self.runs, strict=True)])
-        weight = 1.0 / self.runs[0].spread ** 2
+        more = states.shape[1] - starts.shape[1]
+        weight = np.append(1.0 / self.runs[0].spread ** 2, np.ones(more))
+        away_from = np.column_stack([centre - starts, np.zeros((len(starts), more))])
         # A window in a gap of the log has no rows.
         edges = np.searchsorted(self.window[order], np.arange(len(starts) + 1))
         for w in range(len(starts)):
             rows = order[edges[w] : edges[w + 1]]
             A, G, r = states[rows], shared[rows], residual[rows]
-            away = centre[w] - starts[w]
+            away = away_from[w]
             inner = A.T @ A + np.diag(weight)
             cross, gradient = A.T @ G, A.T @ r + weight * away
             solved = np.linalg.solve(inner, np.column_stack([gradient, cross]))
@@ -410,11 +429,14 @@ class Fit:
         spread = np.array([nuisance.spread for nuisance in NUISANCES])
         return 0.5 * (float(white @ white) + away + float(np.sum((self.nuisances / spread) ** 2)))
 
-    def descend(self, rounds: int = _ROUNDS, *, fresh: bool = True, held: bool = False) -> float:
+    def descend(
+        self, rounds: int = _ROUNDS, *, fresh: bool = True, held: bool = False, enough: float = np.inf
+    ) -> float:
         """Gauss-Newton; returns the cost. Noise must be known.
 
         The derivatives serve as long as steps keep what they promise. ``fresh`` takes them anew at the
-        beginning; ``held`` moves the starts of the windows alone.
+        beginning; ``held`` moves the starts of the windows alone. A descent whose new derivatives promise no
+        cost below ``enough``, were they wrong by half, ends.
         """
         residual = self.residual()
         cost = self.first_cost = self.cost_of(residual)
@@ -430,9 +452,9 @@ class Fit:
                 white, new = self._whitened(held), True
                 shares, back, change, expected = self._step(residual, white, cost)
             # What is still to gain is not worth a simulation.
-            if expected < 0.05:
+            if expected < 0.05 or (new and cost - 2.0 * expected > enough):
                 break
-            trial = self._try(change, back, cost)
+            trial = self._try(change, back, cost, _SHARES if expected > _STAKE else _SHARES[:1])
             gain = 0.0 if trial is None else cost - trial[0]
             if trial is not None:
                 cost, residual = trial
@@ -493,10 +515,11 @@ class Fit:
         for i, candidate in enumerate(self.candidates, len(NUISANCES)):
             normal[i, i] += 1.0 / (_LOOSE * EFFECTS[candidate.effect].plausible(vehicle)) ** 2
 
-    def _try(self, change: np.ndarray, back: list, cost: float) -> tuple[float, np.ndarray] | None:
-        """Go as far along the step as it pays; None if it does not."""
+    def _try(self, change: np.ndarray, back: list, cost: float, shares: Sequence[float]):
+        """Go as far along the step as it pays: (cost, residual) there; None if it does not."""
         point = (self.nuisances, self.sizes, self.starts)
-        for share in (1.0, 0.5, 0.2, 0.05):
+        before = (self._simulated, self._records, self._prediction, self._coarse_prediction)
+        for share in shares:
             self.nuisances, self.sizes, self.starts = self._moved(change, back, share)
             try:
                 residual = self.residual()
@@ -505,7 +528,7 @@ class Fit:
             if residual is not None and (reached := self.cost_of(residual)) < cost:
                 return reached, residual
             self.nuisances, self.sizes, self.starts = point
-        self.residual()
+        self._simulated, self._records, self._prediction, self._coarse_prediction = before
         return None
 
     # ------------------------------------------------------------------ noise
@@ -576,8 +599,8 @@ def _fitted(runs: Sequence[RunModel], *, white: bool, wide: bool) -> Fit:
     fit = Fit(runs)
     fit.begin()
     first_noise(fit, wide=wide)
-    fit.descend()
-    # Once more from the starts that the fitted ground leads to: no sensor may have told the speed.
+    # Once more from the starts that a ground about right leads to: no sensor may have told the speed.
+    fit.descend(_ROUGHLY)
     fit.begin()
     settle(fit, white=white)
     return fit

@@ -7,13 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.discrepancy.fit import Fit
+from estimators.discrepancy.fit import NUISANCES, Fit
 from estimators.discrepancy.run_model import RunModel
+from offroad_env.errors import OffroadError
+from offroad_env.physics import state as at
 
-__all__ = ["ChannelGain", "Held", "channel_gains", "held_out"]
+__all__ = ["ChannelGain", "Held", "channel_gains", "held_beside", "held_out"]
 
 #: Length of the blocks that are drawn together, and how often [s, -].
 _BLOCK, _DRAWS = 1.0, 2000
+#: A window whose whitened residuals have this mean square begins again, so far beside its start [-, m].
+_BAD, _BESIDE = 1.5, 0.25
+#: Ground on which it is simulated as on a plane, where every start leads to the one minimum.
+_LEVEL = ("flat", "unknown")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,27 +42,96 @@ class ChannelGain:
     high: float
 
 
-def held_out(fit: Fit, runs: Sequence[RunModel]) -> Held:
+def held_out(fit: Fit, runs: Sequence[RunModel], near: Held | None = None) -> Held:
     """The model of ``fit`` on other windows: parameters and noise as they are.
+
+    Parameters
+    ----------
+    near
+        Another model on these windows: they begin where its do.
 
     Raises
     ------
     SolverFailure
         When the model breaks down there.
     """
-    other = Fit(runs)
+    other = Fit(runs) if near is None else near.fit.branch()
     other.candidates, other.sizes, other.nuisances = fit.candidates, fit.sizes.copy(), fit.nuisances.copy()
-    other.begin()
+    if near is None:
+        other.begin()
+    other.forget_shared()
+    other.whitener.levels = {}
     known = fit.whitener.noise
     other.whitener.noise = {name: known[name] for name in other.whitener.pieces if name in known}
     for name in other.whitener.pieces.keys() - known.keys():
         del other.whitener.pieces[name]
-    other.descend(held=True)
+    other.descend(fresh=near is None, held=True)
     if other.hard:
         other.whitener.learn_levels(other.residual())
         other.descend(held=True)
-    residual = other.residual()
-    return Held(fit=other, residual=residual, cost=other.cost_of(residual) + other.whitener.log_scale())
+    if any(run.log.config.terrain.kind not in _LEVEL for run in runs):
+        _begin_again(other, _beside(other.starts))
+    return _held(other)
+
+
+def held_beside(held: Held, near: Held) -> Held:
+    """The same model, whose windows that fit badly begin where those of another model do."""
+    fit = held.fit.branch()
+    return _held(fit) if _begin_again(fit, [near.fit.starts]) else held
+
+
+def _held(fit: Fit) -> Held:
+    residual = fit.residual()
+    # What is believed of the nuisances has counted where they were fitted.
+    spread = np.array([nuisance.spread for nuisance in NUISANCES])
+    beliefs = 0.5 * float(np.sum((fit.nuisances / spread) ** 2))
+    return Held(fit=fit, residual=residual, cost=fit.cost_of(residual) - beliefs + fit.whitener.log_scale())
+
+
+def _begin_again(fit: Fit, elsewhere: Sequence[list[np.ndarray]]) -> bool:
+    """Start windows that fit badly elsewhere too; whether that was better. Bumps make many valleys."""
+    cost, better = _by_window(fit), False
+    usual = 0.5 * np.bincount(fit.window, minlength=len(cost))
+    for starts in elsewhere:
+        bad = cost > _BAD * usual
+        if not bad.any():
+            break
+        trial = fit.branch()
+        trial.starts = _chosen(bad, starts, fit.starts)
+        try:
+            trial.descend(held=True)
+        except OffroadError:
+            continue
+        reached = _by_window(trial)
+        gains = bad & (reached < cost)
+        fit.starts, cost = _chosen(gains, trial.starts, fit.starts), np.where(gains, reached, cost)
+        better |= bool(gains.any())
+    if better:
+        fit.residual()
+        fit.linearise(shared=False)
+    return better
+
+
+def _beside(starts: Sequence[np.ndarray]) -> list[list[np.ndarray]]:
+    """The starts of all windows before, behind, and on either side."""
+    moved = []
+    for place, step in ((at.X, _BESIDE), (at.X, -_BESIDE), (at.Y, _BESIDE), (at.Y, -_BESIDE)):
+        moved.append([start.copy() for start in starts])
+        for start in moved[-1]:
+            start[:, place] += step
+    return moved
+
+
+def _by_window(fit: Fit) -> np.ndarray:
+    """Half the squared whitened residual of every window."""
+    count = sum(len(start) for start in fit.starts)
+    return 0.5 * np.bincount(fit.window, fit.whitener(fit.residual()) ** 2, minlength=count)
+
+
+def _chosen(these: np.ndarray, first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Starts of the ``first`` kind for these windows (W,), of the ``second`` for the others."""
+    parts = np.split(these, np.cumsum([len(start) for start in first])[:-1])
+    return [np.where(part[:, None], a, b) for part, a, b in zip(parts, first, second, strict=True)]
 
 
 def channel_gains(nominal: Held, extended: Held, seed: int = 0) -> tuple[ChannelGain, ...]:

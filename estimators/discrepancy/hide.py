@@ -17,7 +17,7 @@ from estimators.discrepancy.hidden_run import TICK, Case, Hidden, draw_case, hid
 from offroad_env.physics import state as at
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.records import SoilMap
-from offroad_env.physics.sensor_kernels import WHEEL
+from offroad_env.physics.sensor_kernels import GNSS, WHEEL
 from offroad_env.simulator import Plant
 
 __all__ = ["HIDERS", "ONE_SIDED", "STRANGERS", "Case", "Hidden", "draw_case", "hidden_log"]
@@ -332,6 +332,42 @@ def _shifted(back: float) -> Hidden:
     return Hidden(plant=plant)
 
 
+def _told(x: np.ndarray, ahead: float = 0.0) -> np.ndarray:
+    """What a receiver without noise says of a state, its antenna ``ahead`` of the centre [m], (4,)."""
+    cos, sin = math.cos(x[at.YAW]), math.sin(x[at.YAW])
+    along, across = x[at.V_X], x[at.V_Y] + ahead * x[at.YAW_RATE]
+    course = x[at.YAW] + math.atan2(across, along)
+    return np.array([x[at.X] + ahead * cos, x[at.Y] + ahead * sin, math.hypot(along, across), course])
+
+
+def _tardy(delay: float) -> Hidden:
+    """A receiver that tells of the past."""
+    states: list[np.ndarray] = []
+
+    def sample(sample):
+        if states:
+            place = max(len(states) - 1 - delay / TICK, 0.0)
+            i = min(int(place), max(len(states) - 2, 0))
+            before, after = _told(states[i]), _told(states[min(i + 1, len(states) - 1)])
+            sample[GNSS] += before + (place - i) * (after - before) - _told(states[-1])
+
+    return Hidden(feel=lambda x, readings, plant: states.append(x.copy()), sample=sample)
+
+
+def _mounted(ahead: float) -> Hidden:
+    """An antenna that is not at the centre of gravity."""
+    now: list[np.ndarray] = []
+
+    def feel(x, readings, plant):
+        now[:] = [x.copy()]
+
+    def sample(sample):
+        if now:
+            sample[GNSS] += _told(now[0], ahead) - _told(now[0])
+
+    return Hidden(feel=feel, sample=sample)
+
+
 #: Effect -> how to hide it, from its size. None of these uses the finder's own laws.
 HIDERS: dict[str, Callable[[float], Hidden]] = {
     "steer_delay": _late,
@@ -371,9 +407,11 @@ HIDERS: dict[str, Callable[[float], Hidden]] = {
     "imu_misalignment_roll": _rolled,
     "lever_arm_x": lambda distance: _displaced(distance, 0.0),
     "lever_arm_z": lambda distance: _displaced(0.0, distance),
+    "pose_delay": _tardy,
+    "antenna_x": _mounted,
 }
 #: What cannot be negative: nothing acts before it is asked to.
-ONE_SIDED = ("steer_delay", "steer_lag", "clock_offset")
+ONE_SIDED = ("steer_delay", "steer_lag", "clock_offset", "pose_delay")
 
 
 # ------------------------------------------------------------------ what no library holds

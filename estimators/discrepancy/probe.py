@@ -3,6 +3,10 @@
 In every window and equation a force that is constant over each third of the window stands for a random walk.
 If such forces would take more out of the residuals than chance can, something is wrong that has no name here;
 how the force hangs on speed, slip, load and time shows its shape, and no name is invented for it.
+
+What was named may then be no more than its shadow. So the effects are fitted once more with the unknown
+forces beside them: a force that an effect only mimics takes its trace over; what no force can write - late
+inputs, a wrong scale, a turned sensor - stays.
 """
 
 from __future__ import annotations
@@ -11,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.discrepancy.fit import Fit
+from estimators.discrepancy.fit import NUISANCES, Fit, Shares
 from estimators.discrepancy.road import chance_of_gain
 from estimators.discrepancy.run_model import Records, RunModel
 from estimators.discrepancy.windows import Windows
@@ -20,7 +24,7 @@ from offroad_env.errors import OffroadError
 from offroad_env.physics import state as at
 from offroad_env.physics.numerics import GRAVITY
 
-__all__ = ["EQUATIONS", "Rest", "Shape", "probe"]
+__all__ = ["EQUATIONS", "Beside", "Rest", "Shape", "beside_forces", "probe"]
 
 #: Equation of motion -> effect that pushes in it.
 EQUATIONS = {"longitudinal": "push_forward", "lateral": "push_left", "yaw": "yaw_moment"}
@@ -57,10 +61,24 @@ class Rest:
         return max(self.gain - self.freedom, 0.0)
 
 
-def _push_scale(run: RunModel, equation: str) -> float:
+@dataclass(frozen=True, kw_only=True)
+class Beside:
+    """The effects of a model, in its order, when forces of unknown course are fitted beside them."""
+
+    sizes: np.ndarray  #: (E,)
+    deviations: np.ndarray  #: (E,)
+    kept: np.ndarray  #: (E,) share of the information about each size that the forces leave
+
+
+def _weight_of(run: RunModel, equation: str) -> float:
+    """The vehicle's weight [N]; for yaw, times half the wheelbase [N m]."""
     vehicle = run.setup.plant.vehicle
     arm = 0.5 * (vehicle.l_f + vehicle.l_r) if equation == "yaw" else 1.0
-    return _PUSH * vehicle.m * GRAVITY * arm
+    return vehicle.m * GRAVITY * arm
+
+
+def _push_scale(run: RunModel, equation: str) -> float:
+    return _PUSH * _weight_of(run, equation)
 
 
 def _pushed(run: RunModel, setup, records: Records, warm: np.ndarray, piece: int, equation: str) -> Records:
@@ -112,9 +130,7 @@ def _columns(fit: Fit, equation: str) -> np.ndarray:
 
 def probe(fit: Fit) -> tuple[Rest, ...]:
     """What unknown forces would still explain at the present point of a fit, equation by equation."""
-    if fit.hard:
-        fit = fit.branch()
-        fit.whitener.learn_levels(fit.residual())
+    fit = _levelled(fit)
     residual = fit.whitener(fit.residual())
     states = fit.whitener(fit._states)
     found = []
@@ -125,6 +141,44 @@ def probe(fit: Fit) -> tuple[Rest, ...]:
             continue
         found.append(_rest(fit, equation, residual, states, columns))
     return tuple(found)
+
+
+def _levelled(fit: Fit) -> Fit:
+    """The fit, on hard ground with the noise of every window at its own level."""
+    if not fit.hard:
+        return fit
+    fit = fit.branch()
+    fit.whitener.learn_levels(fit.residual())
+    return fit
+
+
+def beside_forces(fit: Fit) -> Beside:
+    """Sizes of the effects in the model with the unknown forces of all equations beside them.
+
+    To first order about the present point. A force is believed to be smaller than the vehicle's weight.
+    """
+    fit = _levelled(fit)
+    residual, pushes = fit.whitener(fit.residual()), []
+    for equation in EQUATIONS:
+        try:
+            pushes.append(_columns(fit, equation) * _weight_of(fit.runs[0], equation))
+        except OffroadError:
+            continue
+    states, shared = fit.whitener(fit._states), fit.whitener(fit.columns())
+    forces = [fit.whitener(columns) for columns in pushes]
+    alone, _ = fit.reduce(residual, states, shared)
+    beside, _ = fit.reduce(residual, np.column_stack([states, *forces]), shared)
+    before, after = (_variances(shares) for shares in (alone, beside))
+    wide = np.ones(len(fit.sizes)) if fit.drawn is None else fit.widenings()[len(NUISANCES) :]
+    return Beside(
+        sizes=fit.sizes + fit._inside(beside)[len(NUISANCES) :],
+        deviations=np.sqrt(after * wide),
+        kept=before / after,
+    )
+
+
+def _variances(shares: Shares) -> np.ndarray:
+    return np.diag(np.linalg.inv(shares.normal))[len(NUISANCES) :]
 
 
 def _rest(fit: Fit, equation: str, residual: np.ndarray, states: np.ndarray, columns: np.ndarray) -> Rest:

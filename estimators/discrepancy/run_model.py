@@ -41,6 +41,7 @@ _ANGLES = ("course", "yaw")
 _STATES = {"x": at.X, "y": at.Y, "yaw": at.YAW, "pitch": at.PITCH, "v_x": at.V_X, "v_y": at.V_Y}
 _RIMS = {"omega_f": at.R_OMEGA, "omega_r": at.AXLE + at.R_OMEGA}
 _OTHER = ("speed", "course")
+_POSE = ("x", "y", "yaw", *_OTHER)
 
 #: States that are free at the start of a window, with what is believed of them beforehand: generous,
 #: only so that what a log does not show stays finite [m, rad, m/s, rad/s; rims in m/s].
@@ -316,9 +317,19 @@ class RunModel:
         out = np.empty(len(self.y))
         for channel in self.channels:
             signal = self._signal(channel.name, setup, records, imu)
-            before = signal[channel.record]
-            out[channel.rows] = before + channel.weight * (signal[channel.record + 1] - before)
+            record, weight = channel.record, channel.weight
+            if channel.name in _POSE and setup.errors.pose_delay != 0.0:
+                record, weight = self._earlier(channel, setup.errors.pose_delay)
+            before = signal[record]
+            out[channel.rows] = before + weight * (signal[record + 1] - before)
         return out
+
+    def _earlier(self, channel: Channel, delay: float) -> tuple[np.ndarray, np.ndarray]:
+        """(record before, weight) of samples ``delay`` [s] old; beyond its window a signal goes on."""
+        begin = self.windows.begin
+        place = channel.record + channel.weight - delay / self.step
+        record = np.clip(np.floor(place).astype(int), begin[channel.window], begin[channel.window + 1] - 2)
+        return record, place - record
 
     def _signal(self, name: str, setup: Setup, records: Records, imu: np.ndarray) -> np.ndarray:
         states = records.states
@@ -330,10 +341,16 @@ class RunModel:
             split = setup.errors.wheel_split if name == "omega_f" else -setup.errors.wheel_split
             scale = (setup.errors.wheel_scale + split) / setup.plant.vehicle.r
             return scale * records.readings[:, _RIMS[name]]
-        if name == "speed":
-            return np.hypot(states[:, at.V_X], states[:, at.V_Y])
-        if name == "course":
-            return np.unwrap(states[:, at.YAW] + np.arctan2(states[:, at.V_Y], states[:, at.V_X]))
+        ahead = setup.errors.antenna
+        if name in _OTHER:
+            v_y = states[:, at.V_Y] + ahead * states[:, at.YAW_RATE]
+            if name == "speed":
+                return np.hypot(states[:, at.V_X], v_y)
+            return np.unwrap(states[:, at.YAW] + np.arctan2(v_y, states[:, at.V_X]))
+        if name == "x":
+            return states[:, at.X] + ahead * np.cos(states[:, at.YAW])
+        if name == "y":
+            return states[:, at.Y] + ahead * np.sin(states[:, at.YAW])
         return states[:, _STATES[name]]
 
     def residual(self, prediction: np.ndarray) -> np.ndarray:

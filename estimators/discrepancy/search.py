@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimators.discrepancy.fit import NUISANCES, Candidate, Fit, settle
-from estimators.discrepancy.gain import held_out
+from estimators.discrepancy.gate import Gate, Word
 from estimators.discrepancy.run_model import RunModel
 from estimators.discrepancy.screen import Screen, candidates_for, chance_threshold, projected, screen
 from estimators.discrepancy.together import gain_of, guesses
@@ -23,6 +23,9 @@ _MOST = 4
 ALIKE = 6.63
 #: Rivals that are refitted, and how alike a first look must find them.
 _REFITS, _FIRST_LOOK = 4, 3.0 * ALIKE
+#: Windows of the search and those apart together must show what chance does in this share of the logs in
+#: which the first screen may find something.
+_CONFIRMED = 0.4
 #: Models as good as the best that may try the windows apart.
 _GATED = 3
 #: Rivals of the first step: scores that are this share of the best.
@@ -72,8 +75,10 @@ class Search:
     first: Screen  #: scores against the nominal model
     last: Screen  #: scores against the extended model
     threshold: float  #: of the first screen
-    gate: tuple[float, ...] = ()  #: what each effect gains on the gate's windows; what does not is refused
-    refused: bool = False  #: whether the windows of the search ask for more, and those of the gate refuse it
+    gate: tuple[float, ...] = ()  #: what each model gains on the gate's windows, in the log-likelihood
+    refused: bool = (
+        False  #: whether the windows of the search ask for more, beyond chance, and those of the gate refuse
+    )
     causes: tuple[Cause, ...] = field(default=())
 
     def score_of(self, change: np.ndarray) -> np.ndarray:
@@ -92,11 +97,12 @@ def _starts(fit: Fit, candidate: Candidate, size: float) -> list[float]:
 
 
 def refit(
-    fit: Fit, candidates: Sequence[Candidate], sizes: Sequence[float], new: int = -1
+    fit: Fit, candidates: Sequence[Candidate], sizes: Sequence[float], new: int = -1, enough: float = np.inf
 ) -> tuple[Fit, float] | None:
     """The model with these effects fitted, the noise as it is; None if it breaks down.
 
-    ``new`` is the place of the effect whose size is least known.
+    ``new`` is the place of the effect whose size is least known; what cannot cost less than ``enough`` is not
+    fitted to the end.
     """
     best: tuple[float, Fit] | None = None
     for size in _starts(fit, candidates[new], sizes[new]):
@@ -112,7 +118,7 @@ def refit(
     if best is None:
         return None
     try:
-        return best[1], best[1].descend(fresh=False)
+        return best[1], best[1].descend(fresh=False, enough=enough)
     except OffroadError:
         return None
 
@@ -174,7 +180,7 @@ def _together(fit: Fit, result: Screen, threshold: float, most: float) -> list[_
     return _refitted(fit, [(guess.candidates, guess.sizes) for guess in near[:_REFITS]])
 
 
-def _larger(fit: Fit, result: Screen, threshold: float, apart: Sequence[RunModel]) -> list[_Trial]:
+def _larger(fit: Fit, result: Screen, threshold: float, gate: Gate) -> list[_Trial]:
     """Models that explain more by as much as an effect must: the best, and those as good, best first."""
     single = _forward(fit, result, threshold)
     if not single and not fit.candidates:
@@ -183,9 +189,10 @@ def _larger(fit: Fit, result: Screen, threshold: float, apart: Sequence[RunModel
     joint = _together(fit, result, threshold, most)
     if not fit.candidates and joint:
         # A second effect must earn its place, here and on the windows apart.
-        gain = _gain_apart(single[0].fit, joint[0].fit, apart)
-        earned = 2.0 * (single[0].cost - joint[0].cost) > threshold**2
-        return joint if earned and (gain is None or gain > 0.0) else single
+        if 2.0 * (single[0].cost - joint[0].cost) <= threshold**2:
+            return single
+        word = gate.word(joint[0].fit, single[0].fit)
+        return joint if word is None or word.gain > 0.0 else single
     names = {frozenset(candidate.effect for candidate in trial.fit.candidates) for trial in single}
     new = [t for t in joint if frozenset(c.effect for c in t.fit.candidates) not in names]
     trials = sorted([*single, *new], key=lambda trial: trial.cost)
@@ -205,37 +212,58 @@ def _pruned(fit: Fit, threshold: float, *, white: bool) -> Fit:
     return fit
 
 
-def _gain_apart(fit: Fit, larger: Fit, runs: Sequence[RunModel]) -> float | None:
-    """What a larger model gains on windows apart, in the log-likelihood; None where that cannot be said."""
-    if not runs:
-        return None
-    try:
-        return held_out(fit, runs).cost - held_out(larger, runs).cost
-    except OffroadError:
-        return None
+def _support(fit: Fit, larger: Fit, gain: float) -> tuple[float, float]:
+    """(What the windows of the search say for the new effects, how much more than that scatters there).
+
+    In the log-likelihood: the ``gain`` with the noise as it was, or what the least of the new effects is
+    worth, if that is less.
+    """
+    names = {candidate.effect for candidate in fit.candidates}
+    new = [i for i, candidate in enumerate(larger.candidates) if candidate.effect not in names]
+    places = len(NUISANCES) + np.array(new, dtype=np.int64)
+    least = np.min(np.abs(larger.sizes[new]) / larger.deviations()[places], initial=np.inf)
+    wide = 1.0 if fit.drawn is None else np.max(larger.widenings()[places], initial=1.0)
+    return float(min(gain / wide, 0.5 * least**2)), float(wide)
 
 
 def _accepted(
-    fit: Fit, trials: Sequence[_Trial], bar: float, apart: Sequence[RunModel], *, white: bool
-) -> tuple[Fit | None, list[float]]:
-    """The first of the models that gains on the windows apart too, settled; and what was gained there."""
-    names, gains = {candidate.effect for candidate in fit.candidates}, []
+    gate: Gate, trials: Sequence[_Trial], bars: tuple[float, float], *, white: bool
+) -> tuple[Fit | None, list[float], bool]:
+    """The first of the models that the windows apart confirm, settled; what each gained; was one refused?
+
+    ``bars`` are the least sizes of an effect, in standard deviations: in the windows of the search, and in
+    those and the windows apart together. What does not reach the second one in the windows of the search is
+    chance, and its refusal leaves nothing open.
+    """
+    fit, gains, refused = gate.fit, [], False
+    names = {candidate.effect for candidate in fit.candidates}
+    before = fit.cost_of(fit.residual())
+
+    enough = 0.5 * bars[1] ** 2
     for trial in trials[:_GATED]:
         larger = trial.fit
-        # After a refusal, only what gains with the noise as it is gets the work of a noise of its own.
-        if gains and (_gain_apart(fit, larger, apart) or 0.0) <= 0.0:
+        # After a refusal, only what is confirmed with the noise as it is gets the work of a noise of its own.
+        if gains and not _confirmed(gate.word(larger), _support(fit, larger, before - trial.cost), enough):
             continue
         settle(larger, white=white)
-        larger = _pruned(larger, bar, white=white)
+        larger = _pruned(larger, bars[0], white=white)
         if {candidate.effect for candidate in larger.candidates} == names:
             break
-        gain = _gain_apart(fit, larger, apart)
-        if gain is None:
-            return larger, gains
-        gains.append(gain)
-        if gain > 0.0:
-            return larger, gains
-    return None, gains
+        word, support = gate.word(larger), _support(fit, larger, before - trial.cost)
+        if word is None:
+            return larger, gains, False
+        gains.append(word.gain)
+        if _confirmed(word, support, enough):
+            return larger, gains, False
+        refused |= support[0] > enough
+    return None, gains, refused
+
+
+def _confirmed(word: Word | None, support: tuple[float, float], enough: float) -> bool:
+    """Whether windows of the search and those apart together show enough, and the latter do not object."""
+    if word is None or word.contradicts:
+        return False
+    return support[0] + word.gain / support[1] > enough
 
 
 def search(
@@ -252,23 +280,24 @@ def search(
     rate
         Share of logs with nothing wrong in which the first screen may find something.
     apart
-        Windows on which every effect must gain too, or it is refused and the search ends.
+        Windows that may refuse an effect, with which the search ends.
     white
         Take all noise for white.
     """
     candidates = candidates_for(nominal, library)
     first = last = screen(nominal, candidates)
     threshold = chance_threshold(first, rate)
-    fit, bar, gate, refused = nominal, threshold, [], False
-    while len(fit.candidates) < _MOST and not refused:
-        trials = _larger(fit, last, bar, apart)
+    fit, bar, gate, told, refused = nominal, threshold, Gate(nominal, apart), [], False
+    while len(fit.candidates) < _MOST:
+        trials = _larger(fit, last, bar, gate)
         # The first name is the best or none; later ones may be any that explain as much.
-        larger, gains = _accepted(fit, trials if fit.candidates else trials[:1], bar, apart, white=white)
-        gate += gains
-        refused = bool(gains) and larger is None
+        bars = (bar, chance_threshold(last, _CONFIRMED * rate))
+        tried = trials if fit.candidates else trials[:1]
+        larger, gains, refused = _accepted(gate, tried, bars, white=white)
+        told += gains
         if larger is None:
             break
-        fit = larger
+        fit, gate = larger, gate.onward(larger)
         last = screen(fit, _outside(fit, candidates))
         bar = chance_threshold(last, rate)
     causes = []
@@ -281,7 +310,7 @@ def search(
         first=first,
         last=last,
         threshold=threshold,
-        gate=tuple(gate),
+        gate=tuple(told),
         refused=refused,
         causes=tuple(causes),
     )
@@ -307,18 +336,19 @@ def _cause(fit: Fit, last: Screen, k: int, first: Screen) -> tuple[Fit, Cause]:
     own = (fit.sizes[k] / fit.deviations()[-len(fit.sizes) + k]) ** 2
     rivals = [(cost, fit.candidates[k], fit)]
     inside = {candidate.effect for candidate in fit.candidates}
+    # Where healthy runs scatter more than the likelihood says, so do its differences.
+    wide = 1.0 if fit.drawn is None else float(fit.widenings()[len(NUISANCES) + k])
     for i in _best_by_effect(-loss, last.candidates)[:_REFITS]:
         if loss[i] > max(_FIRST_LOOK, 0.1 * own) or last.candidates[i].effect in inside:
             continue
         names, values = list(fit.candidates), fit.sizes.copy()
         names[k], values[k] = last.candidates[i], sizes[i]
-        done = refit(fit, names, values, k)
+        lowest = min(rival[0] for rival in rivals)
+        done = refit(fit, names, values, k, lowest + 0.5 * wide * ALIKE)
         if done is not None:
             rivals.append((done[1], last.candidates[i], done[0]))
     rivals.sort(key=lambda rival: rival[0])
     lowest = rivals[0][0]
-    # Where healthy runs scatter more than the likelihood says, so do its differences.
-    wide = 1.0 if fit.drawn is None else float(fit.widenings()[len(NUISANCES) + k])
     near = [rival for rival in rivals if 2.0 * (rival[0] - lowest) <= wide * ALIKE]
     cause = Cause(
         rivals=tuple(_rival(trial, candidate, 2.0 * (c - lowest)) for c, candidate, trial in near),

@@ -58,6 +58,13 @@ def _phrase(rival: Rival) -> str:
     return f"{effect.describe(rival.size)} (95 %: {low:.3g} to {amount(effect.id, high)})"
 
 
+def _doubt_phrase(diagnosis: Diagnosis) -> str:
+    """Causes that do not stand on their own, after what is left; or nothing."""
+    doubted = [cause for cause in diagnosis.causes if cause not in diagnosis.named]
+    names = [" or ".join(rival.candidate.effect for rival in cause.rivals) for cause in doubted]
+    return f", which may also stand behind {', '.join(names)}" if names else ""
+
+
 def _cause_phrase(cause: Cause) -> str:
     if len(cause.rivals) == 1:
         return _phrase(cause.best)
@@ -81,11 +88,12 @@ def sentence_of(diagnosis: Diagnosis) -> str:
         seen = len(diagnosis.limits) - len(diagnosis.not_testable)
         return f"Nothing is wrong that these data could show; {seen} effects were tested."
     if verdict == "UNEXPLAINED":
-        return f"Something is wrong that no effect of the library explains: {_rest_phrase(diagnosis)}."
-    causes = "; and ".join(_cause_phrase(cause) for cause in diagnosis.causes)
+        rest = f"{_rest_phrase(diagnosis)}{_doubt_phrase(diagnosis)}"
+        return f"Something is wrong that no effect of the library explains: {rest}."
+    causes = "; and ".join(_cause_phrase(cause) for cause in diagnosis.named)
     sentence = causes[0].upper() + causes[1:]
     if verdict == "NAMED + UNEXPLAINED REST":
-        sentence += f"; and something is left: {_rest_phrase(diagnosis)}"
+        sentence += f"; and something is left: {_rest_phrase(diagnosis)}{_doubt_phrase(diagnosis)}"
     if diagnosis.checks.get("overlap", 0.0) > OVERLAP:
         sentence += "; or one cause behind these, which the library lacks: their traces overlap"
     return sentence + "."
@@ -129,7 +137,17 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _cause_dict(cause: Cause) -> dict[str, Any]:
+def _beside_dict(diagnosis: Diagnosis, k: int) -> dict[str, float] | None:
+    """What becomes of a cause when forces without a name are fitted beside it."""
+    if diagnosis.beside is None:
+        return None
+    own = diagnosis.beside
+    size, reach = float(own.sizes[k]), _Z * float(own.deviations[k])
+    return {"value": size, "low": size - reach, "high": size + reach, "kept": float(own.kept[k])}
+
+
+def _cause_dict(diagnosis: Diagnosis, k: int) -> dict[str, Any]:
+    cause = diagnosis.causes[k]
     best = cause.best
     effect = EFFECTS[best.candidate.effect]
     low, high = _interval(best)
@@ -142,6 +160,8 @@ def _cause_dict(cause: Cause) -> dict[str, Any]:
         "parameters": parameters,
         "p": cause.chance,
         "delta_loglik": 0.5 * cause.delta,
+        "named": cause in diagnosis.named,
+        "beside_unknown_forces": _beside_dict(diagnosis, k),
         "members": [
             {
                 "effect": rival.candidate.effect,
@@ -234,7 +254,7 @@ def to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "verdict": diagnosis.verdict,
         "sentence": sentence_of(diagnosis),
-        "causes": [_cause_dict(cause) for cause in diagnosis.causes],
+        "causes": [_cause_dict(diagnosis, k) for k in range(len(diagnosis.causes))],
         "unexplained": rest or None,
         "not_testable": {name: _finite(limit) for name, limit in diagnosis.not_testable.items()},
         "missing_channels": diagnosis.missing,
@@ -270,8 +290,9 @@ def lines_of(diagnosis: Diagnosis, evidence: Evidence | None = None) -> list[str
     """The summary for a terminal: with the names of the files that follow it, at most 25 lines."""
     lines = [f"{diagnosis.verdict}: {sentence_of(diagnosis)}"]
     for cause in diagnosis.causes:
+        what = "cause" if cause in diagnosis.named else "no name yet, unknown forces may stand behind it"
         lines.append(
-            f"cause, gains {0.5 * cause.delta:.0f} in the log-likelihood, chance {cause.chance:.1g}:"
+            f"{what}, gains {0.5 * cause.delta:.0f} in the log-likelihood, chance {cause.chance:.1g}:"
         )
         lines += [f"  {rival.candidate.effect}: {_phrase(rival)}" for rival in cause.rivals[:4]]
     lines += _ground_lines(diagnosis)

@@ -21,6 +21,7 @@ from estimators.logs.signals import (
     timing,
     unwrapped,
 )
+from estimators.logs.stuck import stuck_while_moving
 from estimators.logs.units import Check, Finding, suspicions
 
 __all__ = ["ChannelQuality", "QualityReport", "quality"]
@@ -183,7 +184,7 @@ def _measure(log: Log, name: str, findings: list[Finding]) -> dict[str, Any]:
     if not log.rig:
         # A silence of the whole log is told once, not for every channel.
         findings += _timing_findings(name, when, max(0.5, 1.1 * timing(log.t).longest_gap))
-        findings += _end_findings(name, values, saturated, stuck)
+        findings += _end_findings(log, name, saturated, stuck)
         if not any(f.kind == "unit" and f.channel == name for f in findings):
             findings += _noise_findings(log, name, noise)
     spread = float(np.std(values))
@@ -245,8 +246,8 @@ def _stuck(name: str, t: np.ndarray, values: np.ndarray) -> float:
     return float(t[start + length - 1] - t[start])
 
 
-def _end_findings(name: str, values: np.ndarray, saturated: float, stuck: float) -> list[Finding]:
-    found = []
+def _end_findings(log: Log, name: str, saturated: float, stuck: float) -> list[Finding]:
+    values, found = log.samples(name)[1], []
     if saturated > 0.0:
         found.append(
             Finding(
@@ -258,17 +259,28 @@ def _end_findings(name: str, values: np.ndarray, saturated: float, stuck: float)
                 numbers={"share": saturated},
             )
         )
-    if name in _SENSED and stuck >= 1.0 and longest_run(values)[1] >= 10:
-        value = values[longest_run(values)[0]]
-        found.append(
-            Finding(
-                kind="stuck",
-                channel=name,
-                severity="problem" if np.ptp(values) == 0.0 else "warning",
-                sentence=f"{name} stays at exactly {value:g} for {stuck:.3g} s, without any noise: stuck",
-                numbers={"time": stuck},
-            )
+    start, length = longest_run(values)
+    if stuck < 1.0 or length < 10:
+        return found
+    span = stuck_while_moving(log, name)
+    if span is not None:
+        sentence = (
+            f"{name} stays at exactly {values[start]:g} from t = {span[0]:.3f} to {span[1]:.3f} s while the "
+            "vehicle moves on: stuck - leave these samples empty, or mend them"
         )
+    elif name in _SENSED:
+        sentence = f"{name} stays at exactly {values[start]:g} for {stuck:.3g} s, without any noise: stuck"
+    else:
+        return found
+    found.append(
+        Finding(
+            kind="stuck",
+            channel=name,
+            severity="problem" if span is not None or np.ptp(values) == 0.0 else "warning",
+            sentence=sentence,
+            numbers={"time": stuck},
+        )
+    )
     return found
 
 

@@ -23,6 +23,7 @@ from agents.protocol import ArmResult, EpisodeResult
 from agents.recording import EpisodeLog
 from agents.report import Section, frame_png, render_page
 from agents.sections.context import Driven, Run
+from agents.sections.diagnosis import DELAY
 from estimators.paper import forward_comparison
 from offroad_env.errors import DataError, InvalidParameter
 
@@ -42,6 +43,7 @@ def small(tmp_path_factory):
         n_jobs=1,
         learning_time=0.1,
         test_episodes=0,
+        log_duration=30.0,
     )
 
 
@@ -167,6 +169,16 @@ def test_the_paper_s_error_stands_beside_the_one_here(by_name):
 def test_the_episode_is_driven_once_for_both_parts_that_show_it(by_name):
     assert by_name["drive"].data["n"] == by_name["estimate"].data["on_board"]["true_n"]
     assert len(by_name["drive"].pictures) == 2
+
+
+def test_the_hidden_steering_delay_is_found_and_the_page_says_so(by_name):
+    section = by_name["diagnose"]
+    found = section.data["diagnosis"]["causes"][0]
+    assert "steer_delay" in found["set"]
+    assert section.data["diagnosis"]["sentence"] in section.sees
+    assert found["parameters"]["delay"]["low"] < DELAY < found["parameters"]["delay"]["high"]
+    less = {row[0]: (float(row[3]) / float(row[2])) for row in section.tables[0].rows}
+    assert less["yaw_rate"] < 0.8
 
 
 def test_without_drawing_the_episode_is_still_told(small, by_name, monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import os
 import subprocess
@@ -12,9 +13,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from agents.studies.diagnosis import together
 from estimators.discrepancy.diagnosis import VERDICTS, Diagnosis, diagnose
 from estimators.discrepancy.fit import Candidate
-from estimators.discrepancy.hide import HIDERS, draw_case, hidden_log
+from estimators.discrepancy.hide import HIDERS, STRANGERS, draw_case, hidden_log
+from estimators.discrepancy.probe import beside_forces
 from estimators.discrepancy.run_model import RunModel
 from estimators.discrepancy.search import refit
 from estimators.discrepancy.verdict import extension_of, lines_of, sentence_of, to_dict
@@ -108,6 +111,44 @@ def test_the_numbers_of_a_diagnosis_are_complete_and_plain(delayed):
     assert set(cause["parameters"]["delay"]) == {"value", "low", "high", "unit"}
     assert len(lines_of(delayed[1])) <= 25
     assert extension_of(delayed[1])[0][0] == "steer_delay"
+
+
+@pytest.fixture(scope="module")
+def blown():
+    """A diagnosis of a run whose steering acts 0.1 s late, in a side wind that no effect stands for."""
+    case = draw_case(31, road="flat", gnss=True, duration=40.0)
+    return diagnose([hidden_log(case, together([HIDERS["steer_delay"](0.1), STRANGERS["side_wind"](0.03)]))])
+
+
+def test_a_late_steering_is_named_beside_a_force_that_has_no_name(blown):
+    assert blown.verdict == "NAMED + UNEXPLAINED REST"
+    (cause,) = (c for c in blown.named if c.best.candidate.effect == "steer_delay")
+    k = blown.causes.index(cause)
+    assert blown.beside.sizes[k] == pytest.approx(0.1, abs=0.01)
+    numbers = to_dict(blown)["causes"][k]
+    assert numbers["named"]
+    assert numbers["beside_unknown_forces"]["low"] < 0.1 < numbers["beside_unknown_forces"]["high"]
+
+
+def test_forces_without_a_name_take_the_place_of_a_force_and_leave_a_delay(blown):
+    nominal = blown.search.nominal
+    fit, _ = refit(nominal, [Candidate(effect="steer_delay"), Candidate(effect="yaw_moment")], [0.1, 0.0])
+    beside = beside_forces(fit)
+    assert beside.kept[0] > 0.5
+    assert beside.kept[1] < 0.05
+    assert abs(beside.sizes[0] - 0.1) < 3.0 * beside.deviations[0]
+
+
+def test_what_forces_without_a_name_may_stand_behind_is_not_named(blown):
+    shadow = copy.copy(blown)
+    shadow.beside = replace(blown.beside, kept=np.full(len(blown.causes), 0.2))
+    assert shadow.named == ()
+    shadow.verdict = "UNEXPLAINED"
+    assert "which may also stand behind steer_delay" in sentence_of(shadow)
+    assert not any(cause["named"] for cause in to_dict(shadow)["causes"])
+    gone = copy.copy(blown)
+    gone.beside = replace(blown.beside, sizes=0.1 * blown.beside.sizes)
+    assert gone.named == ()
 
 
 def test_a_fit_survives_an_effect_that_the_run_does_not_show(delayed):

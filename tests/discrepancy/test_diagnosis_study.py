@@ -19,6 +19,7 @@ def _result(verdict: str, **more) -> dict:
         "road": "flat",
         "sets": [],
         "sizes": [],
+        "named": [],
         "threshold": _THRESHOLD,
         "seconds": 1.0,
     }
@@ -104,6 +105,27 @@ def test_every_bar_is_beside_its_share():
     assert bars["one effect: detected"]["share"] == pytest.approx(0.9)
     # Nothing of it was run: neither met nor missed.
     assert bars["two effects: truths in the sets"]["met"] is None
+
+
+def test_nothing_of_a_receiver_is_hidden_where_there_is_none():
+    study = DiagnosisStudy(nulls=0, whites=0, seeds=2, power_seeds=0, pairs=2, removed=2, stranger_seeds=0)
+    known = {1000: {"limits": dict.fromkeys(HIDERS, 1.0)}, 1001: {"limits": {"payload": 1.0, "grade": 1.0}}}
+    keys = study._keys(known)
+    own = {
+        kind: {key[1] for key in keys if key[0] == kind and key[3] == 1001} for kind in ("single", "removed")
+    }
+    assert own["single"] == own["removed"] == {"payload", "grade"}
+    assert ("pair", "grade+payload", 2.0, 1001) in keys
+    assert ("single", "pose_delay", 2.0, 1000) in keys
+
+
+def test_names_beside_a_rest_are_wrong_where_they_do_not_look_like_what_is_hidden():
+    def result(name):
+        return _result("NAMED + UNEXPLAINED REST", named=[name], alike={"payload": 1.0, "grade": 0.5})
+
+    results = {("stranger", "tow_rope", 1.0, i): result(n) for i, n in enumerate(("payload", "grade"))}
+    wrong = counted(results)["wrong name beside a rest"]
+    assert (wrong["hits"], wrong["count"]) == (1, 2)
 
 
 def test_pairs_can_be_hidden_together():

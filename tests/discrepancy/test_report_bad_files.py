@@ -47,6 +47,7 @@ def run():
         ("omega_f", lambda omega: 9.55 * omega, "rpm"),
         ("yaw_rate", np.negative, "sign"),
         ("a_z", lambda a: np.full_like(a, 0.25), "stuck"),
+        ("a_y", lambda a: np.where(np.arange(len(a)) < len(a) // 2, a, a[len(a) // 2]), "moves on: stuck"),
     ],
 )
 def test_readable_data_that_cannot_be_right_name_the_channel_and_fail(

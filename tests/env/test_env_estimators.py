@@ -10,10 +10,12 @@ import pytest
 
 import offroad_env.env as environment
 from estimators.carried import OnBoard, make_estimator
+from estimators.embedded import CHANGING_SOIL
 from estimators.protocol import Pose
 from offroad_env.env import OffroadBekkerEnv
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.sensor_kernels import CHANNELS, GNSS, IMU, WHEEL
+from offroad_env.scenarios import SCENARIOS
 from offroad_env.simulator import make_plant
 from offroad_env.terrain import flat
 from offroad_env.vehicles import make_vehicle
@@ -65,6 +67,14 @@ def test_a_state_that_turns_to_garbage_after_sensing_changes_no_estimate(monkeyp
 
     monkeypatch.setattr(environment, "make_estimator", behind_a_curtain)
     assert estimates(env, weave(60)) == untouched
+
+
+def test_only_where_the_soil_changes_is_the_estimator_told_so():
+    for name, scenario in SCENARIOS.items():
+        env = OffroadBekkerEnv(scenario=name, terrain_info="estimate")
+        env.reset(seed=SEED)
+        assert bool(env.course.sections) == scenario.changing
+        assert (env.estimator.settings == CHANGING_SOIL) == scenario.changing
 
 
 @pytest.mark.parametrize("choice", ["joint", OnBoard(kind="bank", rate=50.0)])

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from offroad_env.effects import Extension
+from offroad_env.physics import state as at
+from offroad_env.physics.sensor_kernels import GNSS
 from offroad_env.vector_env import OffroadBekkerVectorEnv
 
 
@@ -44,6 +46,34 @@ def test_effects_of_the_file_act_on_inputs_forces_and_sensors(tmp_path):
     assert np.allclose(biased[:, 19] - base[:, 19], 0.25, atol=1e-5)
     braked = _drive(_file(tmp_path, ("rolling_resistance", {"share": 0.1})))
     assert braked[-1, 5] < base[-1, 5]
+
+
+def _fixes(model: str) -> tuple[np.ndarray, np.ndarray]:
+    """Fixes (K, 4) of a receiver in a short drive, and the true states at their instants."""
+    env = gym.make("offroad_env:OffroadBekker-v0", model=model)
+    env.reset(seed=3, options={"n": 0.9})
+    fixes, states = [], []
+    for _ in range(60):
+        env.step(np.array([0.3, 0.4]))
+        told = env.unwrapped.measurements().samples[-1][GNSS]
+        if np.isfinite(told).all():
+            fixes.append(told)
+            states.append(env.unwrapped.state.copy())
+    env.close()
+    return np.array(fixes), np.array(states)
+
+
+def test_a_receiver_tells_of_the_past_and_of_where_its_antenna_sits(tmp_path):
+    base, states = _fixes("full")
+    ahead, _ = _fixes(_file(tmp_path, ("antenna_x", {"distance": 1.5})))
+    yaw = states[:, at.YAW]
+    assert np.allclose(ahead[:, 0] - base[:, 0], 1.5 * np.cos(yaw), atol=0.02)
+    assert np.allclose(ahead[:, 1] - base[:, 1], 1.5 * np.sin(yaw), atol=0.02)
+    late, _ = _fixes(_file(tmp_path, ("pose_delay", {"delay": 0.1})))
+    # A fix comes every tenth of a second: a late receiver tells of the place of the fix before.
+    travelled = np.hypot(*np.diff(states[:, :2], axis=0).T)
+    behind = np.hypot(*(base[1:, :2] - late[1:, :2]).T)
+    assert np.allclose(behind, travelled, atol=0.02)
 
 
 @pytest.mark.parametrize("estimator", ["parameter", "joint"])

@@ -81,6 +81,7 @@ def test_what_is_believed_otherwise_is_believed():
         ({"kind": "oracle"}, "kind must be one of"),
         ({"rate": 0.01}, "a period in s"),
         ({"vehicle_model": "unicycle"}, "vehicle_model must be one of"),
+        ({"kind": "joint", "changing": True}, 'changing needs kind "parameter"'),
     ],
 )
 def test_a_choice_that_means_nothing_is_refused(change, message):

@@ -8,7 +8,8 @@ import pickle
 import numpy as np
 import pytest
 
-from estimators.embedded import EmbeddedParameterUKF
+from estimators.embedded import CHANGING_SOIL, EmbeddedParameterUKF, EmbeddedSettings
+from estimators.navigation import NavigationFilter
 from estimators.paper import ROWS, noisy_imu, row_truth
 from estimators.protocol import Estimator, Pose
 from offroad_env.errors import InvalidParameter
@@ -23,11 +24,13 @@ N_RANGE = (0.3, 1.1)
 PRIOR = (0.7, 0.2)
 
 
-def estimator_on_board(soil="dry_sand", *, vehicle="mrzr", imu=None, n_range=N_RANGE, ground=None):
+def estimator_on_board(
+    soil="dry_sand", *, vehicle="mrzr", imu=None, n_range=N_RANGE, ground=None, settings=None
+):
     """An estimator that knows its vehicle and believes in level ground, unless it has a map."""
     vehicle = VEHICLES[vehicle] if isinstance(vehicle, str) else vehicle
     plant = make_plant(vehicle, make_soil(soil, n=0.7), ground or flat())
-    return EmbeddedParameterUKF(plant, n_range, imu=imu)
+    return EmbeddedParameterUKF(plant, n_range, imu=imu, settings=settings)
 
 
 def pose_of(state):
@@ -202,6 +205,61 @@ def test_no_change_is_noticed_where_there_is_none(drive):
         estimator = estimator_on_board()
         estimates_of(drive(n, seed=seed, duration=20.0), estimator)
         assert estimator.changes == 0
+
+
+@pytest.fixture(scope="module")
+def told(edge_drives):
+    """As `edges`, by a filter that is told that the soil changes."""
+    return [estimates_of(drive, estimator_on_board(settings=CHANGING_SOIL)) for _, drive in edge_drives]
+
+
+def test_who_is_told_that_the_soil_changes_knows_the_new_one_in_half_a_second(edges, told):
+    for (truth, untold), estimates in zip(edges, told, strict=True):
+        begin = int(np.argmax(truth != truth[0]))
+        after = slice(begin, begin + 100)
+        errors = [np.array([e.mean for e in run[after]]) - truth[after] for run in (untold, estimates)]
+        assert abs(errors[1][50]) < 0.1
+        assert np.square(errors[1]).mean() < 0.5 * np.square(errors[0]).mean()
+
+
+def test_who_is_told_that_the_soil_changes_is_honest_all_along(edges, told):
+    for (truth, _), estimates in zip(edges, told, strict=True):
+        assert np.mean([abs(e.mean - n) < 1.96 * e.sd for e, n in zip(estimates, truth, strict=True)]) > 0.95
+        assert np.mean([estimate.valid for estimate in estimates]) > 0.95
+
+
+def test_soil_that_rests_is_known_less_well_by_who_is_told_that_it_changes(drive):
+    drive = drive(0.4, seed=510, duration=20.0)
+    told = estimator_on_board(settings=CHANGING_SOIL)
+    last = [estimates_of(drive, estimator)[-1] for estimator in (estimator_on_board(), told)]
+    assert told.changes == 0
+    assert abs(last[1].mean - 0.4) < 1.96 * last[1].sd
+    assert last[1].sd > 2.0 * last[0].sd
+
+
+@pytest.mark.parametrize(("settings", "heard"), [(EmbeddedSettings(), False), (CHANGING_SOIL, True)])
+def test_rims_tell_of_the_soil_only_where_it_is_known_to_change(drive, settings, heard):
+    drive = drive(0.6, seed=15, duration=2.0)
+    navigation = NavigationFilter(VEHICLES["mrzr"])
+    navigation.reset(*pose_of(drive.states[0]))
+    plant = make_plant(VEHICLES["mrzr"], make_soil("dry_sand", n=0.7), flat())
+    hearing, deaf = (
+        EmbeddedParameterUKF(plant, N_RANGE, settings=settings, navigation=navigation) for _ in range(2)
+    )
+    for estimator in (hearing, deaf):
+        estimator.reset(*PRIOR, navigation.pose)
+    for command, imu, rims, gnss in drive.samples():
+        navigation.update(imu, rims, command[0], gnss, 0.01)
+        estimates = (
+            hearing.update(command, imu, rims, gnss),
+            deaf.update(command, imu, np.full(2, np.nan), gnss),
+        )
+    assert (estimates[0] != estimates[1]) == heard
+
+
+def test_a_rim_error_of_nothing_is_refused():
+    with pytest.raises(InvalidParameter, match="rim_error must be > 0"):
+        EmbeddedSettings(rim_error=0.0)
 
 
 def test_a_reset_forgets_everything(drive):

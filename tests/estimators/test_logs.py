@@ -507,6 +507,31 @@ def test_a_stuck_channel_is_found_with_its_time(log):
     assert any(f.kind == "stuck" and f.severity == "problem" for f in dead.findings)
 
 
+@pytest.mark.parametrize("channel", ["a_x", "yaw_rate", "omega_r", "speed"])
+def test_a_channel_that_sticks_while_the_vehicle_moves_is_a_problem(channel, log):
+    values = log.channels[channel].copy()
+    middle = (log.t > 9.0) & (log.t < 15.0) & ~np.isnan(values)
+    values[middle] = values[middle][0]
+    found = [f for f in quality(changed(log, **{channel: values})).problems if f.kind == "stuck"]
+    assert [f.channel for f in found] == [channel]
+    assert "while the vehicle moves" in found[0].sentence
+
+
+def test_numbers_that_repeat_by_habit_are_not_stuck(log):
+    """Held for two seconds, again and again; in steps coarser than their noise; and of a vehicle at rest."""
+    rate = log.channels["yaw_rate"]
+    held = np.repeat(rate[::200], 200)[: len(rate)]
+    coarse = 0.05 * np.round(rate / 0.05)
+    rest = {name: np.where(log.t > 12.0, 0.0, log.channels[name]) for name in ("omega_f", "omega_r", "speed")}
+    still = np.where(log.t > 12.0, rate[0], rate)
+    for one in (
+        changed(log, yaw_rate=held),
+        changed(log, yaw_rate=coarse),
+        changed(log, yaw_rate=still, **rest),
+    ):
+        assert not [f for f in quality(one).problems if f.kind == "stuck"]
+
+
 def test_a_sensor_at_the_end_of_its_range_is_found(log):
     rate = log.channels["yaw_rate"]
     limit = np.quantile(rate, 0.99)

@@ -1,0 +1,243 @@
+"""``offroad reproduce promptness``: what it is worth to learn soon that the soil has changed.
+
+On `patches` an arm that is told n exactly, but late, drives the same test episodes with one delay after
+another. Beside it: the arms of the benchmark, and how late the filter on board is, told that the soil
+changes and not told.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+
+from agents.arms import make_arm
+from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
+from agents.benchmark.statistics import Interval, mean_interval
+from agents.commands.output import Results, console, table
+from agents.protocol import Agent, Observation
+from agents.studies.units import Key, run_units, stamp_of
+from agents.tuned import SETTINGS
+from estimators.carried import OnBoard
+from offroad_env.errors import InvalidParameter
+from offroad_env.period import CONTROL_PERIOD
+
+__all__ = [
+    "DrivenLine",
+    "FilterLine",
+    "Late",
+    "Promptness",
+    "delays_of",
+    "driven_lines",
+    "filter_lines",
+    "run_unit",
+]
+
+TASK = "patches"
+DELAYS = (0.0, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2)  # [s]
+ARMS = ("nominal", "conservative", "aware")
+#: Who is asked on board: name -> whether it is told that the soil changes.
+FILTERS = {"not told": False, "told that n changes": True}
+#: An answer is as near as this to the new n; smaller changes are not looked at [-].
+NEAR, _LEAST = 0.1, 0.15
+#: Steps of n with less than this between them are one change [s].
+_TOGETHER = 0.1
+#: The first search is over from here [s].
+_SEARCHED = 3.0
+_QUICK = 10
+_SOURCES = ("agents.benchmark.runner", "agents.arms", "offroad_env.env", "estimators.carried")
+
+
+class DrivenLine(NamedTuple):
+    """One way of knowing n, over all episodes."""
+
+    name: str
+    delay: float  #: of who is told n exactly [s]; NaN for the arms of the benchmark
+    score: Interval  #: mean time to the goal, a failure costs the time limit [s]
+    failures: int
+    episodes: int
+
+
+class FilterLine(NamedTuple):
+    """One filter on board, over all episodes."""
+
+    name: str
+    delay: float  #: median time from an edge below the front wheels to an estimate within `NEAR` [s]
+    slowest: float  #: the same, 90th percentile; inf: the next edge came first [s]
+    edges: int
+    rmse: float  #: of n after the first seconds [-]
+    coverage: float  #: share of the time with the truth within two standard deviations
+    valid: float  #: share of the time that the flag is up
+
+
+class Late:
+    """An agent that is told the true n of a while ago; before that, the middle of the prior.
+
+    Parameters
+    ----------
+    agent
+        Reads ``observation["terrain"]``.
+    delay
+        [s]
+    """
+
+    def __init__(self, agent: Agent, delay: float) -> None:
+        self.agent, self.steps = agent, round(delay / CONTROL_PERIOD)
+
+    def reset(self, briefing: Any) -> None:
+        """Forget what is under way."""
+        self.agent.reset(briefing)
+        self._under_way = deque([0.5 * sum(briefing.n_range)] * self.steps)
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Action (2,)."""
+        self._under_way.append(float(observation["terrain"][0]))
+        told = np.array([self._under_way.popleft(), 0.0, 1.0])
+        return self.agent.act({**observation, "terrain": told})
+
+
+def delays_of(n: np.ndarray, mean: np.ndarray) -> list[float]:
+    """Time [s] from every change of ``n`` (T,) to a ``mean`` (T,) near the new value; inf where none is."""
+    moves = np.flatnonzero(np.abs(np.diff(n)) > 1e-3)
+    if moves.size == 0:
+        return []
+    groups = np.split(moves, np.flatnonzero(np.diff(moves) * CONTROL_PERIOD > _TOGETHER) + 1)
+    untils = [int(group[0]) + 1 for group in groups[1:]] + [len(n)]
+    found = []
+    for group, until in zip(groups, untils, strict=True):
+        begin, end = int(group[0]) + 1, int(group[-1]) + 1
+        if abs(n[end] - n[begin - 1]) > _LEAST:
+            near = np.flatnonzero(np.abs(mean[end:until] - n[end]) < NEAR)
+            found.append((end - begin + near[0]) * CONTROL_PERIOD if near.size else math.inf)
+    return found
+
+
+def run_unit(kind: str, which: Any, index: int, episodes: int, seed: int) -> dict[str, Any]:
+    """One test episode: of an arm, of the oracle told late by ``which`` seconds, or of a filter beside it."""
+    draw = draw_episodes(TASK, episodes, seed)[index]
+    if kind == "filter":
+        return _filter_unit(FILTERS[which], draw)
+    arm = make_arm("oracle" if kind == "late" else which, scenario=TASK)
+    agent = Late(arm.agent, which) if kind == "late" else arm.agent
+    env = gym.make(ENV_ID, scenario=TASK, terrain_info=arm.terrain_info)
+    result = run_episode(env, agent, draw.seed, options=draw.options)
+    env.close()
+    return {"score": result.score, "success": result.success}
+
+
+def _filter_unit(told: bool, draw: Any) -> dict[str, Any]:
+    carried = OnBoard(kind="parameter", changing=told)
+    env = gym.make(ENV_ID, scenario=TASK, terrain_info="truth", estimator=carried)
+    agent = Late(make_arm("oracle", scenario=TASK).agent, 0.0)
+    observation, info = env.reset(seed=draw.seed, options=draw.options)
+    agent.reset(env.unwrapped.briefing)
+    rows, over = [], False
+    while not over:
+        observation, _, terminated, truncated, info = env.step(agent.act(observation))
+        estimate = env.unwrapped.snapshot().estimate
+        rows.append((info["n_front"], estimate.mean, estimate.sd, float(estimate.valid)))
+        over = terminated or truncated
+    env.close()
+    n, mean, sd, valid = np.array(rows).T
+    late = slice(round(_SEARCHED / CONTROL_PERIOD), None)
+    error = np.abs(mean - n)[late]
+    return {
+        "delays": delays_of(n, mean),
+        "square": float(np.mean(error**2)),
+        "inside": float(np.mean(error <= 2.0 * sd[late])),
+        "valid": float(np.mean(valid[late])),
+    }
+
+
+def driven_lines(results: Mapping[Key, Mapping]) -> list[DrivenLine]:
+    """A line for every delay and arm from the results by (kind, which, ...)."""
+    lines = []
+    for kind, which in dict.fromkeys(key[:2] for key in results if key[0] != "filter"):
+        units = [result for key, result in results.items() if key[:2] == (kind, which)]
+        lines.append(
+            DrivenLine(
+                name=f"told {which:g} s late" if kind == "late" else which,
+                delay=float(which) if kind == "late" else math.nan,
+                score=mean_interval(np.array([unit["score"] for unit in units])),
+                failures=sum(not unit["success"] for unit in units),
+                episodes=len(units),
+            )
+        )
+    return lines
+
+
+def filter_lines(results: Mapping[Key, Mapping]) -> list[FilterLine]:
+    """A line for every filter from the results by (kind, which, ...)."""
+    lines = []
+    for name in dict.fromkeys(key[1] for key in results if key[0] == "filter"):
+        units = [result for key, result in results.items() if key[:2] == ("filter", name)]
+        delays = np.array([delay for unit in units for delay in unit["delays"]])
+        lines.append(
+            FilterLine(
+                name=name,
+                delay=float(np.percentile(delays, 50.0, method="higher")),
+                slowest=float(np.percentile(delays, 90.0, method="higher")),
+                edges=delays.size,
+                rmse=math.sqrt(np.mean([unit["square"] for unit in units])),
+                coverage=float(np.mean([unit["inside"] for unit in units])),
+                valid=float(np.mean([unit["valid"] for unit in units])),
+            )
+        )
+    return lines
+
+
+@dataclass(kw_only=True)
+class Promptness(Results):
+    """What it is worth on `patches` to learn soon that the soil has changed.
+
+    An arm that is told the true n late, with one delay after another; the arms of the benchmark; and how
+    late the filter on board is. Writes promptness.png, and promptness.jsonl with every episode: one that is
+    there is not driven again.
+    """
+
+    quick: bool = False  #: 10 episodes
+    episodes: int = 100  #: test episodes of each way of knowing n
+    seed: int = 0  #: of the episodes
+    n_jobs: int = 2  #: local processes
+
+    def run(self) -> None:
+        """Drive what is missing, then print, draw and write."""
+        from agents.figures.promptness import promptness_figure
+
+        episodes = _QUICK if self.quick else self.episodes
+        if episodes < 2:
+            raise InvalidParameter(f"episodes must be at least 2, got {episodes} - one has no interval")
+        stamp = f"{stamp_of(*_SOURCES)}-{[SETTINGS[TASK, arm] for arm in ('oracle', *ARMS)]}"
+        kinds = [("late", delay) for delay in DELAYS] + [("arm", arm) for arm in ARMS]
+        kinds += [("filter", name) for name in FILTERS]
+        units = {(*kind, index, episodes, self.seed): stamp for kind in kinds for index in range(episodes)}
+        path = self.out / "promptness.jsonl"
+        results = run_units(path, run_unit, units, label="promptness", n_jobs=self.n_jobs)
+        driven, filters = driven_lines(results), filter_lines(results)
+        _show(driven, filters)
+        self.save_figure(promptness_figure(driven, filters), "promptness")
+        self.save_numbers({"driven": driven, "filters": filters, "seed": self.seed})
+
+
+def _show(driven: list[DrivenLine], filters: list[FilterLine]) -> None:
+    body = [(line.name, f"{line.score:.1f}", f"{line.failures} of {line.episodes}") for line in driven]
+    console().print(table("patches by what is known of n", ("n", "time [s]", "failures"), body))
+    rows = [
+        (
+            line.name,
+            f"{line.delay:.2f}",
+            f"{line.slowest:.2f}",
+            f"{line.edges}",
+            f"{line.rmse:.3f}",
+            f"{line.coverage:.0%}",
+            f"{line.valid:.0%}",
+        )
+        for line in filters
+    ]
+    heading = ("filter", "delay [s]", "90 % [s]", "edges", "RMSE [-]", "within 2 sd", "flag up")
+    console().print(table(f"the filter on board: from an edge to n within {NEAR:g}", heading, rows))
