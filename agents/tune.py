@@ -200,7 +200,7 @@ def write_settings(path: Path, args: TuneArgs, tuned: dict[str, Tuned]) -> None:
             key: value for key, value in asdict(result.settings).items() if key in own
         }
     budget = next(iter(tuned.values())).episodes
-    scores = ", ".join(f"{name} {result.score:.4g}" for name, result in tuned.items())
+    scores = ", ".join(f"{name} {result.score:.3g}" for name, result in tuned.items())
     runs[args.scenario] = f"seed {args.seed}, {budget} episodes an arm: {scores}"
     lines = [
         '"""Tuned knobs of the arms. Written by ``python -m agents.tune``; do not edit by hand."""',
