@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from agents.capability import Capability
+from agents.path_controller import PathController, PathWeights
 from agents.protocol import Agent, Observation
 from agents.ride_controller import RideController
 from agents.slip_controller import SlipController
@@ -54,6 +55,8 @@ class ArmSettings:
     feed_forward: float = 0.8  #: share of the believed slip angles that the steering anticipates [-]
     brake_share: float = 0.5  #: share of the believed braking that is used [-]
     slip_share: float = 1.0  #: climb: share of the believed best slip that is used [-]
+    distance: float = 0.03  #: track: distance that counts as bad as 0.1 rad of steering [m]
+    unknown: float = 1.0  #: track: size of what an axle holds beyond belief [m/s^2]
     ride_speed: float = 6.0  #: ride: scheduled speed in the middle of the prior [m/s]
     ride_change: float = 0.0  #: ride: change of it from the lowest to the highest n [m/s]
     ride_feel: float = 0.5  #: ride: weight of what is felt against what is scheduled [-]
@@ -152,8 +155,14 @@ def _ride(believe: BeliefSource, gains: PlannerGains, settings: ArmSettings) -> 
     return RideController(believe, gains, ride=ride)
 
 
+def _follow(believe: BeliefSource, gains: PlannerGains, settings: ArmSettings) -> Agent:
+    weights = PathWeights(distance=settings.distance, unknown=settings.unknown)
+    return PathController(believe, gains, weights=weights)
+
+
 #: Task -> its controller; the others are driven by `SoilTracker`.
 CONTROLLERS: dict[str, Callable[[BeliefSource, PlannerGains, ArmSettings], Agent]] = {
+    "track": _follow,
     "climb": lambda believe, gains, settings: SlipController(believe, gains, slip_share=settings.slip_share),
     "brake": lambda believe, gains, settings: StopController(believe, gains),
     "ride": _ride,

@@ -38,6 +38,8 @@ _SAMPLERS: dict[str, tuple[str, BeliefSource]] = {
 
 #: The arms' beliefs and speed plans with another steering: name -> arm.
 _STEERED = {f"lqr_{arm}": arm for arm in ARMS}
+#: Tasks whose own controller does nothing but steer either.
+_ONLY_STEERED = {"track"}
 
 #: Names that `find_agent` knows. Those of trained policies end in the number of the training seed.
 AGENTS = (*_TRACKERS, *ARMS, *_STEERED, *_SAMPLERS, *(f"{arm}_SEED" for arm in LEARNED))
@@ -82,7 +84,7 @@ def find_agent(name: str, scenario: str, terrain_info: str | None) -> tuple[Agen
     if (trained := trained_name(name)) is not None:
         return _shipped(*trained, scenario), _checked_info(name, LEARNED[trained[0]], terrain_info)
     if name in _STEERED:
-        if scenario in CONTROLLERS:
+        if scenario in CONTROLLERS.keys() - _ONLY_STEERED:
             raise InvalidParameter(f"{name} steers only, and {scenario!r} asks for more: an arm can do it")
         arm = make_arm(_STEERED[name], scenario=scenario, tracker=LqrTracker)
         return arm.agent, _checked_info(name, arm.terrain_info, terrain_info)

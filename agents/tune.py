@@ -25,11 +25,13 @@ from agents.tuned import SETTINGS
 
 __all__ = [
     "COMMON",
+    "HERE",
     "OWN",
     "Round",
     "TuneArgs",
     "Tuned",
     "knobs",
+    "own_knobs",
     "search_arm",
     "tune_scenario",
     "write_settings",
@@ -40,7 +42,7 @@ _CORNERS = {"margin": (0.5, 1.1), "slip_angle": (0.15, 0.52), "feed_forward": (0
 #: Knobs of a task's controller with the ranges that are searched, the same for all arms.
 #: ``slip_angle`` ends where the table of `agents.capability` does.
 COMMON: dict[str, dict[str, tuple[float, float]]] = {
-    "track": {"margin": (0.7, 1.3), "feed_forward": (0.0, 1.3)},
+    "track": {"distance": (0.01, 0.05), "unknown": (0.2, 2.0), "feed_forward": (0.0, 1.3)},
     "speed": _CORNERS,
     "climb": {"slip_share": (0.5, 4.0)},
     "brake": {"brake_share": (0.4, 2.0)},
@@ -53,10 +55,18 @@ COMMON: dict[str, dict[str, tuple[float, float]]] = {
 #: doubt is not the aware arm.
 OWN: dict[str, dict[str, tuple[float, float]]] = {"nominal": {"n": (0.0, 1.0)}, "aware": {"z": (0.25, 2.0)}}
 
+#: The same where a task asks for other ones: at the given speed of `track` there is nothing to insure.
+HERE: dict[tuple[str, str], dict[str, tuple[float, float]]] = {("track", "aware"): {}}
+
+
+def own_knobs(scenario: str, name: str) -> dict[str, tuple[float, float]]:
+    """Knobs that no other arm of the task has, with their ranges."""
+    return HERE.get((scenario, name), OWN.get(name, {}))
+
 
 def knobs(scenario: str, name: str) -> dict[str, tuple[float, float]]:
     """Knobs of an arm in a task: name -> (lowest, highest) value of the search."""
-    return COMMON[scenario] | OWN.get(name, {})
+    return COMMON[scenario] | own_knobs(scenario, name)
 
 
 @dataclass(frozen=True)
@@ -166,7 +176,7 @@ def tune_scenario(
     pool = [settings for finalists, _ in found.values() for settings in finalists]
     tuned = {}
     for name, (finalists, driven) in found.items():
-        own = {knob: getattr(finalists[0], knob) for knob in OWN.get(name, {})}
+        own = {knob: getattr(finalists[0], knob) for knob in own_knobs(args.scenario, name)}
         held = ArmSettings(**SETTINGS[args.scenario, name])
         candidates = [s if s in finalists else replace(s, **own) for s in pool] + [held]
         scores = _scores(name, candidates, args, args.final_episodes, progress)
@@ -190,7 +200,7 @@ def write_settings(path: Path, args: TuneArgs, tuned: dict[str, Tuned]) -> None:
             key: value for key, value in asdict(result.settings).items() if key in own
         }
     budget = next(iter(tuned.values())).episodes
-    scores = ", ".join(f"{name} {result.score:.4g}" for name, result in tuned.items())
+    scores = ", ".join(f"{name} {result.score:.3g}" for name, result in tuned.items())
     runs[args.scenario] = f"seed {args.seed}, {budget} episodes an arm: {scores}"
     lines = [
         '"""Tuned knobs of the arms. Written by ``python -m agents.tune``; do not edit by hand."""',
