@@ -142,7 +142,7 @@ class OffroadBekkerEnv(gym.Env):
     | ``terrain`` | (3,) | n, its standard deviation, valid (0/1); absent with ``terrain_info="none"`` |
 
     The estimator believes in the nominal vehicle and in flat ground; only of the hill of "climb" it
-    has a map, without the roughness.
+    has a map, without the roughness. On "patches" the parameter UKF is told that n changes on the way.
     Everything comes from simulated sensors (IMU 100 Hz, wheel speeds 50 Hz, GNSS 10 Hz, with the
     paper's IMU noise) through a navigation filter, never from the simulator's state; ``terrain`` with
     ``terrain_info="truth"``, n under the front wheels, is the exception it says it is. Values are

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 
 __all__ = ["changing_figure"]
 
-_COLOURS = ("#009E73", "#D55E00", "#0072B2", "#CC79A7")
+_COLOURS = ("#009E73", "#D55E00", "#0072B2")
 #: The second and third filter often agree: both show.
-_STYLES = ("-", "-", (0, (4, 3)), "-")
+_STYLES = ("-", "-", (0, (4, 3)))
 
 
 def changing_figure(results: Mapping[tuple[str, str], Mapping], *, step: float) -> Figure:

@@ -7,13 +7,16 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agents.benchmark.statistics import Interval
 
 __all__ = ["promptness_figure"]
 
-_TOLD, _AWARE, _BLIND = "0.25", "#0072B2", "#E69F00"
+_AWARE, _BLIND = "#0072B2", "#E69F00"
+#: Colours of who is told late, and how far above the points their failures stand [points].
+_TOLD = {"0.25": -14.0, "#D55E00": 7.0}
 
 
 class _Driven(Protocol):
@@ -41,34 +44,25 @@ def promptness_figure(driven: Sequence[_Driven], filters: Sequence[_Filter]) -> 
     """
     figure = Figure(figsize=(8.0, 4.6), layout="constrained")
     axes = figure.subplots()
-    late = [line for line in driven if not math.isnan(line.delay)]
-    t, score = np.array([line.delay for line in late]), [line.score for line in late]
-    axes.fill_between(t, [s.low for s in score], [s.high for s in score], color=_TOLD, alpha=0.12, lw=0)
-    axes.plot(t, [s.value for s in score], color=_TOLD, marker="o", label="told the true n, late")
-    for line in late:
-        axes.annotate(
-            f"{line.failures}",
-            (line.delay, line.score.value),
-            xytext=(0, 7),
-            textcoords="offset points",
-            ha="center",
-            fontsize=8,
-        )
+    told = [line for line in driven if not math.isnan(line.delay)]
+    for name, (colour, above) in zip(dict.fromkeys(line.name for line in told), _TOLD.items(), strict=False):
+        _draw_late(axes, [line for line in told if line.name == name], colour, above)
     for line in driven:
         if math.isnan(line.delay):
             colour, style = (_AWARE, "-") if line.name == "aware" else (_BLIND, "--")
             style = ":" if line.name == "conservative" else style
             failed = f"{line.failures} of {line.episodes} fail"
             axes.axhline(line.score.value, color=colour, ls=style, label=f"{line.name}, {failed}")
-    bottom = axes.get_ylim()[0]
+    bottom = axes.get_ylim()[0] - 3.0  # room for the filters' names
     for line in filters:
         if math.isfinite(line.delay):
             axes.plot(line.delay, bottom, "^", color=_AWARE, ms=9, clip_on=False)
             axes.annotate(
                 f"filter {line.name}",
                 (line.delay, bottom),
-                xytext=(7, 4),
+                xytext=(0, 9),
                 textcoords="offset points",
+                ha="center",
                 color=_AWARE,
                 fontsize=8,
             )
@@ -80,3 +74,20 @@ def promptness_figure(driven: Sequence[_Driven], filters: Sequence[_Filter]) -> 
         axes.spines[side].set_visible(False)
     axes.legend(frameon=False, fontsize=8)
     return figure
+
+
+def _draw_late(axes: Axes, lines: Sequence[_Driven], colour: str, above: float) -> None:
+    """Mean time over the delay with its band, and the number of failures at each."""
+    t, score = np.array([line.delay for line in lines]), [line.score for line in lines]
+    axes.fill_between(t, [s.low for s in score], [s.high for s in score], color=colour, alpha=0.12, lw=0)
+    axes.plot(t, [s.value for s in score], color=colour, marker="o", label=f"told the true n {lines[0].name}")
+    for line in lines:
+        axes.annotate(
+            f"{line.failures}",
+            (line.delay, line.score.value),
+            xytext=(0.0, above),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8,
+            color=colour,
+        )

@@ -165,12 +165,10 @@ def board_drive(scenario: str, seed: int) -> Recording:
 
 def _board_unit(scenario: str, seed: int) -> dict[str, Any]:
     drive, (mean, sd) = board_drive(scenario, seed), _BOARD_PRIOR
-    belief = {"n_range": _BOARD_RANGE, "n_prior": mean, "sd": sd}
-    runs = {kind: run_on_board(kind, drive, **belief) for kind in KINDS}
-    runs["parameter, told"] = run_on_board("parameter", drive, changing=True, **belief)
+    runs = {kind: run_on_board(kind, drive, n_range=_BOARD_RANGE, n_prior=mean, sd=sd) for kind in KINDS}
     return {
         "truth": drive.n[::_EVERY].tolist(),
-        "runs": {f"{name}, on board": _series(run.n, run.sd, run.valid) for name, run in runs.items()},
+        "runs": {f"{kind}, on board": _series(run.n, run.sd, run.valid) for kind, run in runs.items()},
     }
 
 

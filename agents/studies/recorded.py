@@ -97,13 +97,7 @@ def record(plant: Plant, driver: Driver, duration: float, *, seed: int, speed: f
 
 
 def run_on_board(
-    kind: str,
-    drive: Recording,
-    *,
-    n_range: tuple[float, float],
-    n_prior: float,
-    sd: float,
-    changing: bool = False,
+    kind: str, drive: Recording, *, n_range: tuple[float, float], n_prior: float, sd: float
 ) -> BoardRun:
     """Carry an estimator on a recorded drive; it believes in the nominal vehicle and in level ground.
 
@@ -116,12 +110,9 @@ def run_on_board(
         Bounds of n [-].
     n_prior, sd
         Prior of n [-].
-    changing
-        Whether it is told that n changes.
     """
     belief = make_plant(drive.plant.vehicle, drive.plant.soil, flat())
-    choice = OnBoard(kind=kind, changing=changing)
-    estimator = make_estimator(choice, belief, n_range, ImuConfig(), GnssConfig())
+    estimator = make_estimator(OnBoard(kind=kind), belief, n_range, ImuConfig(), GnssConfig())
     x = drive.states[0]
     pose = Pose(float(x[at.X]), float(x[at.Y]), float(x[at.YAW]), float(x[at.V_X]))
     begin = time.process_time()

@@ -37,6 +37,7 @@ def test_a_delay_counts_from_the_edge_to_an_estimate_near_the_new_soil():
     mean = np.concatenate([np.full(60, 0.4), np.full(240, 0.88), np.full(1, 0.7)])
     # Up in two steps that are one change, answered at 60; 0.05 are no change; never down again.
     assert delays_of(n, mean) == [pytest.approx(10 * 0.02), math.inf]
+    assert delays_of(n[:-30], mean[:-30]) == [pytest.approx(10 * 0.02)]  # no time is left for an answer
     assert delays_of(np.full(10, 0.5), np.full(10, 0.5)) == []
 
 
