@@ -121,4 +121,6 @@ def test_unknown_arms_and_scenarios_are_refused_by_name():
         make_arm("omniscient")
     with pytest.raises(InvalidParameter, match=r"tuned: .*speed"):
         make_arm("oracle", scenario="race")
-    make_arm("oracle", scenario="race", settings=ArmSettings(margin=0.8, slip_angle=0.2, feed_forward=1.0))
+    settings = ArmSettings(margin=0.8, slip_angle=0.2, feed_forward=1.0)
+    with pytest.raises(InvalidParameter, match=r"scenario must be one of .*speed"):
+        make_arm("oracle", scenario="race", settings=settings)

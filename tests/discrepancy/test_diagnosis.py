@@ -36,7 +36,7 @@ from estimators.logs import write_log
 
 SIZES = {  # several times what such logs show, below what anybody would see without a finder
     "steer_delay": 0.04, "steer_lag": 0.04, "steer_offset": 0.015, "payload": 0.06,
-    "rolling_resistance": 0.02, "aero_drag": 6.0, "slip_sinkage": 0.3, "n_step": 0.05,
+    "rolling_resistance": 0.02, "aero_drag": 6.0, "slip_sinkage": 0.3, "n_step": 0.02,
     "gyro_bias_yaw": 0.015, "accel_bias_y": 0.5,
 }
 rng = np.random.default_rng()
