@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from agents.benchmark.summary import Benchmark
 from agents.studies.headroom import Cell
@@ -14,6 +15,7 @@ from agents.studies.headroom import Cell
 __all__ = ["headroom_figure", "value_figure"]
 
 _PAYS, _NIL, _AWARE = "#009E73", "0.55", "#0072B2"
+_SOILS = (_PAYS, _AWARE, "#D55E00", "#CC79A7", "0.3")
 
 
 def headroom_figure(results: Sequence[Benchmark]) -> Figure:
@@ -90,34 +92,39 @@ def value_figure(cells: Sequence[Cell]) -> Figure:
         Hollow markers: the interval holds zero, the episodes do not show that knowing n pays.
     """
     tasks = list(dict.fromkeys(cell.task for cell in cells))
+    soils = list(dict.fromkeys(cell.soil for cell in cells))
     rows = max((len(tasks) + 2) // 3, 1)
     figure = Figure(figsize=(12.0, 3.3 * rows + 0.4), layout="constrained")
     panels = figure.subplots(rows, min(len(tasks), 3) or 1, squeeze=False).ravel()
     for axes, task in zip(panels, tasks, strict=False):
-        _draw_task(axes, [cell for cell in cells if cell.task == task])
+        _draw_task(axes, [cell for cell in cells if cell.task == task], soils)
         axes.set_title(task, loc="left", fontsize=10.5)
     for axes in panels[len(tasks) :]:
         axes.set_axis_off()
+    handles = [Line2D([], [], color=_SOILS[i % len(_SOILS)], label=soil) for i, soil in enumerate(soils)]
+    if handles:
+        figure.legend(handles=handles, loc="outside lower left", ncols=len(soils), frameon=False)
     figure.suptitle(
         "What knowing n is worth [% of the score], over the width of the prior", x=0.01, ha="left"
     )
     return figure
 
 
-def _draw_task(axes: Axes, cells: Sequence[Cell]) -> None:
-    for i, soil in enumerate(dict.fromkeys(cell.soil for cell in cells)):
+def _draw_task(axes: Axes, cells: Sequence[Cell], soils: Sequence[str]) -> None:
+    for i, soil in enumerate(soils):
         own = [cell for cell in cells if cell.soil == soil]
+        if not own:
+            continue
         width = np.array([cell.width for cell in own]) * (1.0 + 0.03 * (i - 1))
-        colour = (_PAYS, _AWARE, "#D55E00", "#CC79A7", "0.3")[i % 5]
+        colour = _SOILS[i % len(_SOILS)]
         values = 100.0 * np.array([[c.room.low, c.room.value, c.room.high] for c in own]).T
         values /= np.array([cell.base for cell in own])
-        axes.plot(width, values[1], color=colour, lw=1.2, label=soil)
+        axes.plot(width, values[1], color=colour, lw=1.2)
         axes.vlines(width, values[0], values[2], color=colour, lw=1.8)
         for x, low, value in zip(width, values[0], values[1], strict=True):
             axes.plot(x, value, "o", color=colour, mfc=colour if low > 0.0 else "white", ms=7)
     axes.axhline(0.0, color="0.4", lw=0.8)
     axes.set_xlabel("width of the prior of n [-]")
     axes.grid(alpha=0.25)
-    axes.legend(frameon=False, fontsize=8)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
