@@ -48,23 +48,27 @@ SETTINGS: dict[tuple[str, str], dict[str, float]] = {
         "margin": 0.8316,
         "slip_angle": 0.3566,
         "feed_forward": 0.735,
+        "integral": 0,
         "z": 0.967,
     },
     ("patches", "conservative"): {
         "margin": 1.0144,
         "slip_angle": 0.3724,
         "feed_forward": 0.6566,
+        "integral": 0,
     },
     ("patches", "nominal"): {
         "margin": 1.0144,
         "slip_angle": 0.3724,
         "feed_forward": 0.6566,
+        "integral": 0,
         "n": 0.0408,
     },
     ("patches", "oracle"): {
         "margin": 0.8316,
         "slip_angle": 0.3566,
         "feed_forward": 0.735,
+        "integral": 0,
     },
     ("ride", "aware"): {
         "ride_speed": 7.0474,
