@@ -207,7 +207,7 @@ def make_arm(
             )
         settings = ArmSettings(**SETTINGS[scenario, name])
     terrain_info, informed, belief = ARMS[name]
-    # What an integral learns of the drive that a bend takes is wrong on another soil: it must be known before.
+    # What an integral learns of a bend's drive is wrong on another soil: here it must be known before.
     changing = find_scenario(scenario).changing
     gains = PlannerGains(
         margin=settings.margin,

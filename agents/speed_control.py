@@ -42,7 +42,9 @@ class SpeedGains:
     k_p: float = 2.5  #: acceleration per speed error [1/s]
     k_i: float = 1.0  #: acceleration per integrated speed error [1/s^2]
     integral_max: float = 3.0  #: largest acceleration of the integral part [m/s^2]
-    whole_power: bool = False  #: whether to ask for the torque too that the drive loses near its largest power
+    whole_power: bool = (
+        False  #: whether to ask for the torque too that the drive loses near its largest power
+    )
     slip_limit: float = 0.4  #: drive slip at which the drive torque begins to be cut [-]
     slip_band: float = 0.2  #: slip over the limit at which no drive torque is left [-]
     low_speed: float = 1.0  #: rim speed below which slip is referred to this speed [m/s]

@@ -146,7 +146,7 @@ class SoilTracker:
         return math.atan((vehicle.l_f + vehicle.l_r) * wanted) + front - rear
 
     def _turn(self, senses: Senses, lateral: float) -> tuple[float, float]:
-        """Curvature [1/m] and lateral acceleration [m/s^2], at most ``lateral``, when a command takes effect."""
+        """(curvature [1/m], lateral acceleration [m/s^2] up to ``lateral``) when a command takes effect."""
         speed = max(senses.speed, 0.0)
         kappa = float(np.interp(self.gains.lag * speed, self._preview, senses.curvature))
         return kappa, min(max(speed * speed * kappa, -lateral), lateral)
