@@ -45,7 +45,7 @@ TASK = "patches"
 DELAYS = (0.0, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2)  # [s]
 ARMS = ("nominal", "conservative", "aware")
 #: Kinds of units: who is told late drives as the arms do here, or with the speed control of other tasks.
-_PLAIN, _INTEGRAL = "late", "late, integral for foresight"
+_PLAIN, _INTEGRAL = "late", "late, integral instead of foresight"
 #: Who is asked on board: name -> whether it is told that the soil changes.
 FILTERS = {"not told": False, "told that n changes": True}
 #: An answer is as near as this to the new n; smaller changes are not looked at [-].
