@@ -168,7 +168,7 @@ class Fit:
     def setup(self, run: RunModel, nuisances: np.ndarray, sizes: np.ndarray) -> Setup:
         """The vehicle, soil, inputs and sensors at a point."""
         setup, errors = run.setup, run.setup.errors
-        soil, period = setup.plant.soil, run.step
+        soil, period = setup.plant.soil, run.period
         for nuisance, value in zip(NUISANCES, nuisances, strict=True):
             if nuisance.hard and soil.rigid < 0.5:
                 continue

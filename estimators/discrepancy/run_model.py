@@ -101,7 +101,10 @@ class RunModel:
         )
         times = log.samples("a_x")[0]
         self.t_0 = float(times[0])
-        self.step = round(float(np.clip(np.median(np.diff(times)), _FINEST, _COARSEST)), 6)
+        sample = float(np.median(np.diff(times)))
+        self.step = round(float(np.clip(sample, _FINEST, _COARSEST)), 6)
+        #: Of the samples [s]: so exactly the log says when an input changed.
+        self.period = max(round(sample, 6), self.step)
         # Of two vehicles alike the smaller one lives faster, by the root of its size.
         vehicle = plant.vehicle
         pace = min(math.sqrt((vehicle.l_f + vehicle.l_r) / _FULL_SIZE), 1.0)
