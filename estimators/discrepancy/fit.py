@@ -36,17 +36,21 @@ class Nuisance:
     hard: bool = False  #: of hard ground alone
 
 
-#: No tyre is stiffer, or softer, than stated by more than this: the logarithm of a factor of four.
-_TYRES = (-1.4, 1.4)
+#: No tyre is stiffer, or softer, than stated by more than this: the logarithm of a factor of two. Tyres on
+#: hard ground, of cars and of trucks, lie within that of each other for one load. Much softer ones turn
+#: the car as late as a slow steering does.
+_TYRES = (-0.7, 0.7)
 #: Beliefs about a healthy vehicle; a bias beyond them is an effect.
 NUISANCES = (
     Nuisance(name="ground", spread=0.5, step=1e-4, sensors_only=False, hard_limits=_TYRES),
     # Tyres are known by one stiffness at best, and never in front as behind, nor along as across. A vehicle
     # whose front tyres hold much more than the rear ones does not go straight at speed.
     Nuisance(name="along", spread=0.5, step=0.005, sensors_only=False, limits=_TYRES, hard=True),
-    Nuisance(name="balance", spread=0.3, step=0.02, sensors_only=False, limits=(-0.8, 0.1), hard=True),
+    Nuisance(name="balance", spread=0.3, step=0.02, sensors_only=False, limits=(-0.33, 0.1), hard=True),
     # Half a sample either way, in standard deviations; inputs that are later than that are an effect.
     Nuisance(name="shift", spread=1.0, step=0.25, sensors_only=False, limits=(-(3.0**0.5), 3.0**0.5)),
+    # Samples by which wheel speeds that move the car are older than the others: they come by another way.
+    Nuisance(name="wheel_age", spread=1.0, step=0.25, sensors_only=True, limits=(-2.0, 2.0), hard=True),
     *(Nuisance(name=f"bias_{i}", spread=0.02, step=0.01, sensors_only=True, channel=i) for i in range(3)),
     *(Nuisance(name=f"bias_{i}", spread=5e-4, step=1e-3, sensors_only=True, channel=i) for i in (3, 4)),
     # Each axle's wheel speeds err by 0.2 %: their mean and half their difference by less.
@@ -168,7 +172,7 @@ class Fit:
     def setup(self, run: RunModel, nuisances: np.ndarray, sizes: np.ndarray) -> Setup:
         """The vehicle, soil, inputs and sensors at a point."""
         setup, errors = run.setup, run.setup.errors
-        soil, period = setup.plant.soil, run.period
+        soil, period = setup.plant.soil, run.step
         for nuisance, value in zip(NUISANCES, nuisances, strict=True):
             if nuisance.hard and soil.rigid < 0.5:
                 continue
@@ -184,6 +188,8 @@ class Fit:
                 # Half a sample of the inputs either way is nobody's fault.
                 shift = 0.5 * period / np.sqrt(3.0) * float(value)
                 setup = replace(setup, inputs=replace(setup.inputs, delay=setup.inputs.delay + shift))
+            elif nuisance.name == "wheel_age":
+                errors = replace(errors, wheel_delay=errors.wheel_delay + run.period * float(value))
             elif nuisance.name == "wheel":
                 errors = replace(errors, wheel_scale=errors.wheel_scale + float(value))
             elif nuisance.name == "wheel_split":

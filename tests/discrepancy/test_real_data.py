@@ -101,6 +101,18 @@ def test_sensors_of_wheels_that_turn_as_measured_move_the_car():
     assert np.allclose(1.1 * run._rim_speeds(wrong), run._rim_speeds(run.setup))
     assert run.moved_by(wrong, run.setup)
     assert not run.moved_by(late, run.setup)
+    old = replace(run.setup, errors=replace(run.setup.errors, wheel_delay=0.02))
+    assert np.allclose(run._rim_speeds(old)[:-1], run._rim_speeds(run.setup)[1:])
+    assert run.moved_by(old, run.setup)
+
+
+def test_a_late_pose_that_sensors_alone_tell_is_known_before_any_fit():
+    run = RunModel(hard_drive(), whole=FIT)
+    assert run.setup.errors.pose_delay == pytest.approx(0.033, abs=0.003)
+    drive = hard_drive()
+    t, yaw = drive.t, np.unwrap(drive.channels["yaw"])
+    in_time = RunModel(hard_drive(yaw=np.interp(t + 0.033, t, yaw)), whole=FIT)
+    assert in_time.setup.errors.pose_delay == 0.0
 
 
 def test_a_step_leaves_what_is_at_its_limit_and_goes_on_with_the_rest():
