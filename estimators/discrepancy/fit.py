@@ -51,6 +51,8 @@ NUISANCES = (
     Nuisance(name="shift", spread=1.0, step=0.25, sensors_only=False, limits=(-(3.0**0.5), 3.0**0.5)),
     # Samples by which wheel speeds that move the car are older than the others: they come by another way.
     Nuisance(name="wheel_age", spread=1.0, step=0.25, sensors_only=True, limits=(-2.0, 2.0), hard=True),
+    # By how much the age of the pose that the sensors told is wrong [s]; nothing, if they told none.
+    Nuisance(name="pose_age", spread=0.003, step=0.002, sensors_only=True, limits=(-0.005, 0.005)),
     *(Nuisance(name=f"bias_{i}", spread=0.02, step=0.01, sensors_only=True, channel=i) for i in range(3)),
     *(Nuisance(name=f"bias_{i}", spread=5e-4, step=1e-3, sensors_only=True, channel=i) for i in (3, 4)),
     # Each axle's wheel speeds err by 0.2 %: their mean and half their difference by less.
@@ -190,6 +192,9 @@ class Fit:
                 setup = replace(setup, inputs=replace(setup.inputs, delay=setup.inputs.delay + shift))
             elif nuisance.name == "wheel_age":
                 errors = replace(errors, wheel_delay=errors.wheel_delay + run.period * float(value))
+            elif nuisance.name == "pose_age":
+                told = errors.pose_delay > 0.0
+                errors = replace(errors, pose_delay=errors.pose_delay + told * float(value))
             elif nuisance.name == "wheel":
                 errors = replace(errors, wheel_scale=errors.wheel_scale + float(value))
             elif nuisance.name == "wheel_split":
