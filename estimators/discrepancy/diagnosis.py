@@ -13,6 +13,7 @@ from estimators.discrepancy.probe import Beside, Rest, beside_forces, probe
 from estimators.discrepancy.run_model import RunModel
 from estimators.discrepancy.search import Cause, Search, search
 from estimators.discrepancy.windows import FIT, REPORT, SELECT
+from estimators.logs.clocks import pose_age
 from estimators.logs.log import Log
 from estimators.logs.quality import Finding, quality
 from offroad_env.effects import EFFECTS
@@ -37,6 +38,8 @@ _OWN, _SAME, _Z = 0.5, 0.25, 1.96
 OVERLAP = 0.2
 #: An error of the solver moves scores by less than this, absolutely or as a share of the largest.
 _SOLVER, _SOLVER_SHARE = 1.0, 0.1
+#: What sensors tell of the age of the pose, with which every fit begins: kind of a finding, and its channel.
+_OLD_POSE = ("clock", "yaw")
 #: A log can test the library if it would see this share of it at the largest plausible size.
 _TESTABLE = 0.5
 
@@ -123,9 +126,10 @@ def diagnose(
     library = tuple(EFFECTS) if library is None else tuple(name for name in EFFECTS if name in library)
     logs = sorted(logs, key=lambda log: log.hash)
     progress("data quality")
-    findings = tuple(finding for log in logs for finding in quality(log).problems)
-    if findings:
-        return Diagnosis(verdict="DATA PROBLEM", findings=findings, logs=tuple(logs))
+    checked = [quality(log) for log in logs]
+    problems = tuple(finding for report in checked for finding in report.problems)
+    if problems:
+        return Diagnosis(verdict="DATA PROBLEM", findings=problems, logs=tuple(logs))
     parts = split_runs(logs)
     progress("nominal model")
     nominal = fit_runs(parts[FIT], white=white)
@@ -143,6 +147,7 @@ def diagnose(
         causes=found.causes,
         rest=rest,
         beside=beside,
+        findings=tuple(f for report in checked for f in report.findings if (f.kind, f.channel) == _OLD_POSE),
         limits=limits,
         not_testable=_not_testable(nominal, limits, found.causes),
         missing=_missing(nominal, library),
@@ -153,6 +158,7 @@ def diagnose(
             "converged": found.extended.converged,
             "threshold": found.threshold,
             "overlap": overlap_of(found.extended),
+            "pose_age": [pose_age(log) for log in logs],
         },
         search=found,
         logs=tuple(logs),

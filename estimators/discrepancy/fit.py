@@ -44,7 +44,8 @@ _TYRES = (-0.7, 0.7)
 NUISANCES = (
     Nuisance(name="ground", spread=0.5, step=1e-4, sensors_only=False, hard_limits=_TYRES),
     # Tyres are known by one stiffness at best, and never in front as behind, nor along as across. A vehicle
-    # whose front tyres hold much more than the rear ones does not go straight at speed.
+    # whose front tyres hold much more than the rear ones does not go straight at speed; one whose front
+    # tyres hold less than two thirds is taken for one that steers more than commanded.
     Nuisance(name="along", spread=0.5, step=0.005, sensors_only=False, limits=_TYRES, hard=True),
     Nuisance(name="balance", spread=0.3, step=0.02, sensors_only=False, limits=(-0.33, 0.1), hard=True),
     # Half a sample either way, in standard deviations; inputs that are later than that are an effect.

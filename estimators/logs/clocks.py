@@ -53,6 +53,8 @@ def clock_findings(log: Log, untrusted: set[str]) -> list[Finding]:
             if response
             else "two clocks, or a filter that delays"
         )
+        if second == "yaw" and found.delay > 0.0:
+            cause += "; a diagnosis takes the pose for so old"
         findings.append(
             Finding(
                 kind="clock",

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.discrepancy.diagnosis import diagnose
+from estimators.discrepancy.verdict import lines_of
 from estimators.logs import Log, log_from_run
 from offroad_env.physics import state as at
 from offroad_env.sensors import ImuConfig, SensorSuite, WheelSpeedConfig
@@ -25,7 +26,7 @@ def late(t: np.ndarray, values: np.ndarray, delay: float) -> np.ndarray:
 
 
 def drive(*, lag: float, seed: int, pose: float = 0.04, wheels: float = 0.015) -> Log:
-    """A log of 40 s: a slow steering, an old pose, old wheel speeds, tyres that are not as stiff as stated."""
+    """A log of 40 s: a slow steering, an old pose, old wheel speeds, tyres softer than stated."""
     quiet = {"drag_area": 0.0, "rolling_resistance": 0.0, "steer_rate": 19.0, "torque_lag": 0.0}
     believed = make_vehicle(VEHICLES["f1tenth"], steer_lag=0.0, **quiet)
     soil = {"kind": "rigid", "mu": 1.0}
@@ -62,4 +63,7 @@ def test_a_slow_steering_is_found_beside_a_late_pose_and_late_wheel_speeds():
 
 
 def test_a_late_pose_and_late_wheel_speeds_are_no_slow_steering():
-    assert diagnose([drive(lag=0.0, seed=1)], library=TIMING).causes == ()
+    found = diagnose([drive(lag=0.0, seed=1)], library=TIMING)
+    assert found.causes == ()
+    assert found.checks["pose_age"] == pytest.approx([0.04], abs=0.006)
+    assert any("the pose for so old" in line for line in lines_of(found))
