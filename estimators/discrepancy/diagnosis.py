@@ -147,7 +147,6 @@ def diagnose(
         causes=found.causes,
         rest=rest,
         beside=beside,
-        findings=tuple(f for report in checked for f in report.findings if (f.kind, f.channel) == _OLD_POSE),
         limits=limits,
         not_testable=_not_testable(nominal, limits, found.causes),
         missing=_missing(nominal, library),
@@ -162,6 +161,7 @@ def diagnose(
         },
         search=found,
         logs=tuple(logs),
+        findings=tuple(f for report in checked for f in report.findings if (f.kind, f.channel) == _OLD_POSE),
     )
     result.verdict = _verdict(result, solver)
     progress("gain")
