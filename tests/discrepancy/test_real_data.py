@@ -117,3 +117,14 @@ def test_a_step_leaves_what_is_at_its_limit_and_goes_on_with_the_rest():
     assert change[ground] == pytest.approx(1.0)
     shares.score[balance] = -1.0
     assert fit._inside(shares)[balance] == pytest.approx(-1.0)
+
+
+def test_causes_that_only_together_make_up_for_a_wrong_law_of_the_wheels_are_not_named():
+    """Wheels on a grid of soil follow no law of the library: three causes mend it, and none is there."""
+    log = read_log(measured_data("chrono_scm") / "sand_0.01_sin02_R0.csv")
+    wrong = ("shear_modulus", "wheel_radius_scale", "bulldozing")
+    diagnosis = diagnose([log], library=[*wrong, "steer_delay", "bank"])
+    assert {cause.best.candidate.effect for cause in diagnosis.causes} == set(wrong)
+    assert diagnosis.beside.overlap > 0.5
+    assert diagnosis.verdict == "UNEXPLAINED"
+    assert "which may also stand behind" in sentence_of(diagnosis)
