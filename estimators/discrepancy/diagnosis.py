@@ -146,7 +146,7 @@ def diagnose(
     progress("search")
     found = search(nominal, library, SCREEN_RATE, parts[SELECT], white=white)
     progress("solver")
-    solver = _solver_error(found, library)
+    solver = found.solver_error()
     progress("what is left")
     rest = probe(found.extended)
     limits = found.first.limits()
@@ -190,19 +190,6 @@ def split_runs(logs: Sequence[Log]) -> dict[int, list[RunModel]]:
 def _with_windows(runs: list[RunModel]) -> list[RunModel]:
     kept = [run for run in runs if len(run.windows) and len(run.y)]
     return kept
-
-
-def _solver_error(found: Search, library: Sequence[str]) -> float:
-    """How far half the step moves a score, at most [standard deviations]."""
-    fit = found.extended
-    fine = fit.branch()
-    fine.runs = tuple(run.refined() for run in fit.runs)
-    before = fit.residual()
-    try:
-        after = fine.residual()
-    except OffroadError:
-        return float("inf")
-    return float(np.abs(found.score_of(after - before)).max(initial=0.0))
 
 
 def _not_testable(fit: Fit, limits: dict[str, float], causes: Sequence[Cause]) -> dict[str, float]:

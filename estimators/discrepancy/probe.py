@@ -11,6 +11,7 @@ inputs, a wrong scale, a turned sensor - stays.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +25,7 @@ from offroad_env.errors import OffroadError
 from offroad_env.physics import state as at
 from offroad_env.physics.numerics import GRAVITY
 
-__all__ = ["EQUATIONS", "Beside", "Rest", "Shape", "beside_forces", "probe"]
+__all__ = ["EQUATIONS", "Beside", "Rest", "Shape", "beside_forces", "probe", "shapes_of"]
 
 #: Equation of motion -> effect that pushes in it.
 EQUATIONS = {"longitudinal": "push_forward", "lateral": "push_left", "yaw": "yaw_moment"}
@@ -43,6 +44,24 @@ class Shape:
     quantity: str
     correlation: float
     slope: float  #: force per unit of the quantity [N or N m per its unit]
+
+
+def shapes_of(
+    quantities: Mapping[str, np.ndarray], force: np.ndarray, weight: np.ndarray
+) -> tuple[Shape, ...]:
+    """Weighted correlation of a force (K,) with what might drive it, strongest first."""
+    shapes = []
+    away = force - np.average(force, weights=weight)
+    own = np.sum(weight * away**2)
+    for name, values in quantities.items():
+        centred = values - np.average(values, weights=weight)
+        theirs = np.sum(weight * centred**2)
+        if own <= 0.0 or theirs <= 1e-12 * np.sum(weight):
+            continue
+        together = np.sum(weight * away * centred)
+        correlation = float(together / np.sqrt(own * theirs))
+        shapes.append(Shape(quantity=name, correlation=correlation, slope=float(together / theirs)))
+    return tuple(sorted(shapes, key=lambda shape: -abs(shape.correlation)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,24 +229,8 @@ def _rest(fit: Fit, equation: str, residual: np.ndarray, states: np.ndarray, col
         chance=chance_of_gain(gain, freedom, healthy),
         force=force,
         deviation=deviation,
-        shapes=_shapes(fit, force, deviation),
+        shapes=shapes_of(_quantities(fit), force, 1.0 / deviation**2),
     )
-
-
-def _shapes(fit: Fit, force: np.ndarray, deviation: np.ndarray) -> tuple[Shape, ...]:
-    """Weighted correlation of the force with what might drive it."""
-    weight = 1.0 / deviation**2
-    shapes = []
-    for name, values in _quantities(fit).items():
-        centred = values - np.average(values, weights=weight)
-        away = force - np.average(force, weights=weight)
-        own, theirs = np.sum(weight * away**2), np.sum(weight * centred**2)
-        if own <= 0.0 or theirs <= 1e-12 * np.sum(weight):
-            continue
-        together = np.sum(weight * away * centred)
-        correlation = float(together / np.sqrt(own * theirs))
-        shapes.append(Shape(quantity=name, correlation=correlation, slope=float(together / theirs)))
-    return tuple(sorted(shapes, key=lambda shape: -abs(shape.correlation)))
 
 
 def _quantities(fit: Fit) -> dict[str, np.ndarray]:
