@@ -77,18 +77,18 @@ class Diagnosis:
     def stands(self) -> tuple[bool, ...]:
         """Of every cause, whether it stands on its own when forces without a name are fitted beside it.
 
-        None does where two may be the halves of one that the library lacks.
+        None does where two that would may be the halves of one that the library lacks.
         """
         if self.beside is None:
             return (True,) * len(self.causes)
-        if self.beside.overlap > OVERLAP:
-            return (False,) * len(self.causes)
         own, sizes = self.beside, self.search.extended.sizes
         strength = np.abs(own.sizes) / own.deviations
         share = strength**2 / (strength**2 + self.left)
         reach = np.maximum(_Z * own.deviations, _SAME * np.abs(sizes))
         stands = (strength > self.search.threshold) & (np.abs(own.sizes - sizes) <= reach)
-        return tuple(bool(one) for one in stands & ((own.kept >= _OWN) | (share >= _MOST)))
+        stands &= (own.kept >= _OWN) | (share >= _MOST)
+        halves = own.alike[np.ix_(stands, stands)].max(initial=0.0) > OVERLAP
+        return tuple(bool(one) and not halves for one in stands)
 
     @property
     def left(self) -> float:
@@ -205,7 +205,7 @@ def _not_testable(fit: Fit, limits: dict[str, float], causes: Sequence[Cause]) -
 
 def overlap_of(fit: Fit) -> float:
     """Largest correlation of the sizes of two effects in the model, from 0 to 1; 0 for fewer."""
-    return fit.shares.overlap(len(fit.sizes))
+    return float(fit.shares.alike(len(fit.sizes)).max(initial=0.0))
 
 
 def _missing(fit: Fit, library: Sequence[str]) -> dict[str, str]:

@@ -96,13 +96,11 @@ class Shares:
     score: np.ndarray  #: (g,)
     cost: float  #: half the squared whitened residual that window states cannot take away
 
-    def overlap(self, count: int) -> float:
-        """Largest correlation between two of the last ``count`` parameters, from 0 to 1; 0 for fewer."""
-        if count < 2:
-            return 0.0
-        spread = np.linalg.inv(self.normal)[-count:, -count:]
+    def alike(self, count: int) -> np.ndarray:
+        """How much each two of the last ``count`` parameters hang together, 0 to 1; 0 with themselves."""
+        spread = np.linalg.inv(self.normal)[len(self.normal) - count :, len(self.normal) - count :]
         deviation = np.sqrt(np.diag(spread))
-        return float(np.abs(spread / np.outer(deviation, deviation) - np.eye(count)).max())
+        return np.abs(spread / np.outer(deviation, deviation) - np.eye(count))
 
 
 class Fit:

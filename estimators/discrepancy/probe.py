@@ -89,7 +89,7 @@ class Beside:
     sizes: np.ndarray  #: (E,)
     deviations: np.ndarray  #: (E,)
     kept: np.ndarray  #: (E,) share of the information about each size that the forces leave
-    overlap: float  #: largest correlation of two sizes
+    alike: np.ndarray  #: (E, E) how much two sizes hang together, 0 to 1; 0 with themselves
 
 
 def _weight_of(run: RunModel, effect: str) -> float:
@@ -193,7 +193,7 @@ def beside_forces(fit: Fit) -> Beside:
         sizes=fit.sizes + fit._inside(beside)[len(NUISANCES) :],
         deviations=np.sqrt(after * wide),
         kept=before / after,
-        overlap=beside.overlap(len(fit.sizes)),
+        alike=beside.alike(len(fit.sizes)),
     )
 
 

@@ -149,14 +149,25 @@ def test_what_forces_without_a_name_may_stand_behind_is_not_named(blown):
     shadow.verdict = "UNEXPLAINED"
     assert "which may also stand behind steer_delay" in sentence_of(shadow)
     assert not any(cause["named"] for cause in to_dict(shadow)["causes"])
-    for other in (
-        replace(own, sizes=0.1 * own.sizes),
-        replace(own, sizes=-own.sizes),
-        # Two that hang together may be the halves of one that the library lacks.
-        replace(own, overlap=0.5),
-    ):
-        shadow.beside = other
+    for sizes in (0.1 * own.sizes, -own.sizes):
+        shadow.beside = replace(own, sizes=sizes)
         assert shadow.named == ()
+
+
+def test_two_that_would_stand_and_hang_together_may_be_the_halves_of_one_that_the_library_lacks(blown):
+    both, own = copy.copy(blown), blown.beside
+    both.causes, both.search = 2 * blown.causes, copy.copy(blown.search)
+    both.search.extended = copy.copy(blown.search.extended)
+    both.search.extended.sizes = np.tile(blown.search.extended.sizes, 2)
+    twice = {"sizes": np.tile(own.sizes, 2), "deviations": np.tile(own.deviations, 2)}
+    alike = np.array([[0.0, 0.5], [0.5, 0.0]])
+    both.beside = replace(own, **twice, kept=np.array([0.9, 0.9]), alike=alike)
+    assert both.stands == (False, False)
+    # What is but the shadow of a force takes no other's name away.
+    both.beside = replace(both.beside, sizes=twice["sizes"] * [1.0, 0.1])
+    assert both.stands == (True, False)
+    both.beside = replace(both.beside, sizes=np.tile(own.sizes, 2), alike=0.1 * alike)
+    assert both.stands == (True, True)
 
 
 def test_a_cause_that_explains_nine_times_what_is_left_is_named_though_forces_could_write_most_of_it(blown):

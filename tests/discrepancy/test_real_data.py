@@ -123,6 +123,6 @@ def test_causes_that_make_up_together_for_a_wrong_law_of_the_wheels_are_not_name
     """Wheels on a grid of soil follow no law of the library: what mends them is not there."""
     diagnosis = diagnose([read_log(measured_data("chrono_scm") / "clay_0.05_sin02_R0.csv")])
     assert len(diagnosis.causes) > 1
-    assert diagnosis.beside.overlap > OVERLAP
+    assert diagnosis.beside.alike.max() > OVERLAP
     assert diagnosis.verdict == "UNEXPLAINED"
     assert "which may also stand behind" in sentence_of(diagnosis)
