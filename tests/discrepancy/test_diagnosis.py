@@ -129,6 +129,7 @@ def test_a_late_steering_is_named_beside_a_force_that_has_no_name(blown):
     numbers = to_dict(blown)["causes"][k]
     assert numbers["named"]
     assert numbers["beside_unknown_forces"]["low"] < 0.1 < numbers["beside_unknown_forces"]["high"]
+    assert "beside unknown forces; and something is left" in sentence_of(blown)
 
 
 def test_forces_without_a_name_take_the_place_of_a_force_and_leave_a_delay(blown):
