@@ -103,6 +103,12 @@ class Shares:
     score: np.ndarray  #: (g,)
     cost: float  #: half the squared whitened residual that window states cannot take away
 
+    def alike(self, count: int) -> np.ndarray:
+        """How much each two of the last ``count`` parameters hang together, 0 to 1; 0 with themselves."""
+        spread = np.linalg.inv(self.normal)[len(self.normal) - count :, len(self.normal) - count :]
+        deviation = np.sqrt(np.diag(spread))
+        return np.abs(spread / np.outer(deviation, deviation) - np.eye(count))
+
 
 class Fit:
     """A point (nuisances, sizes, starts), and how the data hang on it.

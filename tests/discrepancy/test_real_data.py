@@ -9,7 +9,7 @@ import pytest
 
 from agents.commands.data import Log as DataLog
 from agents.commands.diagnose import Diagnose
-from estimators.discrepancy.diagnosis import diagnose
+from estimators.discrepancy.diagnosis import OVERLAP, diagnose
 from estimators.discrepancy.fit import NUISANCES, Fit, Shares
 from estimators.discrepancy.hide import draw_case, hidden_log
 from estimators.discrepancy.run_model import RunModel
@@ -129,3 +129,12 @@ def test_a_step_leaves_what_is_at_its_limit_and_goes_on_with_the_rest():
     assert change[ground] == pytest.approx(1.0)
     shares.score[balance] = -1.0
     assert fit._inside(shares)[balance] == pytest.approx(-1.0)
+
+
+def test_causes_that_make_up_together_for_a_wrong_law_of_the_wheels_are_not_named():
+    """Wheels on a grid of soil follow no law of the library: what mends them is not there."""
+    diagnosis = diagnose([read_log(measured_data("chrono_scm") / "clay_0.05_sin02_R0.csv")])
+    assert len(diagnosis.causes) > 1
+    assert diagnosis.beside.alike.max() > OVERLAP
+    assert diagnosis.verdict == "UNEXPLAINED"
+    assert "which may also stand behind" in sentence_of(diagnosis)
