@@ -108,7 +108,9 @@ def screen(fit: Fit, candidates: Sequence[Candidate]) -> Screen:
     that are known already serve again.
     """
     residual = fit.residual()
-    return screened(fit, candidates, residual, np.column_stack([fit.column(c) for c in candidates]))
+    none = np.empty((len(residual), 0))
+    columns = np.column_stack([none, *(fit.column(c) for c in candidates)])
+    return screened(fit, candidates, residual, columns)
 
 
 def screened(fit: Fit, candidates: Sequence[Candidate], residual: np.ndarray, columns: np.ndarray) -> Screen:

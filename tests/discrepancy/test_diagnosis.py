@@ -196,6 +196,12 @@ def test_what_mimics_a_force_that_no_library_holds_is_not_named():
     assert diagnosis.verdict == "UNEXPLAINED"
 
 
+def test_a_library_of_one_effect_is_enough_for_a_log_that_shows_it(delayed):
+    """Nothing is left to ask for once it is taken."""
+    found = diagnose(delayed[1].logs, library=("steer_delay",))
+    assert [cause.best.candidate.effect for cause in found.causes] == ["steer_delay"]
+
+
 def test_a_fit_survives_an_effect_that_the_run_does_not_show(delayed):
     nominal = delayed[1].search.nominal
     far = Candidate(effect="n_step", place={"place": 1e5, "direction": 0.0})
