@@ -62,6 +62,8 @@ def _doubt_phrase(diagnosis: Diagnosis) -> str:
     """Causes that do not stand on their own, after what is left; or nothing."""
     doubted = [cause for cause in diagnosis.causes if cause not in diagnosis.named]
     names = [" or ".join(rival.candidate.effect for rival in cause.rivals) for cause in doubted]
+    if diagnosis.halves:
+        return f"; {', '.join(names)} may be one cause that the library lacks: their sizes hang together"
     return f", which may also stand behind {', '.join(names)}" if names else ""
 
 
@@ -294,7 +296,7 @@ def lines_of(diagnosis: Diagnosis, evidence: Evidence | None = None) -> list[str
     """The summary for a terminal: with the names of the files that follow it, at most 25 lines."""
     lines = [f"{diagnosis.verdict}: {sentence_of(diagnosis)}"]
     for cause in diagnosis.causes:
-        what = "cause" if cause in diagnosis.named else "no name yet, unknown forces may stand behind it"
+        what = "cause" if cause in diagnosis.named else "no name yet, something unknown may stand behind it"
         lines.append(
             f"{what}, gains {0.5 * cause.delta:.0f} in the log-likelihood, chance {cause.chance:.1g}:"
         )
