@@ -149,7 +149,13 @@ def _beside_dict(diagnosis: Diagnosis, k: int) -> dict[str, float] | None:
         return None
     own = diagnosis.beside
     size, reach = float(own.sizes[k]), _Z * float(own.deviations[k])
-    return {"value": size, "low": size - reach, "high": size + reach, "kept": float(own.kept[k])}
+    return {
+        "value": size,
+        "low": size - reach,
+        "high": size + reach,
+        "kept": float(own.kept[k]),
+        "alike": float(own.alike[k].max()),
+    }
 
 
 def _cause_dict(diagnosis: Diagnosis, k: int) -> dict[str, Any]:
