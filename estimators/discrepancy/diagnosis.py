@@ -81,15 +81,15 @@ class Diagnosis:
         """Of every cause, whether it stands on its own when forces without a name are fitted beside it."""
         if self.beside is None:
             return (True,) * len(self.causes)
-        return tuple(bool(one) and not self.halves for one in self._beyond_forces())
+        return tuple(bool(one) and not any(self.halves) for one in self._beyond_forces())
 
     @property
-    def halves(self) -> bool:
-        """Whether two causes that would stand alone hang together: halves of one that the library lacks."""
+    def halves(self) -> tuple[bool, ...]:
+        """Of every cause, whether it and another that would stand may be halves of one that is not there."""
         if self.beside is None:
-            return False
+            return (False,) * len(self.causes)
         own = self._beyond_forces()
-        return bool(self.beside.alike[np.ix_(own, own)].max(initial=0.0) > OVERLAP)
+        return tuple((own & np.any(own & (self.beside.alike > OVERLAP), axis=1)).tolist())
 
     def _beyond_forces(self) -> np.ndarray:
         """Of every cause, whether it stays what it is beside forces without a name."""

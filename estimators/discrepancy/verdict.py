@@ -60,11 +60,17 @@ def _phrase(rival: Rival) -> str:
 
 def _doubt_phrase(diagnosis: Diagnosis) -> str:
     """Causes that do not stand on their own, after what is left; or nothing."""
-    doubted = [cause for cause in diagnosis.causes if cause not in diagnosis.named]
-    names = [" or ".join(rival.candidate.effect for rival in cause.rivals) for cause in doubted]
-    if diagnosis.halves:
-        return f"; {', '.join(names)} may be one cause that the library lacks: their sizes hang together"
-    return f", which may also stand behind {', '.join(names)}" if names else ""
+    names = [" or ".join(rival.candidate.effect for rival in cause.rivals) for cause in diagnosis.causes]
+    halves = [name for name, half in zip(names, diagnosis.halves, strict=True) if half]
+    others = [
+        name
+        for name, half, stands in zip(names, diagnosis.halves, diagnosis.stands, strict=True)
+        if not half and not stands
+    ]
+    phrase = f", which may also stand behind {', '.join(others)}" if others else ""
+    if halves:
+        phrase += f"; {', '.join(halves)} may be one cause that the library lacks: their sizes hang together"
+    return phrase
 
 
 def _cause_phrase(diagnosis: Diagnosis, cause: Cause) -> str:
