@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
-from agents.guide import HOLD, Guide
+from agents.guide import make_guide, mirrored
 from offroad_env.env import CONTROL_PERIOD
 from offroad_env.errors import InvalidParameter
 from offroad_env.scenarios import Scenario
@@ -31,9 +31,8 @@ class LearningVecEnv(VecEnv):
     envs
         With ``autoreset_mode="SameStep"``: stable-baselines3 expects the first observation of the next
         episode with the end of the last one.
-    guided
-        Whether actions are words to a `Guide`, each of which holds for `HOLD` control periods; else they
-        are those of the environment.
+    guide
+        Name in `agents.guide.GUIDES`: to whom the actions are words, each of which holds for a while.
     objective : {"reward", "score"}
         What is learnt.
     charge
@@ -53,7 +52,7 @@ class LearningVecEnv(VecEnv):
         self,
         envs: OffroadBekkerVectorEnv,
         *,
-        guided: bool = False,
+        guide: str = "pedals",
         objective: str = "reward",
         charge: float = 1.0,
     ) -> None:
@@ -69,7 +68,7 @@ class LearningVecEnv(VecEnv):
         self._scenario: Scenario = first.scenario
         if objective == "score" and self._scenario.measure == "cross_track":
             raise InvalidParameter('objective must be "reward" where a distance from the path is measured')
-        self._guide = Guide(first.briefing) if guided else None
+        self._guide = make_guide(guide, first.briefing)
         self._actions: np.ndarray | None = None
         self._seen: dict[str, np.ndarray] = {}
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
@@ -81,30 +80,24 @@ class LearningVecEnv(VecEnv):
         self._progress = infos["progress"].copy()
         self._reset_seeds()
         self._reset_options()
-        return self._shown(self._seen)
-
-    def _shown(self, observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """What the learner sees of them."""
-        return observations if self._guide is None else self._guide.mirrored(observations)
+        return mirrored(self._seen)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """One step of all episodes: a control period, or the time for which a word holds."""
-        if self._guide is None:
-            return self._one_period(self._actions)
+        """One step of all episodes: the time for which a word holds."""
         rewards = np.zeros(self.num_envs, np.float32)
         over = np.zeros(self.num_envs, np.bool_)
         listed: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for _ in range(HOLD):
+        for _ in range(self._guide.hold):
             _, gained, done, ends = self._one_period(self._guide.actions(self._seen, self._actions))
             rewards += np.where(over, np.float32(0.0), gained)
             for i in np.flatnonzero(done & ~over):
                 listed[i] = ends[i]
             over |= done
-        return self._shown(self._seen), rewards, over, listed
+        return mirrored(self._seen), rewards, over, listed
 
     def _one_period(
         self, actions: np.ndarray
@@ -115,7 +108,7 @@ class LearningVecEnv(VecEnv):
         for i in np.flatnonzero(done):
             listed[i] = {
                 **_row(infos["final_info"], i),
-                "terminal_observation": self._shown(infos["final_obs"][i]),
+                "terminal_observation": mirrored(infos["final_obs"][i]),
                 "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
                 "is_success": bool(infos["final_info"]["success"][i]),
             }

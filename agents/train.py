@@ -27,6 +27,7 @@ import numpy as np
 
 from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
 from agents.commands.output import write_bytes
+from agents.guide import GUIDES
 from agents.policies import (
     CLIP,
     KIND,
@@ -77,7 +78,7 @@ class TrainArgs:
     resume: bool = False  #: go on from the checkpoint in that folder
     checkpoint_steps: int = 8_000  #: steps between two checkpoints; 0 = none
     tensorboard: bool = False  #: also write what TensorBoard shows to out/tensorboard
-    guided: bool = True  #: say offset and trust to a tracker, five times a second; else the pedals, fifty
+    guide: str = "plan"  #: to whom the policy speaks: plan, tracker, or the pedals
     objective: str | None = None  #: reward, or score: what the benchmark measures; default where it is time
     charge: float = 1.0 / 3.0  #: of a failure in the score that is learnt, as a share of the time limit
     frames: int = 1  #: last observations that the policy sees side by side: memory without recurrence
@@ -158,7 +159,7 @@ def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> _Envs:
         kinds = {"scenario": args.scenario, "terrain_info": args.terrain_info, "threads": args.threads}
         envs = make_vec(args.n_envs, autoreset_mode="SameStep", **kinds)
         learnt = {"objective": objective(args), "charge": args.charge}
-        episodes = LearningVecEnv(envs, guided=args.guided, **learnt)
+        episodes = LearningVecEnv(envs, guide=args.guide, **learnt)
         episodes.seed(args.seed)
         monitor = VecMonitor(episodes)
         scaler = VecNormalize(monitor, gamma=args.gamma, clip_obs=CLIP)
@@ -375,7 +376,7 @@ def _watch(
 def _check(model: Any, scaler: Any, args: TrainArgs) -> float:
     """Mean score of the tuning episodes, driven without noise."""
     network = Network.of(model) if args.algorithm == "ppo" else model
-    agent = PolicyAgent(network, _scaling(scaler), frames=args.frames, guided=args.guided)
+    agent = PolicyAgent(network, _scaling(scaler), frames=args.frames, guide=args.guide)
     env = gym.make(ENV_ID, scenario=args.scenario, terrain_info=args.terrain_info)
     draws = draw_episodes(args.scenario, args.check_episodes, 0, training=True)
     scores = [run_episode(env, agent, draw.seed, n=draw.n).score for draw in draws]
@@ -423,9 +424,7 @@ def train(args: TrainArgs, *, progress: Callable[[int, float], None] | None = No
 
 
 def _result(args: TrainArgs, steps: int, wall_time: float, curve: tuple[CurvePoint, ...]) -> TrainResult:
-    from agents.guide import HOLD
-
-    periods = steps * (HOLD if args.guided else 1)
+    periods = steps * GUIDES[args.guide].hold
     return TrainResult(
         policy=args.out,
         configuration=configuration_hash(args),

@@ -8,7 +8,7 @@ import pytest
 
 from agents.arms import believe_fixed
 from agents.benchmark.runner import ENV_ID, run_episode
-from agents.guide import Guide, Silent
+from agents.guide import Planner, Silent, mirrored
 from agents.speed_planner import PlannerGains, SoilTracker
 from offroad_env.env import OffroadBekkerEnv
 
@@ -20,7 +20,7 @@ class Saying:
         self._word = np.array([[steer, belief]])
 
     def reset(self, briefing):
-        self._guide = Guide(briefing)
+        self._guide = Planner(briefing)
 
     def act(self, observation):
         rows = {key: value[None] for key, value in observation.items()}
@@ -42,7 +42,7 @@ def seen():
 
 
 def test_who_believes_in_more_grip_brakes_less_before_a_bend(seen):
-    guide = Guide(OffroadBekkerEnv(scenario="speed").briefing)
+    guide = Planner(OffroadBekkerEnv(scenario="speed").briefing)
     seen["motion"][0, 0] = 6.5
     drives = [guide.actions(seen, np.array([[0.0, word]]))[0, 1] for word in (0.0, 0.2, 0.4, 0.7)]
     assert drives == sorted(drives)
@@ -50,7 +50,7 @@ def test_who_believes_in_more_grip_brakes_less_before_a_bend(seen):
 
 
 def test_a_word_corrects_what_is_told_and_the_worst_soil_where_nothing_is(seen):
-    guide = Guide(OffroadBekkerEnv(scenario="speed").briefing)
+    guide = Planner(OffroadBekkerEnv(scenario="speed").briefing)
     words = np.array([0.0, 0.1, -0.1, 1.0])
     rows = {"terrain": np.tile([0.7, 0.05, 1.0], (4, 1))}
     assert guide.believed(rows, words) == pytest.approx([0.7, 0.78, 0.62, 1.1])
@@ -65,34 +65,34 @@ def test_it_drives_as_the_tracker_of_the_arms_where_their_knobs_are_the_same(see
     tracker = SoilTracker(believe_fixed(0.25), gains)
     tracker.reset(briefing)
     row = {key: value[0] for key, value in seen.items()}
-    steer, _ = Guide(briefing).actions(seen, np.array([[0.0, 0.25]]))[0]
+    steer, _ = Planner(briefing).actions(seen, np.array([[0.0, 0.25]]))[0]
     assert steer == pytest.approx(tracker.act(row)[0], abs=1e-6)
 
 
 def test_the_offset_steers_to_its_side(seen):
-    guide = Guide(OffroadBekkerEnv(scenario="speed").briefing)
+    guide = Planner(OffroadBekkerEnv(scenario="speed").briefing)
     left, none, right = (guide.actions(seen, np.array([[w, 0.0]]))[0, 0] for w in (1.0, 0.0, -1.0))
     assert left > none > right
     assert left - none == pytest.approx(none - right)
 
 
 def test_in_a_mirror_the_policy_sees_the_same_and_the_vehicle_steers_to_the_other_side(seen):
-    guide = Guide(OffroadBekkerEnv(scenario="speed").briefing)
+    guide = Planner(OffroadBekkerEnv(scenario="speed").briefing)
     seen["path"][0, :2], seen["motion"][0, 3], seen["imu"] = (0.3, -0.05), 0.1, np.ones((1, 5))
     other = {key: value.copy() for key, value in seen.items()}
     other["path"][0, :2] *= -1.0
     other["path"][0, 3:-1] *= -1.0
     other["motion"][0, 3] *= -1.0
     other["imu"][0, [1, 4]] *= -1.0
-    for key, value in guide.mirrored(seen).items():
-        assert np.array_equal(value, guide.mirrored(other)[key])
+    for key, value in mirrored(seen).items():
+        assert np.array_equal(value, mirrored(other)[key])
     word = np.array([[0.4, 0.2]])
     steer, drive_ = guide.actions(seen, word)[0]
     assert guide.actions(other, word)[0] == pytest.approx((-steer, drive_))
 
 
 def test_many_rows_are_guided_as_each_alone(seen):
-    guide = Guide(OffroadBekkerEnv(scenario="speed").briefing)
+    guide = Planner(OffroadBekkerEnv(scenario="speed").briefing)
     words = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 2))
     rows = {key: np.repeat(value, 5, axis=0) for key, value in seen.items()}
     together = guide.actions(rows, words)
