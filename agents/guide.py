@@ -1,13 +1,19 @@
-"""A belief instead of pedals: what a learned policy steers by when a tracker drives for it.
+"""Guides: what stands between a learned policy's words and the vehicle, from most help to none.
 
-Fifty times a second is too often for a learner: what an action was good for shows a second later. A
-guided policy speaks five times a second and says two things: an offset to the tracker's steering, and
-which n to believe in, as a correction of what it is told. Between two words the tracker and the plan of
-`agents.speed_planner` drive by that n. The tracker's skill is given, and so is what a soil of known n
-holds; which soil it is, and how far to trust that, is left to be learnt.
+Fifty times a second is too often for a learner: what an action was good for shows a second later. A word
+of a policy holds for a while, and what it means depends on the guide.
 
-The correction is added to the estimate where the policy sees one, and to the prior's end of least grip
-where it does not: who says nothing drives as the aware arm without caution, or as the conservative arm.
+``plan``: five times a second an offset to the tracker's steering, and which n to believe in, as a
+correction of what is told. Between two words the tracker and the plan of `agents.speed_planner` drive by
+that n. The tracker's skill is given, and so is what a soil of known n holds; which soil it is, and how far
+to trust that, is left to be learnt. The correction is added to the estimate where the policy sees one, and
+to the prior's end of least grip where it does not: who says nothing drives as the aware arm without
+caution, or as the conservative arm.
+
+``tracker``: five times a second an offset to the steering, and a speed. The path's geometry steers, and
+nothing is known of the soil: what a bend holds is left to be learnt. Who says nothing drives at 7.5 m/s.
+
+``pedals``: ten times a second steering and drive. Who says nothing rolls straight on to a stand.
 """
 
 from __future__ import annotations
@@ -166,7 +172,7 @@ def _said(observations: Mapping[str, np.ndarray], words: np.ndarray) -> np.ndarr
 class Guide(Protocol):
     """What stands between a policy's words and the vehicle."""
 
-    hold: int  #: control periods for which a word holds
+    hold: int  #: control periods for which a word holds; one lasts 0.02 s
 
     def __init__(self, briefing: Any) -> None: ...
 
@@ -178,12 +184,12 @@ class Guide(Protocol):
 
 
 class Pedals:
-    """No guide: the words are steering and drive."""
+    """No help: the words are steering and drive."""
 
     hold = 5
 
     def __init__(self, briefing: Any) -> None:
-        pass
+        """Nothing that the briefing says is needed."""
 
     def actions(self, observations: Mapping[str, np.ndarray], words: np.ndarray) -> np.ndarray:
         """The words, the first one to the side of the bend."""

@@ -19,8 +19,6 @@ __all__ = ["OBJECTIVES", "LearningVecEnv"]
 
 #: What is learnt: the environment's reward, or minus what the benchmark measures (`_objective`).
 OBJECTIVES = ("reward", "score")
-#: Time that a metre of progress counts for in "score" [s/m]: 7 m/s.
-_PACE = 0.15
 
 
 class LearningVecEnv(VecEnv):
@@ -38,6 +36,8 @@ class LearningVecEnv(VecEnv):
     charge
         What a failure costs there, as a share of the task's time limit. With the whole of it, as the
         benchmark has it, failures by a learner's noise drown what is to be learnt of speed.
+    pace
+        Time that a metre of progress counts for where time is measured [s/m]: 0.15 is 7 m/s.
 
     Notes
     -----
@@ -55,6 +55,7 @@ class LearningVecEnv(VecEnv):
         guide: str = "pedals",
         objective: str = "reward",
         charge: float = 1.0,
+        pace: float = 0.15,
     ) -> None:
         if envs.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise InvalidParameter('stable-baselines3 needs make_vec(..., autoreset_mode="SameStep")')
@@ -63,7 +64,8 @@ class LearningVecEnv(VecEnv):
         self.envs = envs
         self.render_mode = envs.render_mode
         self.objective = objective
-        self._charge = charge
+        self.charge = charge  #: may be changed between two steps
+        self._pace = pace
         first = envs.envs[0]
         self._scenario: Scenario = first.scenario
         if objective == "score" and self._scenario.measure == "cross_track":
@@ -120,7 +122,7 @@ class LearningVecEnv(VecEnv):
         """Minus the score that a period adds, shaped by progress.
 
         In tasks that measure time, a period costs its time, and a failure a share of the time limit; a metre
-        of progress counts for `_PACE` seconds, a potential (A. Y. Ng, D. Harada, S. Russell, ICML 1999):
+        of progress counts for ``pace`` seconds, a potential (A. Y. Ng, D. Harada, S. Russell, ICML 1999):
         without a discount the sum of an episode that arrives is minus its score but for a constant of the
         course. Where the way is measured, it is the way.
         """
@@ -128,13 +130,13 @@ class LearningVecEnv(VecEnv):
         advance = last - self._progress
         self._progress = progress.copy()
         timed = self._scenario.measure == "time"
-        gained = _PACE * advance - CONTROL_PERIOD if timed else advance
+        gained = self._pace * advance - CONTROL_PERIOD if timed else advance
         for i in np.flatnonzero(done):
             end = ends[i]
             regular = end["success"] or (self._scenario.stalling and end["failure"] in ("", "immobilised"))
             if regular:
                 continue
-            gained[i] -= self._charge * self._scenario.time_limit if timed else end["progress"]
+            gained[i] -= self.charge * self._scenario.time_limit if timed else end["progress"]
         return gained
 
     def close(self) -> None:

@@ -78,9 +78,13 @@ class TrainArgs:
     resume: bool = False  #: go on from the checkpoint in that folder
     checkpoint_steps: int = 8_000  #: steps between two checkpoints; 0 = none
     tensorboard: bool = False  #: also write what TensorBoard shows to out/tensorboard
-    guide: str = "plan"  #: to whom the policy speaks: plan, tracker, or the pedals
+    guide: str = "plan"  #: help that it has: plan (it says what n to believe), tracker (what speed) or pedals
     objective: str | None = None  #: reward, or score: what the benchmark measures; default where it is time
     charge: float = 1.0 / 3.0  #: of a failure in the score that is learnt, as a share of the time limit
+    first_charge: float | None = (
+        None  #: the same at the start; grows evenly to the other, which is its default
+    )
+    pace: float = 0.15  #: time that a metre of progress counts for in the score that is learnt [s/m]
     frames: int = 1  #: last observations that the policy sees side by side: memory without recurrence
     n_envs: int = 32  #: environments stepped together
     threads: int | None = None  #: threads that step them, default one per usable processor
@@ -88,7 +92,7 @@ class TrainArgs:
     batch_size: int = 256  #: samples of one gradient step
     n_epochs: int = 8  #: passes over the samples of an update (not SAC)
     learning_rate: float = 1.5e-3  #: of Adam at the start; falls to 0 with the last step
-    gamma: float = 0.96  #: discount per step; 1/(1 - gamma) guided steps are 5 s
+    gamma: float = 0.96  #: discount per step; 1/(1 - gamma) steps of 0.2 s are 5 s
     gae_lambda: float = 0.9  #: bias against variance of the advantage (not SAC)
     log_std: float = -3.2  #: first log standard deviation of the noise (not SAC)
     noise_steps: int = 25  #: above 1, noise follows the state and is drawn anew after so many (not SAC)
@@ -149,6 +153,12 @@ def _decisive(args: TrainArgs) -> dict[str, Any]:
     return {name: getattr(args, name) for name in names}
 
 
+def _charge(args: TrainArgs, steps: int) -> float:
+    """What a failure costs after so many steps, as a share of the time limit."""
+    first = args.charge if args.first_charge is None else args.first_charge
+    return first + (args.charge - first) * min(steps / args.total_steps, 1.0)
+
+
 def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> _Envs:
     """Fresh environments, or those of a checkpoint."""
     from stable_baselines3.common.vec_env import VecFrameStack, VecMonitor, VecNormalize
@@ -158,7 +168,7 @@ def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> _Envs:
     if held is None:
         kinds = {"scenario": args.scenario, "terrain_info": args.terrain_info, "threads": args.threads}
         envs = make_vec(args.n_envs, autoreset_mode="SameStep", **kinds)
-        learnt = {"objective": objective(args), "charge": args.charge}
+        learnt = {"objective": objective(args), "charge": _charge(args, 0), "pace": args.pace}
         episodes = LearningVecEnv(envs, guide=args.guide, **learnt)
         episodes.seed(args.seed)
         monitor = VecMonitor(episodes)
@@ -335,6 +345,7 @@ def _watch(
             if self._held is not None:
                 _restore_chance(self.model, self._held)
                 self._held = None
+            envs.episodes.charge = _charge(args, self.num_timesteps)
             # Here and not at the end of one: the network has learnt from all that was driven.
             if args.check_episodes > 0 and (self.num_timesteps == 0 or self._due("check", args.check_steps)):
                 self.check()

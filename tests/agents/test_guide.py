@@ -1,6 +1,8 @@
-"""A guided policy says what n to believe in; the tracker does the rest."""
+"""What a policy says, and what its guide makes of it."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -8,9 +10,12 @@ import pytest
 
 from agents.arms import believe_fixed
 from agents.benchmark.runner import ENV_ID, run_episode
-from agents.guide import Planner, Silent, mirrored
+from agents.guide import Pedals, Planner, Silent, Tracker, make_guide, mirrored
+from agents.pure_pursuit import PurePursuitAgent
 from agents.speed_planner import PlannerGains, SoilTracker
 from offroad_env.env import OffroadBekkerEnv
+from offroad_env.errors import InvalidParameter
+from offroad_env.soils import SOILS
 
 
 class Saying:
@@ -119,3 +124,43 @@ def test_before_a_line_more_grip_means_later_braking():
     assert careful.success
     assert bold.success
     assert bold.score < careful.score
+
+
+def test_a_tracker_drives_as_it_is_told_and_the_soil_told_of_changes_nothing(seen):
+    tracker = Tracker(OffroadBekkerEnv(scenario="speed").briefing)
+    words = np.array([[0.3, 0.0]])
+    plain = tracker.actions(seen, words)
+    for n in (0.3, 1.1):
+        assert np.array_equal(tracker.actions(seen | {"terrain": np.array([[n, 0.02, 1.0]])}, words), plain)
+    drives = [tracker.actions(seen, np.array([[0.0, word]]))[0, 1] for word in (-1.0, -0.5, -0.3, 0.0)]
+    assert drives == sorted(drives)
+    assert drives[1] < 0.0 < drives[2]  # 3.75 and 5.25 m/s, at 5 m/s
+
+
+def test_a_tracker_drives_alike_whatever_soil_its_briefing_names(seen):
+    briefing = OffroadBekkerEnv(scenario="speed").briefing
+    other = replace(briefing, soil=SOILS["clay"], n_range=(0.5, 0.6))
+    word = np.array([[0.2, -0.1]])
+    assert np.array_equal(Tracker(briefing).actions(seen, word), Tracker(other).actions(seen, word))
+    assert not np.array_equal(Planner(briefing).actions(seen, word), Planner(other).actions(seen, word))
+
+
+def test_pedals_are_the_words_themselves_but_for_the_mirror(seen):
+    pedals = Pedals(OffroadBekkerEnv(scenario="speed").briefing)
+    assert pedals.actions(seen, np.array([[0.2, 0.5]]))[0] == pytest.approx((0.2, 0.5))
+    seen["path"][0, 3:-1] *= -1.0
+    assert pedals.actions(seen, np.array([[0.2, 0.5]]))[0] == pytest.approx((-0.2, 0.5))
+
+
+def test_without_a_plan_who_says_nothing_drives_worse_than_pure_pursuit():
+    simple = drive(PurePursuitAgent(), n=0.35)
+    assert simple.success
+    assert drive(Silent("tracker"), n=0.35).failure == "left_corridor"  # 7.5 m/s into every bend
+    stands = drive(Silent("pedals"), n=0.35)
+    assert not stands.success
+    assert stands.score == 120.0
+
+
+def test_an_unknown_guide_is_refused():
+    with pytest.raises(InvalidParameter, match="guide must be one of plan, tracker, pedals, got 'autopilot'"):
+        make_guide("autopilot", OffroadBekkerEnv(scenario="speed").briefing)
