@@ -50,6 +50,7 @@ __all__ = [
     "TrainArgs",
     "TrainResult",
     "configuration_hash",
+    "failure_charge",
     "objective",
     "train",
 ]
@@ -81,9 +82,7 @@ class TrainArgs:
     guide: str = "plan"  #: help that it has: plan (it says what n to believe), tracker (what speed) or pedals
     objective: str | None = None  #: reward, or score: what the benchmark measures; default where it is time
     charge: float = 1.0 / 3.0  #: of a failure in the score that is learnt, as a share of the time limit
-    first_charge: float | None = (
-        None  #: the same at the start; grows evenly to the other, which is its default
-    )
+    first_charge: float | None = None  #: at the start, if less: grows by equal factors to the other
     pace: float = 0.15  #: time that a metre of progress counts for in the score that is learnt [s/m]
     frames: int = 1  #: last observations that the policy sees side by side: memory without recurrence
     n_envs: int = 32  #: environments stepped together
@@ -153,10 +152,11 @@ def _decisive(args: TrainArgs) -> dict[str, Any]:
     return {name: getattr(args, name) for name in names}
 
 
-def _charge(args: TrainArgs, steps: int) -> float:
+def failure_charge(args: TrainArgs, steps: int) -> float:
     """What a failure costs after so many steps, as a share of the time limit."""
-    first = args.charge if args.first_charge is None else args.first_charge
-    return first + (args.charge - first) * min(steps / args.total_steps, 1.0)
+    if args.first_charge is None:
+        return args.charge
+    return float(args.first_charge * (args.charge / args.first_charge) ** min(steps / args.total_steps, 1.0))
 
 
 def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> _Envs:
@@ -168,7 +168,7 @@ def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> _Envs:
     if held is None:
         kinds = {"scenario": args.scenario, "terrain_info": args.terrain_info, "threads": args.threads}
         envs = make_vec(args.n_envs, autoreset_mode="SameStep", **kinds)
-        learnt = {"objective": objective(args), "charge": _charge(args, 0), "pace": args.pace}
+        learnt = {"objective": objective(args), "charge": failure_charge(args, 0), "pace": args.pace}
         episodes = LearningVecEnv(envs, guide=args.guide, **learnt)
         episodes.seed(args.seed)
         monitor = VecMonitor(episodes)
@@ -345,7 +345,7 @@ def _watch(
             if self._held is not None:
                 _restore_chance(self.model, self._held)
                 self._held = None
-            envs.episodes.charge = _charge(args, self.num_timesteps)
+            envs.episodes.charge = failure_charge(args, self.num_timesteps)
             # Here and not at the end of one: the network has learnt from all that was driven.
             if args.check_episodes > 0 and (self.num_timesteps == 0 or self._due("check", args.check_steps)):
                 self.check()
