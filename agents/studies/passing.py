@@ -132,7 +132,7 @@ class Passing(Results):
 
     arms: tuple[str, ...] = tuple(ARMS)  #: tracker_aware, tracker_oblivious, pedals_aware
     seeds: int = 5  #: trainings of each
-    episodes: int = 100  #: test episodes of each policy
+    episodes: int = 50  #: test episodes of each policy
     test_seed: int = 6  #: of these episodes
     ship: Path | None = None  #: also copy weights and settings of the policies into this folder
 
