@@ -38,7 +38,14 @@ __all__ = [
 
 ALGORITHMS = ("ppo", "recurrent_ppo", "sac")
 #: Arm of a learned policy -> what it is told of the soil.
-LEARNED = {"ppo_aware": "estimate", "ppo_oblivious": "none", "ppo_memory": "none"}
+LEARNED = {
+    "ppo_aware": "estimate",
+    "ppo_oblivious": "none",
+    "ppo_memory": "none",
+    "ppo_tracker_aware": "estimate",
+    "ppo_tracker_oblivious": "none",
+    "ppo_pedals_aware": "estimate",
+}
 #: Files of a policy's folder.
 WEIGHTS, ZIP, SCALING, KIND = "weights.npz", "policy.zip", "scaling.npz", "policy.json"
 #: Scaled observations are clipped to this size [standard deviations].

@@ -186,7 +186,7 @@ def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> _Envs:
     return _Envs(episodes, monitor, scaler, seen)
 
 
-def _checkpoint(model: Any, envs: _Envs, watch: Any, args: TrainArgs) -> dict[str, Any]:
+def _checkpoint(model: Any, envs: _Envs, watch: _Watch, args: TrainArgs) -> dict[str, Any]:
     """Everything that the run needs to go on as if it had not been interrupted."""
     import torch
 
@@ -302,86 +302,109 @@ def _save(model: Any, scaler: Any, args: TrainArgs) -> None:
     np.savez(folder / SCALING, **table)
 
 
-def _watch(
-    args: TrainArgs,
-    envs: _Envs,
-    held: dict[str, Any] | None,
-    progress: Callable[[int, float], None] | None,
-) -> Any:
-    """Callback: learning curve, drives between, checkpoints, and the end when the time is over."""
+class _Watch:
+    """Learning curve, drives between, checkpoints, and the end when the time is over."""
+
+    def __init__(
+        self,
+        args: TrainArgs,
+        envs: _Envs,
+        held: dict[str, Any] | None,
+        progress: Callable[[int, float], None] | None,
+    ) -> None:
+        self._args, self._envs, self._held, self._progress = args, envs, held, progress
+        self.curve: list[CurvePoint] = []
+        self.best = np.inf
+        self.last = {"checkpoint": 0, "check": 0}
+        self.before = 0.0
+        self._start = time.perf_counter()
+        if held is not None:
+            vars(self).update(held["watch"])
+
+    def state(self) -> dict[str, Any]:
+        """What a checkpoint keeps of it."""
+        found = {"curve": self.curve, "best": self.best, "last": self.last}
+        return {**found, "before": self.wall_time()}
+
+    def wall_time(self) -> float:
+        """Time of learning and of the drives between [s]."""
+        return self.before + time.perf_counter() - self._start
+
+    def start(self) -> None:
+        """Learning begins: what came before is set-up."""
+        self._start = time.perf_counter()
+
+    def in_time(self) -> bool:
+        """Whether there is time left."""
+        return self._args.time_budget is None or self.wall_time() < self._args.time_budget
+
+    def before_batch(self, model: Any) -> None:
+        """Before a batch of experience: the network has learnt from all that was driven."""
+        args, steps = self._args, model.num_timesteps
+        if self._held is not None:
+            _restore_chance(model, self._held)
+            self._held = None
+        self._envs.episodes.charge = failure_charge(args, steps)
+        if args.check_episodes > 0 and (steps == 0 or self._due("check", steps, args.check_steps)):
+            self.check(model)
+        if self._due("checkpoint", steps, args.checkpoint_steps):
+            content = pickle.dumps(_checkpoint(model, self._envs, self, args))
+            write_bytes(args.out / _CHECKPOINT, content)
+
+    def after_batch(self, model: Any) -> None:
+        """After a batch of experience: a point of the learning curve."""
+        if self.curve and model.num_timesteps - self.curve[-1].steps < _CURVE_STEPS:
+            return  # SAC learns after every step
+        self._add(model, None)
+        if self._progress is not None:
+            self._progress(model.num_timesteps, self.wall_time())
+
+    def check(self, model: Any) -> None:
+        """Drive the tuning episodes; keep the policy if it is the best so far."""
+        score = _check(model, self._envs.scaler, self._args)
+        model.logger.record("check/score", score)
+        self._add(model, score)
+        if score < self.best:
+            self.best = score
+            _save(model, self._envs.scaler, self._args)
+
+    def _due(self, name: str, steps: int, every: int) -> bool:
+        due = every > 0 and steps - self.last[name] >= every
+        if due:
+            self.last[name] = steps
+        return due
+
+    def _add(self, model: Any, score: float | None) -> None:
+        episodes = model.ep_info_buffer or ()
+        self.curve.append(
+            CurvePoint(
+                steps=model.num_timesteps,
+                wall_time=self.wall_time(),
+                reward=float(np.mean([e["r"] for e in episodes])) if episodes else None,
+                length=float(np.mean([e["l"] for e in episodes])) if episodes else None,
+                score=score,
+            )
+        )
+
+
+def _callback(watch: _Watch) -> Any:
+    """The watch as stable-baselines3 calls it."""
     from stable_baselines3.common.callbacks import BaseCallback
 
-    class Watch(BaseCallback):
-        def __init__(self) -> None:
-            super().__init__()
-            self.curve: list[CurvePoint] = []
-            self.best = np.inf
-            self.last = {"checkpoint": 0, "check": 0}
-            self.before = 0.0
-            self._start = time.perf_counter()
-            self._held = held
-
-        def state(self) -> dict[str, Any]:
-            """What a checkpoint keeps of it."""
-            found = {"curve": self.curve, "best": self.best, "last": self.last}
-            return {**found, "before": self.wall_time()}
-
-        def wall_time(self) -> float:
-            return self.before + time.perf_counter() - self._start
-
-        def _due(self, name: str, every: int) -> bool:
-            due = every > 0 and self.num_timesteps - self.last[name] >= every
-            if due:
-                self.last[name] = self.num_timesteps
-            return due
-
+    class Callback(BaseCallback):
         def _on_training_start(self) -> None:
-            self._start = time.perf_counter()
-
-        def _on_step(self) -> bool:
-            return args.time_budget is None or self.wall_time() < args.time_budget
+            watch.start()
 
         def _on_rollout_start(self) -> None:
-            if self._held is not None:
-                _restore_chance(self.model, self._held)
-                self._held = None
-            envs.episodes.charge = failure_charge(args, self.num_timesteps)
-            # Here and not at the end of one: the network has learnt from all that was driven.
-            if args.check_episodes > 0 and (self.num_timesteps == 0 or self._due("check", args.check_steps)):
-                self.check()
-            if self._due("checkpoint", args.checkpoint_steps):
-                content = pickle.dumps(_checkpoint(self.model, envs, self, args))
-                write_bytes(args.out / _CHECKPOINT, content)
+            watch.before_batch(self.model)
 
-        def check(self) -> None:
-            """Drive the tuning episodes; keep the policy if it is the best so far."""
-            score = _check(self.model, envs.scaler, args)
-            self.logger.record("check/score", score)
-            self._add(score)
-            if score < self.best:
-                self.best = score
-                _save(self.model, envs.scaler, args)
+        def _on_step(self) -> bool:
+            return watch.in_time()
 
         def _on_rollout_end(self) -> None:
-            if self.curve and self.num_timesteps - self.curve[-1].steps < _CURVE_STEPS:
-                return  # SAC learns after every step
-            self._add(None)
-            if progress is not None:
-                progress(self.num_timesteps, self.wall_time())
+            watch.after_batch(self.model)
 
-        def _add(self, score: float | None) -> None:
-            episodes = self.model.ep_info_buffer or ()
-            self.curve.append(
-                CurvePoint(
-                    steps=self.num_timesteps,
-                    wall_time=self.wall_time(),
-                    reward=float(np.mean([e["r"] for e in episodes])) if episodes else None,
-                    length=float(np.mean([e["l"] for e in episodes])) if episodes else None,
-                    score=score,
-                )
-            )
-
-    return Watch()
+    return Callback()
 
 
 def _check(model: Any, scaler: Any, args: TrainArgs) -> float:
@@ -419,12 +442,11 @@ def train(args: TrainArgs, *, progress: Callable[[int, float], None] | None = No
     held = _read_checkpoint(args)
     envs = _make_envs(args, held)
     model = _make_model(args, envs, held)
-    watch = _watch(args, envs, held, progress)
-    if held is not None:
-        vars(watch).update(held["watch"])
-    model.learn(args.total_steps - model.num_timesteps, callback=watch, reset_num_timesteps=held is None)
+    watch = _Watch(args, envs, held, progress)
+    left = args.total_steps - model.num_timesteps
+    model.learn(left, callback=_callback(watch), reset_num_timesteps=held is None)
     if args.check_episodes > 0:
-        watch.check()
+        watch.check(model)
     else:
         _save(model, envs.scaler, args)
     wall_time = watch.wall_time()

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = ["passing_figure"]
 
-_COLOURS = {"tracker_aware": "#0072B2", "tracker_oblivious": "#D55E00", "pedals_aware": "#009E73"}
+_COLOURS = {"ppo_tracker_aware": "#0072B2", "ppo_tracker_oblivious": "#D55E00", "ppo_pedals_aware": "#009E73"}
 
 
 def passing_figure(curves: Sequence[Curve], rival: float, limit: float) -> Figure:
@@ -34,11 +34,11 @@ def passing_figure(curves: Sequence[Curve], rival: float, limit: float) -> Figur
         Thin: score of the tuning episodes, driven without noise, one line a training seed; a ring where it
         falls below pure pursuit for good. The shaded time is beyond the limit.
     """
-    guides = list(dict.fromkeys(curve.arm.partition("_")[0] for curve in curves))
+    guides = list(dict.fromkeys(curve.guide for curve in curves))
     figure = Figure(figsize=(10.0, 3.9), layout="constrained")
     panels = figure.subplots(1, len(guides), squeeze=False, sharey=True)[0]
     for axes, guide in zip(panels, guides, strict=True):
-        here = [curve for curve in curves if curve.arm.startswith(guide)]
+        here = [curve for curve in curves if curve.guide == guide]
         for curve in here:
             _draw(axes, curve)
         axes.axhline(rival, color="0.2", lw=1.2, ls="--", label="pure pursuit")

@@ -40,7 +40,7 @@ SOURCES = ("agents.train", "agents.learning_env", "agents.benchmark.runner", "of
 #: tells of the soil.
 _PLAIN, _FELT = "pure_pursuit", "felt"
 _SILENT = {"guide_aware": "estimate", "guide_oblivious": "none"}
-#: What each arm is trained with: the best of the same three recipes on tuning episodes (`docs/benchmark.md`).
+#: Arms, and what each is trained with: the best of the same three recipes on tuning episodes (`docs/benchmark.md`).
 _RECIPES: dict[str, dict[str, float]] = {
     "ppo_aware": {"log_std": -4.0, "charge": 1.0},
     "ppo_oblivious": {"log_std": -3.2, "charge": 1.0 / 3.0},
@@ -123,7 +123,7 @@ class Learning(Results):
     """
 
     tasks: tuple[str, ...] = ("speed", "brake")  #: what is learnt
-    arms: tuple[str, ...] = tuple(LEARNED)  #: ppo_aware, ppo_oblivious, ppo_memory
+    arms: tuple[str, ...] = tuple(_RECIPES)  #: ppo_aware, ppo_oblivious, ppo_memory
     seeds: int = 5  #: trainings of each
     steps: int = 16_000  #: of the policy in each training; one lasts 10 control periods
     episodes: int = 20  #: test episodes of each policy
@@ -171,9 +171,9 @@ class Learning(Results):
     def _check(self) -> None:
         for task in self.tasks:
             find_scenario(task)
-        unknown = set(self.arms) - set(LEARNED)
+        unknown = set(self.arms) - set(_RECIPES)
         if unknown:
-            raise InvalidParameter(f"arms must be of {', '.join(LEARNED)}, got {', '.join(sorted(unknown))}")
+            raise InvalidParameter(f"arms must be of {', '.join(_RECIPES)}, got {', '.join(sorted(unknown))}")
         for name, least in (("seeds", 1), ("steps", 1), ("episodes", 2)):
             if getattr(self, name) < least:
                 raise InvalidParameter(f"{name} must be >= {least}, got {getattr(self, name)}")
@@ -200,7 +200,7 @@ class Learning(Results):
         for key in self._keys():
             task, arm, seed, steps, *_ = key
             trained = (
-                configuration_hash(arguments(task, arm, seed, steps, self.out)) if arm in LEARNED else ""
+                configuration_hash(arguments(task, arm, seed, steps, self.out)) if arm in _RECIPES else ""
             )
             stamps[key] = f"{sources}-{trained}"
         return stamps
@@ -225,12 +225,12 @@ class Learning(Results):
         return [
             {"task": key[0], "arm": key[1], "seed": key[2], "points": done[key]["curve"]}
             for key in self._keys()
-            if key[1] in LEARNED
+            if key[1] in _RECIPES
         ]
 
     def _copy(self, folder: Path) -> None:
         for task, arm, seed, steps, *_ in self._keys():
-            if arm in LEARNED:
+            if arm in _RECIPES:
                 home = arguments(task, arm, seed, steps, self.out).out
                 copy_policy(home, folder / task / arm / str(seed))
         say(f"policies: {folder}")

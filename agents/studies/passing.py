@@ -21,7 +21,7 @@ from agents.benchmark.learned import LearnedArm, summarise_learned
 from agents.benchmark.runner import draw_episodes
 from agents.commands.output import Results, console, say, table
 from agents.guide import Silent
-from agents.policies import load_policy
+from agents.policies import LEARNED, load_policy
 from agents.pure_pursuit import PurePursuitAgent
 from agents.studies.learning import SOURCES, copy_policy, drive, train_one
 from agents.studies.units import Key, run_units, stamp_of
@@ -31,15 +31,20 @@ from offroad_env.errors import InvalidParameter
 __all__ = ["ARMS", "TASK", "Curve", "Passing", "arguments", "run_unit"]
 
 TASK = "speed"
-#: Trained arms -> (guide, what they are told of the soil).
-ARMS = {
-    "tracker_aware": ("tracker", "estimate"),
-    "tracker_oblivious": ("tracker", "none"),
-    "pedals_aware": ("pedals", "estimate"),
-}
+#: Trained arms -> guide. What they are told of the soil is in `LEARNED`.
+ARMS = {"ppo_tracker_aware": "tracker", "ppo_tracker_oblivious": "tracker", "ppo_pedals_aware": "pedals"}
 #: What both kinds of words are learnt with; chosen on tuning episodes with a training seed outside the study.
 _RECIPES: dict[str, dict[str, Any]] = {
-    "tracker": {"total_steps": 60_000, "log_std": -1.5, "gamma": 0.98, "check_steps": 5_000},
+    "tracker": {
+        "total_steps": 60_000,
+        "log_std": -2.0,
+        "first_charge": 0.1,
+        "charge": 0.8,
+        "pace": 0.4,
+        "gamma": 0.98,
+        "batch_size": 512,
+        "check_steps": 5_000,
+    },
     "pedals": {
         "total_steps": 400_000,
         "log_std": -1.0,
@@ -73,6 +78,11 @@ class Curve:
     passed: int | None  #: index of the first drive below pure pursuit
     ahead: int | None  #: index of the drive from which on all are below it
 
+    @property
+    def guide(self) -> str:
+        """What stands between the policy and the vehicle."""
+        return ARMS[self.arm]
+
     @classmethod
     def of(cls, arm: str, seed: int, points: Sequence[Sequence[float]], rival: float) -> Curve:
         """From (steps, wall time [s], score [s]) and pure pursuit's score on the same episodes."""
@@ -93,16 +103,16 @@ class Curve:
 
 def arguments(arm: str, seed: int, out: Path) -> TrainArgs:
     """What a policy is trained with."""
-    guide, told = ARMS[arm]
+    guide = ARMS[arm]
     return TrainArgs(
         scenario=TASK,
         guide=guide,
-        terrain_info=told,
+        terrain_info=LEARNED[arm],
         seed=seed,
         resume=True,
         eval_episodes=0,
         **_RECIPES[guide],
-        out=out / "policies" / TASK / f"ppo_{arm}" / str(seed),
+        out=out / "policies" / TASK / arm / str(seed),
     )
 
 
@@ -130,10 +140,10 @@ class Passing(Results):
     from the last checkpoint of the policy it was at.
     """
 
-    arms: tuple[str, ...] = tuple(ARMS)  #: tracker_aware, tracker_oblivious, pedals_aware
+    arms: tuple[str, ...] = tuple(ARMS)  #: ppo_tracker_aware, ppo_tracker_oblivious, ppo_pedals_aware
     seeds: int = 5  #: trainings of each
     episodes: int = 50  #: test episodes of each policy
-    test_seed: int = 6  #: of these episodes
+    test_seed: int = 7  #: of these episodes
     ship: Path | None = None  #: also copy weights and settings of the policies into this folder
 
     def run(self) -> None:
@@ -158,7 +168,7 @@ class Passing(Results):
         self.save_figure(passing_figure(curves, rival, LIMIT), "passing")
         if self.ship is not None:
             for arm, seed, *_ in trained:
-                copy_policy(arguments(arm, seed, self.out).out, self.ship / TASK / f"ppo_{arm}" / str(seed))
+                copy_policy(arguments(arm, seed, self.out).out, self.ship / TASK / arm / str(seed))
             say(f"policies: {self.ship}")
         numbers = {"arms": [asdict(arm) for arm in arms], "curves": [asdict(curve) for curve in curves]}
         self.save_numbers({**numbers, "pure_pursuit_tuning": rival, "rates": list(rates.values())})
