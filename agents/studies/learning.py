@@ -40,7 +40,7 @@ SOURCES = ("agents.train", "agents.learning_env", "agents.benchmark.runner", "of
 #: tells of the soil.
 _PLAIN, _FELT = "pure_pursuit", "felt"
 _SILENT = {"guide_aware": "estimate", "guide_oblivious": "none"}
-#: Arms, and what each is trained with: the best of the same three recipes on tuning episodes (`docs/benchmark.md`).
+#: Arms, and what each is trained with: the best of three recipes on tuning episodes (`docs/benchmark.md`).
 _RECIPES: dict[str, dict[str, float]] = {
     "ppo_aware": {"log_std": -4.0, "charge": 1.0},
     "ppo_oblivious": {"log_std": -3.2, "charge": 1.0 / 3.0},
