@@ -36,14 +36,14 @@ ARMS = {"ppo_tracker_aware": "tracker", "ppo_tracker_oblivious": "tracker", "ppo
 #: What both kinds of words are learnt with; chosen on tuning episodes with a training seed outside the study.
 _RECIPES: dict[str, dict[str, Any]] = {
     "tracker": {
-        "total_steps": 60_000,
+        "total_steps": 40_000,
         "log_std": -2.0,
         "first_charge": 0.1,
         "charge": 0.8,
         "pace": 0.4,
         "gamma": 0.98,
         "batch_size": 512,
-        "check_steps": 5_000,
+        "check_steps": 4_000,
     },
     "pedals": {
         "total_steps": 400_000,
