@@ -52,15 +52,18 @@ def test_the_charge_grows_by_equal_factors_from_the_first_to_the_last():
     assert failure_charge(TrainArgs(charge=0.3), 7) == 0.3
 
 
-def test_told_speeds_are_learnt_within_a_minute(tmp_path):
+def test_five_thousand_words_to_a_tracker_keep_more_of_the_episodes_in_the_corridor(tmp_path):
     pytest.importorskip("stable_baselines3")
     args = TrainArgs(
         guide="tracker",
         terrain_info="none",
-        seed=7,
-        total_steps=6_000,
+        seed=1,
+        total_steps=5_120,
+        threads=1,
         n_steps=16,
-        log_std=-2.0,
+        charge=0.8,
+        pace=0.4,
+        learning_rate=5e-4,
         gamma=0.98,
         check_episodes=0,
         checkpoint_steps=0,
@@ -74,5 +77,4 @@ def test_told_speeds_are_learnt_within_a_minute(tmp_path):
         np.mean([run_episode(env, agent, draw.seed, n=draw.n).score for draw in draws])
         for agent in (Silent("tracker"), load_policy(tmp_path))
     )
-    print(untrained, trained)
-    assert trained < untrained - 10.0
+    assert trained < untrained - 10.0  # 94 s, and 67 to 69 s with the training seeds 1 to 3
