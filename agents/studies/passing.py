@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.benchmark.learned import LearnedArm, summarise_learned
+from agents.benchmark.learned import LearnedArm, learned_verdict, summarise_learned
 from agents.benchmark.runner import draw_episodes
 from agents.commands.output import Results, console, say, table
 from agents.guide import Silent
@@ -165,6 +165,7 @@ class Passing(Results):
         arms = self._summaries(done)
         self._print_curves(curves, rates)
         self._print_scores(arms)
+        say(learned_verdict(arms, "s"))
         self.save_figure(passing_figure(curves, rival, LIMIT), "passing")
         if self.ship is not None:
             for arm, seed, *_ in trained:
