@@ -53,6 +53,7 @@ class ArmSettings:
     margin: float = 0.8  #: share of the believed lateral limit that is used [-]
     slip_angle: float = 0.3  #: largest slip angle that the plan allows [rad]
     feed_forward: float = 0.8  #: share of the believed slip angles that the steering anticipates [-]
+    integral: float = 1.0  #: integral gain of the speed control [1/s^2]
     brake_share: float = 0.5  #: share of the believed braking that is used [-]
     slip_share: float = 1.0  #: climb: share of the believed best slip that is used [-]
     distance: float = 0.03  #: track: distance that counts as bad as 0.1 rad of steering [m]
@@ -206,13 +207,15 @@ def make_arm(
             )
         settings = ArmSettings(**SETTINGS[scenario, name])
     terrain_info, informed, belief = ARMS[name]
+    # What an integral learns of a bend's drive is wrong on another soil: here it must be known before.
+    changing = find_scenario(scenario).changing
     gains = PlannerGains(
         margin=settings.margin,
         slip_angle=settings.slip_angle,
         feed_forward=settings.feed_forward,
         brake_share=settings.brake_share,
-        # An integral that was learnt on another soil drives the vehicle out of the next bend.
-        speed=SpeedGains(k_i=0.0) if find_scenario(scenario).changing else SpeedGains(),
+        turning=changing,
+        speed=SpeedGains(k_i=settings.integral, whole_power=changing),
     )
     believe = belief(scenario, settings)
     if tracker is not None:

@@ -47,11 +47,12 @@ class Capability:
     braking: np.ndarray  #: (D,) largest deceleration with rolling wheels [m/s^2]
     driving: np.ndarray  #: (D,) largest acceleration [m/s^2]
     drive_slip: np.ndarray  #: (D,) slip that gives 95 % of it [-]
-    resistance: np.ndarray  #: (D,) motion resistance of the soil [N]
+    resistance: np.ndarray  #: (D,) motion resistance of the soil straight on [N]
     angles: np.ndarray  #: (B,) slip angles [rad], ascending from 0
     slips: np.ndarray  #: (S,) drive slips [-], ascending from 0
     pull: np.ndarray  #: (D, S) acceleration at a drive slip; -g where the wheel digs itself in [m/s^2]
     side: np.ndarray  #: (2, D, B) front and rear: lateral acceleration held at a slip angle [m/s^2]
+    turning: np.ndarray  #: (2, D, B) front and rear: resistance at a slip angle beyond that straight on [N]
 
     def lateral_limit(self, n_low: float, n_high: float, slip_angle: float) -> float:
         """Largest steady lateral acceleration [m/s^2] that every n in the interval holds.
@@ -106,6 +107,20 @@ class Capability:
         """
         front, rear = slip_angle_sizes(self.grid, self.angles, self.side, n, abs(lateral))
         return (front, rear) if lateral >= 0.0 else (-front, -rear)
+
+    def turning_resistance(self, n: float, lateral: float) -> float:
+        """Resistance of a bend beyond that straight on [N] at a lateral acceleration [m/s^2].
+
+        In a steady bend the axles travel at their slip angles, and every wheel drives against the drag of
+        its own. Beyond what the soil holds the value at the largest tabled angle.
+        """
+        place = float(np.interp(n, self.grid, np.arange(self.grid.size, dtype=np.float64)))
+        low = min(int(place), self.grid.size - 2)
+        found = 0.0
+        for axle, angle in enumerate(self.slip_angles(n, abs(lateral))):
+            ends = [float(np.interp(angle, self.angles, row)) for row in self.turning[axle, low : low + 2]]
+            found += ends[0] + (place - low) * (ends[1] - ends[0])
+        return found
 
     def _limits(self, slip_angle: float) -> np.ndarray:
         """(D,) lateral acceleration at a slip angle of both axles, the weaker one counting."""
@@ -164,7 +179,8 @@ def soil_capability(
     rows = [_one_exponent(vehicle, make_soil(soil, n=float(n)), shear) for n in nodes]
     dense = np.linspace(low, high, _DENSE)
     scalars = PchipInterpolator(nodes, np.array([row[0] for row in rows]))(dense)
-    side = PchipInterpolator(nodes, np.array([row[1] for row in rows]))(dense)
+    bends = PchipInterpolator(nodes, np.array([row[1] for row in rows]))(dense)
+    side, turning = bends[:, 0], bends[:, 1]
     side = np.maximum.accumulate(np.maximum(side, 0.0), axis=2)
     return Capability(
         grid=dense,
@@ -176,11 +192,15 @@ def soil_capability(
         slips=_FINE_SLIPS,
         pull=PchipInterpolator(nodes, np.array([row[2] for row in rows]))(dense),
         side=np.ascontiguousarray(side.transpose(1, 0, 2)),
+        turning=np.ascontiguousarray(turning.transpose(1, 0, 2)),
     )
 
 
 def _one_exponent(vehicle: Vehicle, soil: Soil, shear: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """On one soil: (4,) braking, driving, drive slip, resistance; (2, B) lateral accelerations; (S,) pull."""
+    """On one soil: (4,) braking, driving, drive slip, resistance; (2, 2, B) bends; (S,) pull.
+
+    Bends: lateral acceleration, and resistance beyond that straight on, of each axle at the slip angles.
+    """
     wheel = make_wheel(r=vehicle.r, b=vehicle.b)
     axles = static_loads(vehicle)
     wheels = vehicle.wheels_per_axle
@@ -188,21 +208,23 @@ def _one_exponent(vehicle: Vehicle, soil: Soil, shear: str) -> tuple[np.ndarray,
     slips = min((row[0] for row in rolling), key=len)
     brake = resistance = 0.0
     drive = np.zeros(slips.size)
-    side = np.zeros((2, _ANGLES.size))
+    bends = np.zeros((2, 2, _ANGLES.size))
     for axle, (_, F_x, F_y, torque) in enumerate(rolling):
         load = axles[axle] / wheels
         braked = wheel_forces(soil, wheel, load=load, slip=_BRAKE_SLIPS, shear=shear)
         brake -= wheels * float(braked.F_x.min())
         along = F_x * np.cos(_ANGLES) + F_y * np.sin(_ANGLES)
         across = F_x * np.sin(_ANGLES) - F_y * np.cos(_ANGLES)
-        side[axle] = GRAVITY * _at_balance(along, across) / load
+        bends[0, axle] = GRAVITY * _at_balance(along, across) / load
+        dragged = wheels * _at_balance(along, torque / vehicle.r - along)
+        bends[1, axle] = dragged - dragged[0]
         drive += wheels * F_x[: slips.size, 0]
         straight = F_x[:, :1]
         resistance += wheels * float(_at_balance(straight, torque[:, :1] / vehicle.r - straight)[0])
     best = float(drive.max())
     enough = slips[int(np.argmax(drive >= best - (1.0 - _NEAR_BEST) * abs(best)))]
     pull = np.interp(_FINE_SLIPS, slips, drive / vehicle.m, right=-GRAVITY)
-    return np.array([brake / vehicle.m, best / vehicle.m, enough, resistance]), side, pull
+    return np.array([brake / vehicle.m, best / vehicle.m, enough, resistance]), bends, pull
 
 
 def _rolling_wheel(soil: Soil, wheel: Wheel, load: float, shear: str) -> tuple[np.ndarray, ...]:

@@ -42,6 +42,9 @@ class SpeedGains:
     k_p: float = 2.5  #: acceleration per speed error [1/s]
     k_i: float = 1.0  #: acceleration per integrated speed error [1/s^2]
     integral_max: float = 3.0  #: largest acceleration of the integral part [m/s^2]
+    whole_power: bool = (
+        False  #: whether to ask for the torque too that the drive loses near its largest power
+    )
     slip_limit: float = 0.4  #: drive slip at which the drive torque begins to be cut [-]
     slip_band: float = 0.2  #: slip over the limit at which no drive torque is left [-]
     low_speed: float = 1.0  #: rim speed below which slip is referred to this speed [m/s]
@@ -106,6 +109,8 @@ class SpeedController:
         force = v.m * (acceleration + gains.k_p * error + self._integral) + resistance + rolling + drag
         most = v.drive_torque_max if force >= 0.0 else v.brake_torque_max
         wanted = force * v.r / most
+        if gains.whole_power and wanted > 0.0 and rim_speed is not None:
+            wanted *= self._loss(force, rim_speed)
         command = min(max(wanted, -1.0), 1.0)
         if command == wanted or command * error < 0.0:
             step = gains.k_i * error * self.dt
@@ -115,6 +120,15 @@ class SpeedController:
                 speed, rim_speed, self.gains.slip_limit if slip_limit is None else slip_limit
             )
         return command
+
+    def _loss(self, force: float, rim_speed: float) -> float:
+        """Factor on the command for ``force`` [N] to arrive at the wheels.
+
+        Near its largest power P the drive gives T / sqrt(1 + (T omega / P)^2) of an asked torque T
+        (`offroad_env.physics.full_model`): T is the given torque / sqrt(1 - (given torque omega / P)^2).
+        """
+        share = force * max(rim_speed, 0.0) / self.vehicle.power_max
+        return 1.0 / math.sqrt(1.0 - share * share) if share < 1.0 else math.inf
 
     def _slip_share(self, speed: float, rim_speed: float, limit: float) -> float:
         """1 below the slip limit, falling smoothly to 0 across the band."""

@@ -50,6 +50,7 @@ class PlannerGains:
     slip_angle: float = 0.2  #: largest slip angle that the plan allows either axle [rad]
     brake_share: float = 0.5  #: share of the soil's braking that is used [-]
     feed_forward: float = 1.0  #: share of the believed slip angles that the steering anticipates [-]
+    turning: bool = False  #: whether the drive anticipates what a bend resists beyond the straight
     lag: float = 0.25  #: time between a command and its effect [s]
     speed_max: float = 15.0  #: highest speed on any path [m/s]
     pursuit: PursuitGains = field(default_factory=PursuitGains)
@@ -137,22 +138,30 @@ class SoilTracker:
     def _steer(self, senses: Senses, n: float, lateral: float) -> float:
         vehicle, gains = self._briefing.vehicle, self.gains
         speed = max(senses.speed, 0.0)
-        kappa = float(np.interp(gains.lag * speed, self._preview, senses.curvature))
-        a = min(max(speed * speed * kappa, -lateral), lateral)
+        kappa, a = self._turn(senses, lateral)
         front, rear = (gains.feed_forward * angle for angle in self._capability.slip_angles(n, a))
         course_error = senses.heading_error - (rear - vehicle.l_r * kappa)
         goal = goal_point(senses.curvature, self._preview, gains.pursuit.distance(speed))
         wanted = pursuit_curvature(senses.cross_track, course_error, goal)
         return math.atan((vehicle.l_f + vehicle.l_r) * wanted) + front - rear
 
+    def _turn(self, senses: Senses, lateral: float) -> tuple[float, float]:
+        """(curvature [1/m], lateral acceleration [m/s^2] up to ``lateral``) when a command takes effect."""
+        speed = max(senses.speed, 0.0)
+        kappa = float(np.interp(self.gains.lag * speed, self._preview, senses.curvature))
+        return kappa, min(max(speed * speed * kappa, -lateral), lateral)
+
     def _drive(self, senses: Senses, belief: Belief, lateral: float) -> float:
         table = self._capability
         target, acceleration, slip_limit = self._wanted(senses, belief, lateral)
+        resistance = table.at("resistance", belief.mean)
+        if self.gains.turning:
+            resistance += table.turning_resistance(belief.mean, self._turn(senses, lateral)[1])
         return self._speed_control.command(
             target,
             senses.speed,
             acceleration=min(acceleration, table.at("driving", belief.mean)),
-            resistance=table.at("resistance", belief.mean),
+            resistance=resistance,
             rim_speed=max(senses.rim_speed),
             slip_limit=slip_limit,
         )

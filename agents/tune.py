@@ -48,7 +48,7 @@ COMMON: dict[str, dict[str, tuple[float, float]]] = {
     "brake": {"brake_share": (0.4, 2.0)},
     "ride": {"ride_speed": (4.0, 8.0), "ride_change": (0.0, 3.0), "ride_feel": (0.0, 1.0)}
     | {"ride_share": (0.45, 0.9)},
-    "patches": _CORNERS,
+    "patches": _CORNERS | {"integral": (0.0, 1.5)},
 }
 
 #: Knobs that only one arm has. ``n`` is a place in the prior. ``z`` starts above 0: an arm that heeds no

@@ -1,8 +1,9 @@
 """``offroad reproduce promptness``: what it is worth to learn soon that the soil has changed.
 
 On `patches` an arm that is told n exactly, but late, drives the same test episodes with one delay after
-another: as the arms do there, and with the integral that their speed control has in other tasks. Beside it:
-the arms of the benchmark, and how late the filter on board is, told that the soil changes and not told.
+another: as the arms do there, and with the speed control of the other tasks, whose integral finds out what
+drive a bend takes where this one knows it beforehand. Beside it: the arms of the benchmark, and how late the
+filter on board is, told that the soil changes and not told.
 """
 
 from __future__ import annotations
@@ -43,8 +44,8 @@ __all__ = [
 TASK = "patches"
 DELAYS = (0.0, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2)  # [s]
 ARMS = ("nominal", "conservative", "aware")
-#: Kinds of units: who is told late drives as the arms do here, or with an integral.
-_PLAIN, _INTEGRAL = "late", "late, with an integral"
+#: Kinds of units: who is told late drives as the arms do here, or with the speed control of other tasks.
+_PLAIN, _INTEGRAL = "late", "late, integral instead of foresight"
 #: Who is asked on board: name -> whether it is told that the soil changes.
 FILTERS = {"not told": False, "told that n changes": True}
 #: An answer is as near as this to the new n; smaller changes are not looked at [-].
@@ -138,7 +139,7 @@ def run_unit(kind: str, which: Any, index: int, episodes: int, seed: int) -> dic
 
 
 def _with_integral(believe: BeliefSource, gains: PlannerGains) -> Agent:
-    return SoilTracker(believe, replace(gains, speed=SpeedGains()))
+    return SoilTracker(believe, replace(gains, turning=False, speed=SpeedGains()))
 
 
 def _filter_unit(told: bool, draw: Any) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from estimators.discrepancy.probe import Beside, Rest, beside_forces, probe
 from estimators.discrepancy.run_model import RunModel
 from estimators.discrepancy.search import Cause, Search, search
 from estimators.discrepancy.windows import FIT, REPORT, SELECT
+from estimators.logs.clocks import pose_age
 from estimators.logs.log import Log
 from estimators.logs.quality import Finding, quality
 from offroad_env.effects import EFFECTS
@@ -30,13 +31,16 @@ VERDICTS = (
 SCREEN_RATE = 0.06
 #: The same for the unknown force of one equation of motion.
 REST_RATE = 0.002
-#: A cause stands on its own if forces without a name leave it this share of its information, beyond chance,
-#: and its size, within its 95 % interval or this share of it.
-_OWN, _SAME, _Z = 0.5, 0.25, 1.96
+#: A cause that is beyond chance beside forces without a name stands on its own if these leave it the first
+#: share of its information, or if it explains the second of what it and they explain together. Its size must
+#: be the same within its 95 % interval or the third share.
+_OWN, _MOST, _SAME, _Z = 0.5, 0.9, 0.5, 1.96
 #: Causes whose sizes hang together by more than this (correlation) may be one that the library lacks.
 OVERLAP = 0.2
 #: An error of the solver moves scores by less than this, absolutely or as a share of the largest.
 _SOLVER, _SOLVER_SHARE = 1.0, 0.1
+#: What sensors tell of the age of the pose, with which every fit begins: kind of a finding, and its channel.
+_OLD_POSE = ("clock", "yaw")
 #: A log can test the library if it would see this share of it at the largest plausible size.
 _TESTABLE = 0.5
 
@@ -74,14 +78,27 @@ class Diagnosis:
 
     @property
     def stands(self) -> tuple[bool, ...]:
-        """Of every cause, whether it stays what it is when forces without a name are fitted beside it."""
+        """Of every cause, whether it stands on its own when forces without a name are fitted beside it.
+
+        None does where two that would may be the halves of one that the library lacks.
+        """
         if self.beside is None:
             return (True,) * len(self.causes)
         own, sizes = self.beside, self.search.extended.sizes
-        strong = np.abs(own.sizes) > self.search.threshold * own.deviations
+        strength = np.abs(own.sizes) / own.deviations
+        share = strength**2 / (strength**2 + self.left)
         reach = np.maximum(_Z * own.deviations, _SAME * np.abs(sizes))
-        same = np.abs(own.sizes - sizes) <= reach
-        return tuple(bool(stands) for stands in strong & same & (own.kept >= _OWN))
+        stands = (strength > self.search.threshold) & (np.abs(own.sizes - sizes) <= reach)
+        stands &= (own.kept >= _OWN) | (share >= _MOST)
+        halves = own.alike[np.ix_(stands, stands)].max(initial=0.0) > OVERLAP
+        return tuple(bool(one) and not halves for one in stands)
+
+    @property
+    def left(self) -> float:
+        """What the causes leave, in twice the log-likelihood: to forces, or to effects that are refused."""
+        forces = sum(rest.excess for rest in self.rest)
+        refused = float(np.max(self.search.last.z**2, initial=0.0)) if self.search.refused else 0.0
+        return max(forces, refused)
 
     @property
     def named(self) -> tuple[Cause, ...]:
@@ -90,7 +107,7 @@ class Diagnosis:
 
     @property
     def doubtful(self) -> bool:
-        """Whether the causes leave something: a force, or what asks for effects that other windows refuse."""
+        """Whether something is left: a force, or what asks for effects that other windows refuse."""
         return bool(self.unexplained) or (bool(self.causes) and self.search.refused)
 
 
@@ -123,26 +140,24 @@ def diagnose(
     library = tuple(EFFECTS) if library is None else tuple(name for name in EFFECTS if name in library)
     logs = sorted(logs, key=lambda log: log.hash)
     progress("data quality")
-    findings = tuple(finding for log in logs for finding in quality(log).problems)
-    if findings:
-        return Diagnosis(verdict="DATA PROBLEM", findings=findings, logs=tuple(logs))
+    checked = [quality(log) for log in logs]
+    problems = tuple(finding for report in checked for finding in report.problems)
+    if problems:
+        return Diagnosis(verdict="DATA PROBLEM", findings=problems, logs=tuple(logs))
     parts = split_runs(logs)
     progress("nominal model")
     nominal = fit_runs(parts[FIT], white=white)
     progress("search")
     found = search(nominal, library, SCREEN_RATE, parts[SELECT], white=white)
     progress("solver")
-    solver = _solver_error(found, library)
+    solver = found.solver_error()
     progress("what is left")
     rest = probe(found.extended)
-    left = any(one.chance < REST_RATE for one in rest)
-    beside = beside_forces(found.extended) if found.causes and left else None
     limits = found.first.limits()
     result = Diagnosis(
         verdict="",
         causes=found.causes,
         rest=rest,
-        beside=beside,
         limits=limits,
         not_testable=_not_testable(nominal, limits, found.causes),
         missing=_missing(nominal, library),
@@ -153,10 +168,14 @@ def diagnose(
             "converged": found.extended.converged,
             "threshold": found.threshold,
             "overlap": overlap_of(found.extended),
+            "pose_age": [pose_age(log) for log in logs],
         },
         search=found,
         logs=tuple(logs),
+        findings=tuple(f for report in checked for f in report.findings if (f.kind, f.channel) == _OLD_POSE),
     )
+    if result.causes and result.doubtful:
+        result.beside = beside_forces(found.extended)
     result.verdict = _verdict(result, solver)
     progress("gain")
     if found.causes and parts[REPORT]:
@@ -179,19 +198,6 @@ def _with_windows(runs: list[RunModel]) -> list[RunModel]:
     return kept
 
 
-def _solver_error(found: Search, library: Sequence[str]) -> float:
-    """How far half the step moves a score, at most [standard deviations]."""
-    fit = found.extended
-    fine = fit.branch()
-    fine.runs = tuple(run.refined() for run in fit.runs)
-    before = fit.residual()
-    try:
-        after = fine.residual()
-    except OffroadError:
-        return float("inf")
-    return float(np.abs(found.score_of(after - before)).max(initial=0.0))
-
-
 def _not_testable(fit: Fit, limits: dict[str, float], causes: Sequence[Cause]) -> dict[str, float]:
     vehicle = fit.runs[0].setup.plant.vehicle
     # Limits are the nominal model's: what was found all the same was testable.
@@ -205,12 +211,7 @@ def _not_testable(fit: Fit, limits: dict[str, float], causes: Sequence[Cause]) -
 
 def overlap_of(fit: Fit) -> float:
     """Largest correlation of the sizes of two effects in the model, from 0 to 1; 0 for fewer."""
-    count = len(fit.sizes)
-    if count < 2:
-        return 0.0
-    spread = np.linalg.inv(fit.shares.normal)[-count:, -count:]
-    deviation = np.sqrt(np.diag(spread))
-    return float(np.abs(spread / np.outer(deviation, deviation) - np.eye(count)).max())
+    return float(fit.shares.alike(len(fit.sizes)).max(initial=0.0))
 
 
 def _missing(fit: Fit, library: Sequence[str]) -> dict[str, str]:
@@ -224,16 +225,15 @@ def _missing(fit: Fit, library: Sequence[str]) -> dict[str, str]:
 
 
 def _verdict(result: Diagnosis, solver: float) -> str:
-    causes, rest = result.causes, result.unexplained
     strongest = float(np.abs(result.search.first.z).max(initial=0.0))
     if solver > max(_SOLVER, _SOLVER_SHARE * strongest) or not result.checks["converged"]:
         return "NUMERICS"
-    if rest and not result.named:
-        return "UNEXPLAINED"
     if result.doubtful:
+        if not result.named:
+            return "UNEXPLAINED"
         return "NAMED + UNEXPLAINED REST"
-    if causes:
-        sets = any(len(cause.rivals) > 1 for cause in causes)
+    if result.causes:
+        sets = any(len(cause.rivals) > 1 for cause in result.causes)
         return "ONE OF" if sets or result.checks["overlap"] > OVERLAP else "NAMED"
     seen = len(result.limits) - len(result.not_testable)
     if seen < _TESTABLE * (len(result.limits) + len(result.missing)):

@@ -36,17 +36,24 @@ class Nuisance:
     hard: bool = False  #: of hard ground alone
 
 
-#: No tyre is stiffer, or softer, than stated by more than this: the logarithm of a factor of four.
-_TYRES = (-1.4, 1.4)
+#: No tyre is stiffer, or softer, than stated by more than this: the logarithm of a factor of two. Tyres on
+#: hard ground, of cars and of trucks, lie within that of each other for one load. Much softer ones turn
+#: the car as late as a slow steering does.
+_TYRES = (-0.7, 0.7)
 #: Beliefs about a healthy vehicle; a bias beyond them is an effect.
 NUISANCES = (
     Nuisance(name="ground", spread=0.5, step=1e-4, sensors_only=False, hard_limits=_TYRES),
     # Tyres are known by one stiffness at best, and never in front as behind, nor along as across. A vehicle
-    # whose front tyres hold much more than the rear ones does not go straight at speed.
+    # whose front tyres hold much more than the rear ones does not go straight at speed; one whose front
+    # tyres hold less than two thirds is taken for one that steers more than commanded.
     Nuisance(name="along", spread=0.5, step=0.005, sensors_only=False, limits=_TYRES, hard=True),
-    Nuisance(name="balance", spread=0.3, step=0.02, sensors_only=False, limits=(-0.8, 0.1), hard=True),
+    Nuisance(name="balance", spread=0.3, step=0.02, sensors_only=False, limits=(-0.33, 0.1), hard=True),
     # Half a sample either way, in standard deviations; inputs that are later than that are an effect.
     Nuisance(name="shift", spread=1.0, step=0.25, sensors_only=False, limits=(-(3.0**0.5), 3.0**0.5)),
+    # Samples by which wheel speeds that move the car are older than the others: they come by another way.
+    Nuisance(name="wheel_age", spread=1.0, step=0.25, sensors_only=True, limits=(-2.0, 2.0), hard=True),
+    # By how much the age of the pose that the sensors told is wrong [s]; nothing, if they told none.
+    Nuisance(name="pose_age", spread=0.003, step=0.002, sensors_only=True, limits=(-0.005, 0.005)),
     *(Nuisance(name=f"bias_{i}", spread=0.02, step=0.01, sensors_only=True, channel=i) for i in range(3)),
     *(Nuisance(name=f"bias_{i}", spread=5e-4, step=1e-3, sensors_only=True, channel=i) for i in (3, 4)),
     # Each axle's wheel speeds err by 0.2 %: their mean and half their difference by less.
@@ -95,6 +102,12 @@ class Shares:
     normal: np.ndarray  #: (g, g) Fisher information of nuisances, then columns of effects
     score: np.ndarray  #: (g,)
     cost: float  #: half the squared whitened residual that window states cannot take away
+
+    def alike(self, count: int) -> np.ndarray:
+        """How much each two of the last ``count`` parameters hang together, 0 to 1; 0 with themselves."""
+        spread = np.linalg.inv(self.normal)[len(self.normal) - count :, len(self.normal) - count :]
+        deviation = np.sqrt(np.diag(spread))
+        return np.abs(spread / np.outer(deviation, deviation) - np.eye(count))
 
 
 class Fit:
@@ -184,6 +197,11 @@ class Fit:
                 # Half a sample of the inputs either way is nobody's fault.
                 shift = 0.5 * period / np.sqrt(3.0) * float(value)
                 setup = replace(setup, inputs=replace(setup.inputs, delay=setup.inputs.delay + shift))
+            elif nuisance.name == "wheel_age":
+                errors = replace(errors, wheel_delay=errors.wheel_delay + run.period * float(value))
+            elif nuisance.name == "pose_age":
+                told = errors.pose_delay > 0.0
+                errors = replace(errors, pose_delay=errors.pose_delay + told * float(value))
             elif nuisance.name == "wheel":
                 errors = replace(errors, wheel_scale=errors.wheel_scale + float(value))
             elif nuisance.name == "wheel_split":

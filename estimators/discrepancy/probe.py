@@ -11,6 +11,7 @@ inputs, a wrong scale, a turned sensor - stays.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,18 +20,20 @@ from estimators.discrepancy.fit import NUISANCES, Fit, Shares
 from estimators.discrepancy.road import chance_of_gain
 from estimators.discrepancy.run_model import Records, RunModel
 from estimators.discrepancy.windows import Windows
-from offroad_env.effects import apply
+from offroad_env.effects import EFFECTS, apply
 from offroad_env.errors import OffroadError
 from offroad_env.physics import state as at
 from offroad_env.physics.numerics import GRAVITY
 
-__all__ = ["EQUATIONS", "Beside", "Rest", "Shape", "beside_forces", "probe"]
+__all__ = ["EQUATIONS", "Beside", "Rest", "Shape", "beside_forces", "probe", "shapes_of"]
 
 #: Equation of motion -> effect that pushes in it.
 EQUATIONS = {"longitudinal": "push_forward", "lateral": "push_left", "yaw": "yaw_moment"}
+#: What else may push where nobody knows of it.
+_SPINS = ("spin_front", "spin_rear")
 #: Pieces of a window with a force of their own.
 _PIECES = 3
-#: Size of the push of a finite difference, as a share of the weight (times half the wheelbase for yaw).
+#: Size of the push of a finite difference, as a share of the weight (times an arm for moments).
 _PUSH = 2e-3
 
 
@@ -41,6 +44,24 @@ class Shape:
     quantity: str
     correlation: float
     slope: float  #: force per unit of the quantity [N or N m per its unit]
+
+
+def shapes_of(
+    quantities: Mapping[str, np.ndarray], force: np.ndarray, weight: np.ndarray
+) -> tuple[Shape, ...]:
+    """Weighted correlation of a force (K,) with what might drive it, strongest first."""
+    shapes = []
+    away = force - np.average(force, weights=weight)
+    own = np.sum(weight * away**2)
+    for name, values in quantities.items():
+        centred = values - np.average(values, weights=weight)
+        theirs = np.sum(weight * centred**2)
+        if own <= 0.0 or theirs <= 1e-12 * np.sum(weight):
+            continue
+        together = np.sum(weight * away * centred)
+        correlation = float(together / np.sqrt(own * theirs))
+        shapes.append(Shape(quantity=name, correlation=correlation, slope=float(together / theirs)))
+    return tuple(sorted(shapes, key=lambda shape: -abs(shape.correlation)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,23 +89,20 @@ class Beside:
     sizes: np.ndarray  #: (E,)
     deviations: np.ndarray  #: (E,)
     kept: np.ndarray  #: (E,) share of the information about each size that the forces leave
+    alike: np.ndarray  #: (E, E) how much two sizes hang together, 0 to 1; 0 with themselves
 
 
-def _weight_of(run: RunModel, equation: str) -> float:
-    """The vehicle's weight [N]; for yaw, times half the wheelbase [N m]."""
+def _weight_of(run: RunModel, effect: str) -> float:
+    """The vehicle's weight [N]; times half the wheelbase for yaw, and the radius for a wheel's spin [N m]."""
     vehicle = run.setup.plant.vehicle
-    arm = 0.5 * (vehicle.l_f + vehicle.l_r) if equation == "yaw" else 1.0
-    return vehicle.m * GRAVITY * arm
+    arms = {"yaw_moment": 0.5 * (vehicle.l_f + vehicle.l_r)} | dict.fromkeys(_SPINS, vehicle.r)
+    return vehicle.m * GRAVITY * arms.get(effect, 1.0)
 
 
-def _push_scale(run: RunModel, equation: str) -> float:
-    return _PUSH * _weight_of(run, equation)
-
-
-def _pushed(run: RunModel, setup, records: Records, warm: np.ndarray, piece: int, equation: str) -> Records:
+def _pushed(run: RunModel, setup, records: Records, warm: np.ndarray, piece: int, effect: str) -> Records:
     """The records with a push during one piece of every window."""
-    size = _push_scale(run, equation)
-    pushed = apply(setup, [(EQUATIONS[equation], {_size_name(equation): size})])
+    size = _PUSH * _weight_of(run, effect)
+    pushed = apply(setup, [(effect, {EFFECTS[effect].size.name: size})])
     # Both stretches with the same compiled model: the base model's own code rounds differently.
     plain = replace(setup, plant=setup.plant._replace(effects=np.zeros_like(pushed.plant.effects)))
     if setup.plant.effects is not None:
@@ -103,10 +121,6 @@ def _pushed(run: RunModel, setup, records: Records, warm: np.ndarray, piece: int
     return Records(states=states, readings=readings)
 
 
-def _size_name(equation: str) -> str:
-    return "moment" if equation == "yaw" else "force"
-
-
 def _splice(states, readings, records: Records, windows: Windows, places: np.ndarray, skip: int = 0) -> None:
     begin = windows.begin
     for w, place in enumerate(places):
@@ -115,16 +129,22 @@ def _splice(states, readings, records: Records, windows: Windows, places: np.nda
         states[target], readings[target] = records.states[rows], records.readings[rows]
 
 
-def _columns(fit: Fit, equation: str) -> np.ndarray:
-    """Derivatives of the data by the pushes in each piece of its own window, (M, pieces), per newton."""
+def _columns(fit: Fit, effect: str) -> np.ndarray | None:
+    """Derivatives of the data by the pushes in each piece of its own window, (M, pieces), per newton.
+
+    None where the model breaks down.
+    """
     setups, columns = fit._setups(), []
-    for piece in range(_PIECES):
-        parts = [
-            run.predict(setup, _pushed(run, setup, records, warm, piece, equation))
-            for run, setup, records, warm in zip(fit.runs, setups, fit._records, fit.warm, strict=True)
-        ]
-        scale = _push_scale(fit.runs[0], equation)
-        columns.append(fit._difference(fit._prediction, np.concatenate(parts), scale))
+    scale = _PUSH * _weight_of(fit.runs[0], effect)
+    try:
+        for piece in range(_PIECES):
+            parts = [
+                run.predict(setup, _pushed(run, setup, records, warm, piece, effect))
+                for run, setup, records, warm in zip(fit.runs, setups, fit._records, fit.warm, strict=True)
+            ]
+            columns.append(fit._difference(fit._prediction, np.concatenate(parts), scale))
+    except OffroadError:
+        return None
     return np.stack(columns, axis=1)
 
 
@@ -134,12 +154,10 @@ def probe(fit: Fit) -> tuple[Rest, ...]:
     residual = fit.whitener(fit.residual())
     states = fit.whitener(fit._states)
     found = []
-    for equation in EQUATIONS:
-        try:
-            columns = fit.whitener(_columns(fit, equation))
-        except OffroadError:
-            continue
-        found.append(_rest(fit, equation, residual, states, columns))
+    for equation, effect in EQUATIONS.items():
+        columns = _columns(fit, effect)
+        if columns is not None:
+            found.append(_rest(fit, equation, residual, states, fit.whitener(columns)))
     return tuple(found)
 
 
@@ -156,16 +174,17 @@ def beside_forces(fit: Fit) -> Beside:
     """Sizes of the effects in the model with the unknown forces of all equations beside them.
 
     To first order about the present point. A force is believed to be smaller than the vehicle's weight.
+    Unknown torques may turn the wheels, too: no force on the body stands for a wrong law of their slip.
     """
     fit = _levelled(fit)
-    residual, pushes = fit.whitener(fit.residual()), []
-    for equation in EQUATIONS:
-        try:
-            pushes.append(_columns(fit, equation) * _weight_of(fit.runs[0], equation))
-        except OffroadError:
-            continue
+    residual, forces = fit.whitener(fit.residual()), []
+    # Where wheels turn as measured, or have no spin, no torque turns them.
+    spins = _SPINS if at.OMEGA_F in fit.runs[0].free else ()
+    for effect in (*EQUATIONS.values(), *spins):
+        columns = _columns(fit, effect)
+        if columns is not None:
+            forces.append(fit.whitener(columns * _weight_of(fit.runs[0], effect)))
     states, shared = fit.whitener(fit._states), fit.whitener(fit.columns())
-    forces = [fit.whitener(columns) for columns in pushes]
     alone, _ = fit.reduce(residual, states, shared)
     beside, _ = fit.reduce(residual, np.column_stack([states, *forces]), shared)
     before, after = (_variances(shares) for shares in (alone, beside))
@@ -174,6 +193,7 @@ def beside_forces(fit: Fit) -> Beside:
         sizes=fit.sizes + fit._inside(beside)[len(NUISANCES) :],
         deviations=np.sqrt(after * wide),
         kept=before / after,
+        alike=beside.alike(len(fit.sizes)),
     )
 
 
@@ -209,24 +229,8 @@ def _rest(fit: Fit, equation: str, residual: np.ndarray, states: np.ndarray, col
         chance=chance_of_gain(gain, freedom, healthy),
         force=force,
         deviation=deviation,
-        shapes=_shapes(fit, force, deviation),
+        shapes=shapes_of(_quantities(fit), force, 1.0 / deviation**2),
     )
-
-
-def _shapes(fit: Fit, force: np.ndarray, deviation: np.ndarray) -> tuple[Shape, ...]:
-    """Weighted correlation of the force with what might drive it."""
-    weight = 1.0 / deviation**2
-    shapes = []
-    for name, values in _quantities(fit).items():
-        centred = values - np.average(values, weights=weight)
-        away = force - np.average(force, weights=weight)
-        own, theirs = np.sum(weight * away**2), np.sum(weight * centred**2)
-        if own <= 0.0 or theirs <= 1e-12 * np.sum(weight):
-            continue
-        together = np.sum(weight * away * centred)
-        correlation = float(together / np.sqrt(own * theirs))
-        shapes.append(Shape(quantity=name, correlation=correlation, slope=float(together / theirs)))
-    return tuple(sorted(shapes, key=lambda shape: -abs(shape.correlation)))
 
 
 def _quantities(fit: Fit) -> dict[str, np.ndarray]:

@@ -10,12 +10,11 @@ from scipy.stats import f as fisher
 
 from estimators.discrepancy.diagnosis import REST_RATE, SCREEN_RATE, Diagnosis
 from estimators.discrepancy.gain import ChannelGain, Held
-from estimators.discrepancy.probe import Rest, Shape
+from estimators.discrepancy.probe import Rest, shapes_of
 from estimators.discrepancy.rig_fit import RigFit, fit_rig, held_out_trials
 from estimators.discrepancy.rig_model import RigModel, Trials
 from estimators.discrepancy.rig_search import search_rig
 from estimators.discrepancy.run_model import Channel
-from estimators.discrepancy.search import Search
 from estimators.discrepancy.windows import FIT, REPORT, SELECT
 from estimators.logs.log import Log
 from estimators.logs.quality import quality
@@ -90,7 +89,7 @@ def diagnose_rig(
     progress("scores")
     found = search_rig(nominal, library, SCREEN_RATE, parts.get(SELECT), progress)
     progress("what is left")
-    solver = _solver_error(found)
+    solver = found.solver_error()
     causes = found.causes
     # What the causes leave is the noise that hides another effect, not what the nominal model leaves.
     limits = (found.last if causes else found.first).limits()
@@ -122,19 +121,6 @@ def diagnose_rig(
     return result
 
 
-def _solver_error(found: Search) -> float:
-    """How far the reference quadrature moves a score, at most [standard deviations]."""
-    fit = found.extended
-    fine = fit.branch()
-    fine.runs = tuple(run.refined() for run in fit.runs)
-    before = fit.residual()
-    try:
-        after = fine.residual()
-    except OffroadError:
-        return float("inf")
-    return float(np.abs(found.score_of(after - before)).max(initial=0.0))
-
-
 def lack_of_fit(fit: RigFit) -> tuple[RigRest, ...]:
     """What the conditions' means keep, channel by channel: how much, and whether it has a shape.
 
@@ -156,7 +142,7 @@ def lack_of_fit(fit: RigFit) -> tuple[RigRest, ...]:
                 chance=_chance_of_shape(settings, mean, count),
                 force=mean,
                 deviation=np.sqrt(scatter / count),
-                shapes=_shapes(settings, mean, count),
+                shapes=shapes_of(settings, mean, count),
                 unit=_UNITS.get(channel.name, "N"),
             )
         )
@@ -189,21 +175,6 @@ def _chance_of_shape(settings: dict[str, np.ndarray], mean: np.ndarray, weight: 
         return 1.0
     follows, keeps = np.sum((basis @ solution) ** 2), np.sum((root * mean - basis @ solution) ** 2)
     return float(fisher.sf(follows / rank * spare / max(keeps, 1e-300), rank, spare))
-
-
-def _shapes(settings: dict[str, np.ndarray], mean: np.ndarray, weight: np.ndarray) -> tuple[Shape, ...]:
-    """Correlation of what is left with the settings, strongest first."""
-    shapes = []
-    away = mean - np.average(mean, weights=weight)
-    for name, values in settings.items():
-        centred = values - np.average(values, weights=weight)
-        own, theirs = np.sum(weight * away**2), np.sum(weight * centred**2)
-        if own <= 0.0 or theirs <= 1e-9 * np.sum(weight):
-            continue
-        together = float(np.sum(weight * away * centred))
-        correlation = together / float(np.sqrt(own * theirs))
-        shapes.append(Shape(quantity=name, correlation=correlation, slope=together / float(theirs)))
-    return tuple(sorted(shapes, key=lambda shape: -abs(shape.correlation)))
 
 
 def _verdict(result: Diagnosis, solver: float, nominal: RigFit) -> str:

@@ -177,24 +177,11 @@ def _cause(fit: RigFit, k: int, candidates: Sequence[Candidate], first: Screen) 
     without = fit.with_effects([fit.candidates[i] for i in others], fit.sizes[others])
     settle(without, white=fit.white)
     delta = loss(without) - own
-    rivals = [_rival(fit, fit.candidates[k], 0.0)]
+    rivals = [Rival.of(fit, fit.candidates[k], 0.0)]
     inside = {candidate.effect for candidate in fit.candidates}
     outside = [candidate for candidate in candidates if candidate.effect not in inside]
     for value, i, trial in _with_one_more(fit, others, outside):
         if value - own <= ALIKE:
-            rivals.append(_rival(trial, outside[i], max(value - own, 0.0)))
+            rivals.append(Rival.of(trial, outside[i], max(value - own, 0.0)))
     chance = min(len(first.candidates) * 2.0 * norm.sf(np.sqrt(max(delta, 0.0))), 1.0)
     return Cause(rivals=tuple(rivals), delta=float(delta), chance=float(chance))
-
-
-def _rival(fit: RigFit, candidate: Candidate, lacks: float) -> Rival:
-    i = fit.candidates.index(candidate)
-    deviations = fit.deviations()
-    return Rival(
-        candidate=candidate,
-        size=float(fit.sizes[i]),
-        deviation=float(deviations[-len(fit.sizes) + i]),
-        loss=float(lacks),
-        ground=float(fit.nuisances[0]),
-        ground_deviation=float(deviations[0]),
-    )

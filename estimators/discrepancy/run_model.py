@@ -11,10 +11,11 @@ from scipy.signal import lfilter
 
 from estimators.discrepancy.kernels import actuator_states, imu_rows, run_full, run_paper
 from estimators.discrepancy.windows import Windows, cut
+from estimators.logs.clocks import pose_age
 from estimators.logs.log import Log
 from estimators.logs.runs import plant_of
 from estimators.logs.signals import jumps
-from offroad_env.effects.protocol import Inputs, Setup
+from offroad_env.effects.protocol import Inputs, SensorErrors, Setup
 from offroad_env.errors import DataError, SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics.contact import SUNK
@@ -101,7 +102,10 @@ class RunModel:
         )
         times = log.samples("a_x")[0]
         self.t_0 = float(times[0])
-        self.step = round(float(np.clip(np.median(np.diff(times)), _FINEST, _COARSEST)), 6)
+        sample = float(np.median(np.diff(times)))
+        self.step = round(float(np.clip(sample, _FINEST, _COARSEST)), 6)
+        #: Of the samples [s]: so exactly the log says when an input changed.
+        self.period = max(round(sample, 6), self.step)
         # Of two vehicles alike the smaller one lives faster, by the root of its size.
         vehicle = plant.vehicle
         pace = min(math.sqrt((vehicle.l_f + vehicle.l_r) / _FULL_SIZE), 1.0)
@@ -117,7 +121,9 @@ class RunModel:
         if not self.driven:
             # The wheels turn as measured: a spin inertia that nothing moves.
             plant = plant._replace(vehicle=plant.vehicle._replace(I_w=1e9))
-        self.setup = Setup(plant=plant, mount=imu.mount())
+        # What the sensors alone tell is nothing that a model could get wrong.
+        errors = SensorErrors(pose_delay=pose_age(log))
+        self.setup = Setup(plant=plant, mount=imu.mount(), errors=errors)
         windows = cut(count, self.step, whole, self._usable(), pace)
         self.windows: Windows = windows if use is None else windows.only(use)
         self._find_data()
@@ -180,8 +186,9 @@ class RunModel:
         """
         if self.driven:
             return np.empty((0, 2))
-        grid = self.t_0 - setup.inputs.delay + self.step * np.arange(self.count + 1)
         errors = setup.errors
+        late = setup.inputs.delay - errors.wheel_delay
+        grid = self.t_0 - late + self.step * np.arange(self.count + 1)
         columns = []
         for name, split in zip(_RIMS, (errors.wheel_split, -errors.wheel_split), strict=True):
             if self._has(name):
@@ -283,8 +290,8 @@ class RunModel:
     def moved_by(self, setup: Setup, other: Setup) -> bool:
         """Whether the vehicle moves otherwise by two setups that differ in their sensors alone."""
         pair = (setup.errors, other.errors)
-        scales = {(errors.wheel_scale, errors.wheel_split) for errors in pair}
-        return not self.driven and len(scales) > 1
+        wheels = {(errors.wheel_scale, errors.wheel_split, errors.wheel_delay) for errors in pair}
+        return not self.driven and len(wheels) > 1
 
     # ------------------------------------------------------------------ simulation
 

@@ -43,6 +43,19 @@ class Rival:
     ground: float  #: what the fit then makes of the ground's parameter (see `NUISANCES`)
     ground_deviation: float
 
+    @classmethod
+    def of(cls, fit: Fit, candidate: Candidate, loss: float) -> Rival:
+        """An effect of a fitted model, which lacks ``loss``."""
+        i, deviations = fit.candidates.index(candidate), fit.deviations()
+        return cls(
+            candidate=candidate,
+            size=float(fit.sizes[i]),
+            deviation=float(deviations[-len(fit.sizes) + i]),
+            loss=float(loss),
+            ground=float(fit.nuisances[0]),
+            ground_deviation=float(deviations[0]),
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class Cause:
@@ -84,6 +97,17 @@ class Search:
     def score_of(self, change: np.ndarray) -> np.ndarray:
         """By how many standard deviations a change of the residuals (M,) moves the last scores."""
         return self.last.scores(self.extended, change)
+
+    def solver_error(self) -> float:
+        """How far a finer solver moves a score, at most [standard deviations]; infinite if it breaks down."""
+        fine = self.extended.branch()
+        fine.runs = tuple(run.refined() for run in fine.runs)
+        before = self.extended.residual()
+        try:
+            after = fine.residual()
+        except OffroadError:
+            return float("inf")
+        return float(np.abs(self.score_of(after - before)).max(initial=0.0))
 
 
 def _starts(fit: Fit, candidate: Candidate, size: float) -> list[float]:
@@ -351,24 +375,11 @@ def _cause(fit: Fit, last: Screen, k: int, first: Screen) -> tuple[Fit, Cause]:
     lowest = rivals[0][0]
     near = [rival for rival in rivals if 2.0 * (rival[0] - lowest) <= wide * ALIKE]
     cause = Cause(
-        rivals=tuple(_rival(trial, candidate, 2.0 * (c - lowest)) for c, candidate, trial in near),
+        rivals=tuple(Rival.of(trial, candidate, 2.0 * (c - lowest)) for c, candidate, trial in near),
         delta=float(own + 2.0 * (cost - lowest)),
         chance=_chance(first, np.sqrt(own)),
     )
     return rivals[0][2], cause
-
-
-def _rival(fit: Fit, candidate: Candidate, loss: float) -> Rival:
-    i = fit.candidates.index(candidate)
-    deviations = fit.deviations()
-    return Rival(
-        candidate=candidate,
-        size=float(fit.sizes[i]),
-        deviation=float(deviations[-len(fit.sizes) + i]),
-        loss=float(loss),
-        ground=float(fit.nuisances[0]),
-        ground_deviation=float(deviations[0]),
-    )
 
 
 def _chance(first: Screen, strength: float) -> float:

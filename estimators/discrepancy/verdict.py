@@ -65,10 +65,14 @@ def _doubt_phrase(diagnosis: Diagnosis) -> str:
     return f", which may also stand behind {', '.join(names)}" if names else ""
 
 
-def _cause_phrase(cause: Cause) -> str:
-    if len(cause.rivals) == 1:
-        return _phrase(cause.best)
-    return "one of: " + "; or ".join(_phrase(rival) for rival in cause.rivals)
+def _cause_phrase(diagnosis: Diagnosis, cause: Cause) -> str:
+    """A cause that the verdict names; where something is left, with its size beside unknown forces, too."""
+    own = _beside_dict(diagnosis, diagnosis.causes.index(cause))
+    first, *others = (_phrase(rival) for rival in cause.rivals)
+    if own is not None:
+        high = amount(cause.best.candidate.effect, own["high"])
+        first += f", {own['low']:.3g} to {high} beside unknown forces"
+    return "one of: " + "; or ".join([first, *others]) if others else first
 
 
 def sentence_of(diagnosis: Diagnosis) -> str:
@@ -90,11 +94,11 @@ def sentence_of(diagnosis: Diagnosis) -> str:
     if verdict == "UNEXPLAINED":
         rest = f"{_rest_phrase(diagnosis)}{_doubt_phrase(diagnosis)}"
         return f"Something is wrong that no effect of the library explains: {rest}."
-    causes = "; and ".join(_cause_phrase(cause) for cause in diagnosis.named)
+    causes = "; and ".join(_cause_phrase(diagnosis, cause) for cause in diagnosis.named)
     sentence = causes[0].upper() + causes[1:]
     if verdict == "NAMED + UNEXPLAINED REST":
         sentence += f"; and something is left: {_rest_phrase(diagnosis)}{_doubt_phrase(diagnosis)}"
-    if diagnosis.checks.get("overlap", 0.0) > OVERLAP:
+    elif diagnosis.checks.get("overlap", 0.0) > OVERLAP:
         sentence += "; or one cause behind these, which the library lacks: their traces overlap"
     return sentence + "."
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from estimators.logs.clocks import clock_findings
 from estimators.logs.log import Log
 from estimators.logs.schema import IMU, RIG_COLUMNS, VEHICLE_COLUMNS
 from estimators.logs.signals import (
@@ -16,7 +17,6 @@ from estimators.logs.signals import (
     jumps,
     longest_run,
     noise_sd,
-    offset,
     resolution,
     timing,
     unwrapped,
@@ -141,7 +141,7 @@ def quality(log: Log) -> QualityReport:
     else:
         findings, checks = suspicions(log)
         findings += _timing_findings("t", timing(log.t), 0.5)
-        findings += _clock_findings(log, {f.channel for f in findings if f.kind in ("axes", "sign")})
+        findings += clock_findings(log, {f.channel for f in findings if f.kind in ("axes", "sign")})
         findings += _excitation_findings(log)
         findings += _jump_findings(log)
     measured = {name: _measure(log, name, findings) for name in log.channels}
@@ -301,64 +301,6 @@ def _noise_findings(log: Log, name: str, noise: float) -> list[Finding]:
             numbers={"measured": noise, "stated": stated},
         )
     ]
-
-
-# ------------------------------------------------------------------ clocks
-
-
-def _clock_findings(log: Log, untrusted: set[str]) -> list[Finding]:
-    """Channels that show one motion at different times."""
-    findings = []
-    for first, second, pair in _clock_pairs(log, untrusted):
-        found = offset(*pair)
-        if found is None or not found.sure or abs(found.delay) < 0.015:
-            continue
-        late = f"{abs(found.delay):.3f} s {'after' if found.delay > 0.0 else 'before'}"
-        response = first == "steer"
-        cause = (
-            "dead time and lag of steering and vehicle, or two clocks"
-            if response
-            else "two clocks, or a filter that delays"
-        )
-        findings.append(
-            Finding(
-                kind="clock",
-                channel=second,
-                severity="note" if response else "warning",
-                sentence=f"{second} comes {late} {first} (standard error {found.error:.3f} s): {cause}",
-                numbers={"delay": found.delay, "error": found.error, "correlation": found.correlation},
-            )
-        )
-    return findings
-
-
-_Series = tuple[np.ndarray, np.ndarray]
-
-
-def _clock_pairs(log: Log, untrusted: set[str]) -> list[tuple[str, str, tuple[_Series, _Series]]]:
-    """(first, second, series): two channels with the same motion, each as times and values."""
-    pairs = []
-    rate = log.samples("yaw_rate")
-    if "yaw" in log.channels:
-        t, yaw = log.samples("yaw")
-        middle = 0.5 * (t[1:] + t[:-1])
-        turn = np.diff(unwrapped(yaw)) / np.diff(t)
-        pairs.append(("yaw_rate", "yaw", (rate, (middle, turn))))
-    speed = next((name for name in ("v_x", "speed") if name in log.channels), None)
-    if speed is not None and "a_x" not in untrusted:
-        t, values = log.samples(speed)
-        pairs.append(
-            (speed, "a_x", ((0.5 * (t[1:] + t[:-1]), np.diff(values) / np.diff(t)), log.samples("a_x")))
-        )
-    # Wheel speed is good enough for the size of the turn, but not for a_x: spin comes before thrust.
-    wheel = next((name for name in ("omega_r", "omega_f") if name in log.channels), None)
-    if wheel is None:
-        return pairs
-    (t, omega), (steer_t, steer) = log.samples(wheel), log.samples("steer")
-    steered = np.interp(steer_t, t, omega) * np.tan(steer)
-    if np.ptp(steered) > 0.0 and len(steer_t) >= 4:
-        pairs.append(("steer", "yaw_rate", ((steer_t, steered), rate)))
-    return pairs
 
 
 # ------------------------------------------------------------------ positions

@@ -42,6 +42,7 @@ class SensorErrors:
     accel_scale: float = 1.0  #: of the three accelerometers [-]
     wheel_scale: float = 1.0  #: of the wheel speeds [-]
     wheel_split: float = 0.0  #: what the front wheel speeds have more of it, and the rear ones less [-]
+    wheel_delay: float = 0.0  #: age of the wheel speeds [s]
     pose_delay: float = 0.0  #: age of position, heading, speed over ground and course [s]
     antenna: float = 0.0  #: where position, speed and course are measured, ahead of the centre [m]
 

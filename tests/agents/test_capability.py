@@ -44,6 +44,31 @@ def test_a_wheel_at_the_tabled_slip_angle_gives_the_tabled_side_force(sand, n):
         assert GRAVITY * across / (0.5 * load) == pytest.approx(a, rel=0.02)
 
 
+@pytest.mark.parametrize("n", [0.35, 0.62, 1.05])
+def test_a_bend_takes_the_torque_that_keeps_every_wheel_rolling_at_its_slip_angle(sand, n):
+    a = 0.8 * sand.lateral_limit(n, n, 0.2)
+    soil, wheel = make_soil("dry_sand", n=n), make_wheel(r=MRZR.r, b=MRZR.b)
+    slips, needed = np.linspace(-0.05, 0.6, 651), []
+    for angles in ((0.0, 0.0), sand.slip_angles(n, a)):
+        force = 0.0
+        for load, beta in zip(static_loads(MRZR), angles, strict=True):
+            at = wheel_forces(soil, wheel, load=0.5 * load, slip=slips, slip_angle=beta, shear="resultant")
+            steady = int(np.argmax(at.F_x * math.cos(beta) + at.F_y * math.sin(beta) >= 0.0))
+            force += 2.0 * at.torque[steady] / MRZR.r
+        needed.append(force)
+    extra = sand.turning_resistance(n, a)
+    assert extra > 0.1 * MRZR.m  # 0.1 m/s^2: worth knowing
+    # Linear interpolation over slip, slip angle and n.
+    assert extra == pytest.approx(needed[1] - needed[0], rel=0.06)
+
+
+def test_a_bend_resists_more_the_harder_it_is_taken_to_either_side(sand):
+    forces = [sand.turning_resistance(0.7, a) for a in (0.0, 0.8, 1.6, 2.4)]
+    assert forces[0] == 0.0
+    assert forces == sorted(forces)
+    assert sand.turning_resistance(0.7, -1.6) == forces[2]
+
+
 def test_more_slip_angle_holds_more(sand):
     limits = [sand.lateral_limit(0.6, 0.6, angle) for angle in (0.05, 0.1, 0.2, 0.4)]
     assert limits == sorted(limits)

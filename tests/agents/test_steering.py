@@ -11,6 +11,8 @@ from agents.protocol import Senses, read_senses, to_action
 from agents.pure_pursuit import PursuitGains, goal_point, pursuit_curvature
 from agents.speed_control import SpeedController, SpeedGains
 from agents.stanley import StanleyGains, stanley_steer
+from offroad_env.physics.full_model import _available_torque
+from offroad_env.physics.numerics import AIR_DENSITY, GRAVITY
 from offroad_env.vehicles import VEHICLES
 
 PREVIEW = np.array([0.0, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0])
@@ -100,6 +102,21 @@ def test_pushing_uses_the_drive_and_pulling_the_brake():
     controller = SpeedController(MRZR, 0.02, SpeedGains(k_i=0.0))
     assert controller.command(5.0, 4.0) > 0.0
     assert controller.command(4.0, 5.0) < 0.0
+
+
+@pytest.mark.parametrize(("acceleration", "speed"), [(2.2, 5.0), (2.9, 7.0), (1.5, 1.0)])
+def test_who_knows_what_the_drive_loses_asks_for_what_arrives(acceleration, speed):
+    controller = SpeedController(MRZR, 0.02, SpeedGains(whole_power=True))
+    command = controller.command(speed, speed, acceleration=acceleration, rim_speed=speed)
+    given = _available_torque(MRZR, command * MRZR.drive_torque_max, speed / MRZR.r) / MRZR.r
+    drag = 0.5 * AIR_DENSITY * MRZR.drag_area * speed**2 + MRZR.rolling_resistance * MRZR.m * GRAVITY
+    assert command < 1.0
+    assert given == pytest.approx(MRZR.m * acceleration + drag)
+
+
+def test_who_asks_for_more_than_the_drive_has_gets_all_of_it():
+    controller = SpeedController(MRZR, 0.02, SpeedGains(whole_power=True))
+    assert controller.command(7.0, 7.0, acceleration=4.0, rim_speed=7.0) == 1.0
 
 
 def test_a_spinning_wheel_gets_less_torque():

@@ -10,7 +10,8 @@ import pytest
 from agents.arms import ArmSettings, make_arm
 from agents.benchmark.runner import Draw, draw_episodes, run_jobs
 from agents.capability import soil_capability
-from agents.speed_control import gentle_target
+from agents.speed_control import SpeedGains, gentle_target
+from agents.speed_planner import SoilTracker
 from offroad_env.env import OffroadBekkerEnv
 from offroad_env.soils import SOILS
 from offroad_env.vehicles import VEHICLES
@@ -89,15 +90,29 @@ def observed(speed, curvature, n=0.9):
     }
 
 
-@pytest.mark.parametrize(("scenario", "brakes"), [("patches", True), ("speed", False)])
-def test_where_soil_changes_what_could_not_be_reached_is_not_made_up_for_in_the_next_bend(scenario, brakes):
-    env = OffroadBekkerEnv(scenario=scenario)
-    agent = make_arm("oracle", scenario=scenario, settings=ArmSettings()).agent
+@pytest.mark.parametrize("integral", [0.0, 1.0])
+def test_what_could_not_be_reached_is_made_up_for_in_the_next_bend_by_an_integral_only(integral):
+    env = OffroadBekkerEnv(scenario="speed")
+    agent = make_arm("oracle", scenario="speed", settings=ArmSettings(integral=integral)).agent
     agent.reset(env.briefing)
     for _ in range(200):  # four seconds in a wide bend, at less than its speed: the vehicle cannot do better
         assert agent.act(observed(6.0, 0.04))[1] > 0.0
     bend = observed(6.0, 0.1)
-    assert (agent.act(bend)[1] < 0.0) == brakes
+    assert (agent.act(bend)[1] < 0.0) == (integral == 0.0)
+
+
+def test_where_soil_changes_who_knows_what_drive_a_bend_takes_needs_no_integral():
+    def plain(believe, gains):
+        return SoilTracker(believe, replace(gains, turning=False, speed=SpeedGains(k_i=0.0)))
+
+    settings = ArmSettings(margin=0.9, slip_angle=0.32, feed_forward=0.9, integral=0.0)
+    arms = {
+        name: make_arm("oracle", scenario="patches", settings=settings, tracker=tracker)
+        for name, tracker in {"knows": None, "plain": plain}.items()
+    }
+    results = run_jobs("patches", arms, draw_episodes("patches", 5, 7, training=True), n_jobs=1)
+    assert results["knows"].success.all()
+    assert results["knows"].scores.mean() < 0.985 * results["plain"].scores.mean()
 
 
 def test_on_soil_that_changes_the_estimate_is_worth_time():

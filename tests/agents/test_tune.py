@@ -42,9 +42,10 @@ def test_knobs_stay_inside_their_ranges(easy):
 
 
 def test_the_written_module_gives_the_settings_back(tmp_path):
-    settings = ArmSettings(margin=0.8, slip_angle=0.25, feed_forward=0.5, n=0.1, z=1.5)
+    settings = ArmSettings(margin=0.8, slip_angle=0.25, feed_forward=0.5, integral=0.3, n=0.1, z=1.5)
     tuned = {name: tune.Tuned(settings=settings, score=42.0, episodes=9) for name in ARMS}
     tune.write_settings(tmp_path / "tuned.py", tune.TuneArgs(scenario="patches"), tuned)
     table = runpy.run_path(str(tmp_path / "tuned.py"))["SETTINGS"]
-    assert table["patches", "nominal"] == {"margin": 0.8, "slip_angle": 0.25, "feed_forward": 0.5, "n": 0.1}
+    corners = {"margin": 0.8, "slip_angle": 0.25, "feed_forward": 0.5}
+    assert table["patches", "nominal"] == {**corners, "integral": 0.3, "n": 0.1}
     assert ("speed", "oracle") in table

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from agents.studies.diagnosis import together
+from estimators.discrepancy import probe
 from estimators.discrepancy.diagnosis import VERDICTS, Diagnosis, diagnose
 from estimators.discrepancy.fit import Candidate
 from estimators.discrepancy.hide import HIDERS, STRANGERS, draw_case, hidden_log
@@ -128,6 +129,7 @@ def test_a_late_steering_is_named_beside_a_force_that_has_no_name(blown):
     numbers = to_dict(blown)["causes"][k]
     assert numbers["named"]
     assert numbers["beside_unknown_forces"]["low"] < 0.1 < numbers["beside_unknown_forces"]["high"]
+    assert "beside unknown forces; and something is left" in sentence_of(blown)
 
 
 def test_forces_without_a_name_take_the_place_of_a_force_and_leave_a_delay(blown):
@@ -140,15 +142,58 @@ def test_forces_without_a_name_take_the_place_of_a_force_and_leave_a_delay(blown
 
 
 def test_what_forces_without_a_name_may_stand_behind_is_not_named(blown):
-    shadow = copy.copy(blown)
-    shadow.beside = replace(blown.beside, kept=np.full(len(blown.causes), 0.2))
+    shadow, own = copy.copy(blown), blown.beside
+    # Most of what it is known by could be forces, and what is left explains more than the rest of it.
+    shadow.beside = replace(own, kept=np.full(len(own.kept), 0.2), deviations=np.abs(own.sizes) / 6.0)
+    assert shadow.left > 36.0
     assert shadow.named == ()
     shadow.verdict = "UNEXPLAINED"
     assert "which may also stand behind steer_delay" in sentence_of(shadow)
     assert not any(cause["named"] for cause in to_dict(shadow)["causes"])
-    gone = copy.copy(blown)
-    gone.beside = replace(blown.beside, sizes=0.1 * blown.beside.sizes)
-    assert gone.named == ()
+    for sizes in (0.1 * own.sizes, -own.sizes):
+        shadow.beside = replace(own, sizes=sizes)
+        assert shadow.named == ()
+
+
+def test_two_that_would_stand_and_hang_together_may_be_the_halves_of_one_that_the_library_lacks(blown):
+    both, own = copy.copy(blown), blown.beside
+    both.causes, both.search = 2 * blown.causes, copy.copy(blown.search)
+    both.search.extended = copy.copy(blown.search.extended)
+    both.search.extended.sizes = np.tile(blown.search.extended.sizes, 2)
+    twice = {"sizes": np.tile(own.sizes, 2), "deviations": np.tile(own.deviations, 2)}
+    alike = np.array([[0.0, 0.5], [0.5, 0.0]])
+    both.beside = replace(own, **twice, kept=np.array([0.9, 0.9]), alike=alike)
+    assert both.stands == (False, False)
+    # What is but the shadow of a force takes no other's name away.
+    both.beside = replace(both.beside, sizes=twice["sizes"] * [1.0, 0.1])
+    assert both.stands == (True, False)
+    both.beside = replace(both.beside, sizes=np.tile(own.sizes, 2), alike=0.1 * alike)
+    assert both.stands == (True, True)
+
+
+def test_a_cause_that_explains_nine_times_what_is_left_is_named_though_forces_could_write_most_of_it(blown):
+    large, own = copy.copy(blown), blown.beside
+    size = np.abs(own.sizes) / np.sqrt(10.0 * blown.left)
+    large.beside = replace(own, kept=np.full(len(own.kept), 0.2), deviations=size)
+    assert len(large.named) == len(large.causes)
+
+
+def test_unknown_torques_of_the_wheels_take_what_a_wrong_law_of_their_slip_would_explain(blown, monkeypatch):
+    """A payload loads the wheels, and they turn faster: no force on the body does that."""
+    fit, _ = refit(blown.search.nominal, [Candidate(effect="payload")], [0.02])
+    assert beside_forces(fit).kept[0] < 0.1
+    monkeypatch.setattr(probe, "_SPINS", ())
+    assert beside_forces(fit).kept[0] > 0.5
+
+
+def test_what_mimics_a_force_that_no_library_holds_is_not_named():
+    """An engine that brakes when nobody asks it to drive looks like torques and wheels of another size."""
+    log = hidden_log(draw_case(31, road="flat", gnss=True, duration=30.0), STRANGERS["engine_braking"](0.05))
+    library = ["n_trend", "payload", "aero_drag", "torque_scale", "rolling_resistance", "wheel_radius_scale"]
+    diagnosis = diagnose([log], library=library)
+    assert diagnosis.causes
+    assert diagnosis.named == ()
+    assert diagnosis.verdict == "UNEXPLAINED"
 
 
 def test_a_fit_survives_an_effect_that_the_run_does_not_show(delayed):

@@ -59,6 +59,17 @@ def test_a_gap_and_the_end_of_a_window_begin_a_new_stretch():
     assert stretches(channel, offset=100) == [slice(105, 115), slice(115, 120), slice(120, 130)]
 
 
+def test_stamps_that_come_after_one_period_and_after_two_by_turns_are_no_gaps():
+    """Else every second sample begins a stretch, no noise has a memory, and all that it does is evidence."""
+    t = np.cumsum(np.tile([0.02, 0.04], 30))
+    row = np.zeros(60, int)
+    channel = Channel(name="a_x", rows=slice(0, 60), t=t, window=row, record=row, weight=np.zeros(60))
+    assert stretches(channel) == [slice(0, 60)]
+    lost = np.arange(60) * 0.02 + 0.02 * (np.arange(60) >= 40)
+    channel = Channel(name="a_x", rows=slice(0, 60), t=lost, window=row, record=row, weight=np.zeros(60))
+    assert stretches(channel) == [slice(0, 40), slice(40, 60)]
+
+
 def test_the_parts_of_a_run_lie_apart_and_take_their_shares():
     windows = cut(6000, 0.01)
     last = {use: (windows.first + windows.count)[windows.use == use].max() for use in (FIT, SELECT)}

@@ -9,7 +9,7 @@ import pytest
 
 from agents.commands.data import Log as DataLog
 from agents.commands.diagnose import Diagnose
-from estimators.discrepancy.diagnosis import diagnose
+from estimators.discrepancy.diagnosis import OVERLAP, diagnose
 from estimators.discrepancy.fit import NUISANCES, Fit, Shares
 from estimators.discrepancy.hide import draw_case, hidden_log
 from estimators.discrepancy.run_model import RunModel
@@ -101,6 +101,18 @@ def test_sensors_of_wheels_that_turn_as_measured_move_the_car():
     assert np.allclose(1.1 * run._rim_speeds(wrong), run._rim_speeds(run.setup))
     assert run.moved_by(wrong, run.setup)
     assert not run.moved_by(late, run.setup)
+    old = replace(run.setup, errors=replace(run.setup.errors, wheel_delay=0.02))
+    assert np.allclose(run._rim_speeds(old)[:-1], run._rim_speeds(run.setup)[1:])
+    assert run.moved_by(old, run.setup)
+
+
+def test_a_late_pose_that_sensors_alone_tell_is_known_before_any_fit():
+    run = RunModel(hard_drive(), whole=FIT)
+    assert run.setup.errors.pose_delay == pytest.approx(0.033, abs=0.003)
+    drive = hard_drive()
+    t, yaw = drive.t, np.unwrap(drive.channels["yaw"])
+    in_time = RunModel(hard_drive(yaw=np.interp(t + 0.033, t, yaw)), whole=FIT)
+    assert in_time.setup.errors.pose_delay == 0.0
 
 
 def test_a_step_leaves_what_is_at_its_limit_and_goes_on_with_the_rest():
@@ -117,3 +129,12 @@ def test_a_step_leaves_what_is_at_its_limit_and_goes_on_with_the_rest():
     assert change[ground] == pytest.approx(1.0)
     shares.score[balance] = -1.0
     assert fit._inside(shares)[balance] == pytest.approx(-1.0)
+
+
+def test_causes_that_make_up_together_for_a_wrong_law_of_the_wheels_are_not_named():
+    """Wheels on a grid of soil follow no law of the library: what mends them is not there."""
+    diagnosis = diagnose([read_log(measured_data("chrono_scm") / "clay_0.05_sin02_R0.csv")])
+    assert len(diagnosis.causes) > 1
+    assert diagnosis.beside.alike.max() > OVERLAP
+    assert diagnosis.verdict == "UNEXPLAINED"
+    assert "which may also stand behind" in sentence_of(diagnosis)

@@ -32,6 +32,7 @@ from estimators.logs import (
     start_of,
     write_log,
 )
+from estimators.logs.clocks import pose_age
 from estimators.wheel_rig import load_cmu_single_wheel
 from helpers import measured_data, run_fresh
 from offroad_env.errors import DataError, InvalidParameter
@@ -575,8 +576,11 @@ def test_two_clocks_are_told_apart_to_ten_milliseconds(delay, log):
     yaw = np.interp(log.t - delay, log.t, log.references["ref_yaw"])
     found = [f for f in quality(changed(log, yaw=yaw)).findings if (f.kind, f.channel) == ("clock", "yaw")]
     assert found[0].numbers["delay"] == pytest.approx(delay, abs=0.01)
-    in_time = quality(changed(log, yaw=log.references["ref_yaw"].copy()))
-    assert [f for f in in_time.findings if f.channel == "yaw"] == []
+    in_time = changed(log, yaw=log.references["ref_yaw"].copy())
+    assert [f for f in quality(in_time).findings if f.channel == "yaw"] == []
+    # A heading that seems to come too soon is a gyro that is late: the pose is not younger than it says.
+    assert pose_age(changed(log, yaw=yaw)) == pytest.approx(max(delay, 0.0), abs=0.01)
+    assert pose_age(in_time) == pose_age(log) == 0.0
 
 
 def test_heading_in_degrees_is_suspected_even_where_it_wraps(log):
@@ -747,6 +751,10 @@ def test_the_corrected_1_to_10_drives_obey_physics(drive):
     # The same dead time and lag of the steering on all three drives, seen before any model is fitted.
     answer = next(f for f in report.findings if (f.kind, f.channel) == ("clock", "yaw_rate"))
     assert answer.numbers["delay"] == pytest.approx(0.127, abs=0.015)
+    # So does the age of the particle filter's pose.
+    assert pose_age(f1tenth_log(measured_data("f1tenth_indoor") / f"{drive}.csv", corrected=True)) == (
+        pytest.approx(0.033, abs=0.003)
+    )
 
 
 def test_a_silence_of_26_seconds_in_a_published_drive_is_reported():

@@ -1,0 +1,88 @@
+"""Channels that show one motion at different times: two clocks, or a filter that delays."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimators.logs.log import Log
+from estimators.logs.signals import Offset, offset, unwrapped
+from estimators.logs.units import Finding
+
+__all__ = ["clock_findings", "pose_age"]
+
+#: Offsets between two clocks that are too small to tell [s].
+_TOLD = 0.015
+
+_Series = tuple[np.ndarray, np.ndarray]
+
+
+def _apart(found: Offset | None) -> bool:
+    return found is not None and found.sure and abs(found.delay) >= _TOLD
+
+
+def pose_age(log: Log) -> float:
+    """By how much a heading, and so the position that comes with it, is older than it says [s].
+
+    The heading is the integral of the yaw rate, whatever the vehicle: sensors alone tell this, before any
+    model. Zero where they do not; a heading that seems to come too soon is a gyro that is late, and stays.
+    """
+    turns = _turns(log)
+    found = None if turns is None else offset(*turns)
+    return max(found.delay, 0.0) if _apart(found) else 0.0
+
+
+def _turns(log: Log) -> tuple[_Series, _Series] | None:
+    """The yaw rate by the gyro and by the change of the heading."""
+    if "yaw" not in log.channels:
+        return None
+    t, yaw = log.samples("yaw")
+    return log.samples("yaw_rate"), (0.5 * (t[1:] + t[:-1]), np.diff(unwrapped(yaw)) / np.diff(t))
+
+
+def clock_findings(log: Log, untrusted: set[str]) -> list[Finding]:
+    """Channels that show one motion at different times."""
+    findings = []
+    for first, second, pair in _clock_pairs(log, untrusted):
+        found = offset(*pair)
+        if not _apart(found):
+            continue
+        late = f"{abs(found.delay):.3f} s {'after' if found.delay > 0.0 else 'before'}"
+        response = first == "steer"
+        cause = (
+            "dead time and lag of steering and vehicle, or two clocks"
+            if response
+            else "two clocks, or a filter that delays"
+        )
+        if second == "yaw" and found.delay > 0.0:
+            cause += "; a diagnosis takes the pose for so old"
+        findings.append(
+            Finding(
+                kind="clock",
+                channel=second,
+                severity="note" if response else "warning",
+                sentence=f"{second} comes {late} {first} (standard error {found.error:.3f} s): {cause}",
+                numbers={"delay": found.delay, "error": found.error, "correlation": found.correlation},
+            )
+        )
+    return findings
+
+
+def _clock_pairs(log: Log, untrusted: set[str]) -> list[tuple[str, str, tuple[_Series, _Series]]]:
+    """(first, second, series): two channels with the same motion, each as times and values."""
+    turns, rate = _turns(log), log.samples("yaw_rate")
+    pairs = [] if turns is None else [("yaw_rate", "yaw", turns)]
+    speed = next((name for name in ("v_x", "speed") if name in log.channels), None)
+    if speed is not None and "a_x" not in untrusted:
+        t, values = log.samples(speed)
+        pairs.append(
+            (speed, "a_x", ((0.5 * (t[1:] + t[:-1]), np.diff(values) / np.diff(t)), log.samples("a_x")))
+        )
+    # Wheel speed is good enough for the size of the turn, but not for a_x: spin comes before thrust.
+    wheel = next((name for name in ("omega_r", "omega_f") if name in log.channels), None)
+    if wheel is None:
+        return pairs
+    (t, omega), (steer_t, steer) = log.samples(wheel), log.samples("steer")
+    steered = np.interp(steer_t, t, omega) * np.tan(steer)
+    if np.ptp(steered) > 0.0 and len(steer_t) >= 4:
+        pairs.append(("steer", "yaw_rate", ((steer_t, steered), rate)))
+    return pairs

@@ -1,0 +1,69 @@
+"""A small car on a simulated hard floor: what sensors tell of their timing, and what only a model tells."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.discrepancy.diagnosis import diagnose
+from estimators.discrepancy.verdict import lines_of
+from estimators.logs import Log, log_from_run
+from offroad_env.physics import state as at
+from offroad_env.sensors import ImuConfig, SensorSuite, WheelSpeedConfig
+from offroad_env.simulator import make_plant, settled_state, simulate_commands
+from offroad_env.soils import make_soil
+from offroad_env.terrain import flat
+from offroad_env.vehicles import VEHICLES, make_vehicle
+
+STEP = 0.01
+
+
+def late(t: np.ndarray, values: np.ndarray, delay: float) -> np.ndarray:
+    """What a channel says that is ``delay`` [s] old."""
+    return np.interp(t - delay, t, values)
+
+
+def drive(*, lag: float, seed: int, pose: float = 0.04, wheels: float = 0.015) -> Log:
+    """A log of 40 s: a slow steering, an old pose, old wheel speeds, tyres softer than stated."""
+    quiet = {"drag_area": 0.0, "rolling_resistance": 0.0, "steer_rate": 19.0, "torque_lag": 0.0}
+    believed = make_vehicle(VEHICLES["f1tenth"], steer_lag=0.0, **quiet)
+    soil = {"kind": "rigid", "mu": 1.0}
+    plant = make_plant(make_vehicle(believed, steer_lag=lag), make_soil(**soil, C_alpha=4.2), flat())
+    t = STEP * np.arange(4000)
+    steer = 0.12 * np.sin(1.9 * t) + 0.08 * np.sin(3.7 * t + 1.0)
+    commands = np.column_stack([steer, np.maximum(0.06 + 0.2 * np.sin(1.1 * t), 0.0), 0.0 * t])
+    commands[:, 2] = np.maximum(-0.06 - 0.2 * np.sin(1.1 * t), 0.0)
+    state, warm = settled_state(plant, v_x=2.0)
+    run = simulate_commands(plant, state, warm, commands, interval=STEP, dt=0.001)
+    imu = ImuConfig(accel_noise=0.3, gyro_noise=0.02, kind="specific_force")
+    sensors = SensorSuite(imu=imu, wheel=WheelSpeedConfig(noise=0.01, scale_sd=0.0), gnss=None)
+    rng = np.random.default_rng(seed)
+    belief = make_plant(believed, make_soil(**soil, C_alpha=5.0), flat())
+    log = log_from_run(run, plant, commands, sensors, rng, belief=belief)
+    channels = {name: values for name, values in log.channels.items() if not name.startswith("torque")}
+    for name in ("omega_f", "omega_r"):
+        channels[name] = np.interp(log.t - wheels, *log.samples(name))
+    for name, i, noise in (("x", at.X, 0.01), ("y", at.Y, 0.01), ("yaw", at.YAW, 0.003)):
+        channels[name] = late(log.t, run.states[:, i], pose) + noise * rng.standard_normal(len(log.t))
+    return replace(log, channels=channels)
+
+
+#: What may be late, turn the car too much, or be measured elsewhere.
+TIMING = ("steer_delay", "steer_lag", "clock_offset", "pose_delay", "antenna_x", "steer_gain", "steer_offset")
+
+
+def test_a_slow_steering_is_found_beside_a_late_pose_and_late_wheel_speeds():
+    found = diagnose([drive(lag=0.05, seed=1)], library=TIMING)
+    assert [cause.best.candidate.effect for cause in found.named] == ["steer_lag"]
+    best = found.causes[0].best
+    assert abs(best.size - 0.05) < 3.0 * best.deviation
+    assert best.size == pytest.approx(0.05, abs=0.004)
+
+
+def test_a_late_pose_and_late_wheel_speeds_are_no_slow_steering():
+    found = diagnose([drive(lag=0.0, seed=1)], library=TIMING)
+    assert found.causes == ()
+    assert found.checks["pose_age"] == pytest.approx([0.04], abs=0.006)
+    assert any("the pose for so old" in line for line in lines_of(found))
