@@ -27,7 +27,7 @@ def test_a_policy_has_passed_for_good_where_it_never_falls_back():
 
 
 def test_the_figure_has_a_line_for_each_training_and_a_ring_where_it_passes():
-    figure = passing_figure([curve(85.0, 70.0), curve(90.0, 80.0)], 75.0, 600.0)
+    figure = passing_figure([curve(85.0, 70.0), curve(90.0, 80.0)], 75.0)
     lines = figure.axes[0].get_lines()
     assert [len(line.get_xdata()) for line in lines] == [2, 1, 2, 2]  # curve, ring, curve, pure pursuit
 
