@@ -182,10 +182,15 @@ class Passing(Results):
     def _key(self, arm: str, seed: int = 0) -> Key:
         return (arm, seed, self.episodes, self.test_seed)
 
+    def _untrained(self) -> list[str]:
+        """Units of the guides that these arms speak to, told nothing."""
+        spoken_to = {ARMS[arm] for arm in self.arms}
+        return [name for name, guide in _UNTRAINED.items() if guide in spoken_to]
+
     def _stamps(self) -> dict[Key, str]:
         """Sources, and the configuration of the training; all arms of a seed before the next seed."""
         sources = stamp_of(*SOURCES)
-        beside = {self._key(arm): sources for arm in (_PLAIN, _TUNING, *_UNTRAINED)}
+        beside = {self._key(arm): sources for arm in (_PLAIN, _TUNING, *self._untrained())}
         trained = {
             self._key(arm, seed): f"{sources}-{configuration_hash(arguments(arm, seed, self.out))}"
             for seed in range(self.seeds)
@@ -201,7 +206,7 @@ class Passing(Results):
                 arm,
                 {key[1]: (unit["scores"], unit["success"]) for key, unit in done.items() if key[0] == arm},
             )
-            for arm in (_PLAIN, *_UNTRAINED, *self.arms)
+            for arm in (_PLAIN, *self._untrained(), *self.arms)
         ]
 
     def _print_curves(self, curves: Sequence[Curve], rates: Mapping[tuple[str, int], float]) -> None:
