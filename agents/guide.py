@@ -1,20 +1,26 @@
-"""A belief instead of pedals: what a learned policy steers by when a tracker drives for it.
+"""Guides: what stands between a learned policy's words and the vehicle, from most help to none.
 
-Fifty times a second is too often for a learner: what an action was good for shows a second later. A
-guided policy speaks five times a second and says two things: an offset to the tracker's steering, and
-which n to believe in, as a correction of what it is told. Between two words the tracker and the plan of
-`agents.speed_planner` drive by that n. The tracker's skill is given, and so is what a soil of known n
-holds; which soil it is, and how far to trust that, is left to be learnt.
+Fifty times a second is too often for a learner: what an action was good for shows a second later. A word
+of a policy holds for a while, and what it means depends on the guide.
 
-The correction is added to the estimate where the policy sees one, and to the prior's end of least grip
-where it does not: who says nothing drives as the aware arm without caution, or as the conservative arm.
+``plan``: five times a second an offset to the tracker's steering, and which n to believe in, as a
+correction of what is told. Between two words the tracker and the plan of `agents.speed_planner` drive by
+that n. The tracker's skill is given, and so is what a soil of known n holds; which soil it is, and how far
+to trust that, is left to be learnt. The correction is added to the estimate where the policy sees one, and
+to the prior's end of least grip where it does not: who says nothing drives as the aware arm without
+caution, or as the conservative arm.
+
+``tracker``: five times a second an offset to the steering, and a speed. The path's geometry steers, and
+nothing is known of the soil: what a bend holds is left to be learnt. Who says nothing drives at 7.5 m/s.
+
+``pedals``: ten times a second steering and drive. Who says nothing rolls straight on to a stand.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -23,12 +29,11 @@ from agents.pure_pursuit import PursuitGains, goal_point, pursuit_curvature
 from agents.speed_control import SpeedGains
 from agents.speed_planner import planned_speed
 from agents.stop_controller import stopping_speed
+from offroad_env.errors import InvalidParameter
 from offroad_env.physics._jit import kernel
 
-__all__ = ["HOLD", "Guide", "Silent"]
+__all__ = ["GUIDES", "Guide", "Pedals", "Planner", "Silent", "Tracker", "make_guide", "mirrored", "path_side"]
 
-#: Control periods for which a word of the policy holds: 0.2 s.
-HOLD = 10
 #: Steering offset of the word 1 [rad].
 _STEER_RANGE = 0.1
 #: Knobs of tracker and plan, about where the search for the arms that know n ends (`agents.tuned`): share of
@@ -69,24 +74,46 @@ def _wanted(row, speed, holds, plan):
 
 
 @kernel
-def _steered(row, speed, slip, plan, car, gains):
-    """Steering angle [rad] onto the path, as `agents.speed_planner.SoilTracker` has it.
+def _curvature(row, speed, plan):
+    """Curvature of the path [1/m] where the vehicle is when a command takes effect."""
+    return np.interp(_LAG * speed, plan[0], row[3:-1])
 
-    ``slip`` = (n, lateral limit [m/s^2], table of the slip angles).
+
+@kernel
+def _slip_angles(a, n, lateral, table):
+    """(front, rear) slip angles [rad] to anticipate in a bend that takes the acceleration ``a`` [m/s^2].
+
+    ``lateral`` is the limit of the soil believed in [m/s^2], ``table`` that of its slip angles.
     """
-    n, lateral, (grid, angles, side) = slip
-    kappa = np.interp(_LAG * speed, plan[0], row[3:-1])
-    a = min(max(speed * speed * kappa, -lateral), lateral)
+    grid, angles, side = table
+    a = min(max(a, -lateral), lateral)
     sizes = slip_angle_sizes(grid, angles, side, n, abs(a))
     share = _FEED_FORWARD if a >= 0.0 else -_FEED_FORWARD
-    front, rear = share * sizes[0], share * sizes[1]
+    return share * sizes[0], share * sizes[1]
+
+
+@kernel
+def _steered(row, speed, kappa, slip, plan, car, gains):
+    """Steering angle [rad] onto the path, as `agents.speed_planner.SoilTracker` has it.
+
+    ``slip`` = (front, rear) slip angles [rad] that are anticipated.
+    """
+    front, rear = slip
     goal = goal_point(row[3:-1], plan[0], min(max(gains[0] * speed, gains[1]), gains[2]))
     wanted = pursuit_curvature(row[0], row[1] - (rear - car[1] * kappa), goal)
     return math.atan(car[0] * wanted) + front - rear
 
 
 @kernel
-def _follow(path, motion, words, plan, car, gains, table, out):
+def _write(steer, push, car, out):
+    """Fill ``out`` (2,) with the action for a steering angle [rad] and an acceleration [m/s^2]."""
+    drive = push * (car[3] if push > 0.0 else car[4])
+    out[0] = min(max(steer / car[2], -1.0), 1.0)
+    out[1] = min(max(drive, -1.0), 1.0)
+
+
+@kernel
+def _follow_plan(path, motion, words, plan, car, gains, table, out):
     """Fill ``out`` (N, 2) with the actions that follow ``words`` (N, 2): an offset, and n.
 
     ``plan`` = (preview distances [m], stations [m], zone before the line [m]), ``car`` = (wheelbase [m],
@@ -99,24 +126,86 @@ def _follow(path, motion, words, plan, car, gains, table, out):
     for i in range(words.shape[0]):
         speed, n = max(motion[i, 0], 0.0), words[i, 1]
         lateral = np.interp(n, grid, limits)
-        slip = (n, lateral, (grid, angles, side))
-        steer = _steered(path[i], speed, slip, plan, car, gains) + _STEER_RANGE * words[i, 0]
+        kappa = _curvature(path[i], speed, plan)
+        slip = _slip_angles(speed * speed * kappa, n, lateral, (grid, angles, side))
+        steer = _steered(path[i], speed, kappa, slip, plan, car, gains) + _STEER_RANGE * words[i, 0]
         holds = (lateral, np.interp(n, grid, braking))
         target, acceleration = _wanted(path[i], speed, holds, plan)
         push = acceleration + gains[3] * (target - motion[i, 0]) + np.interp(n, grid, resistance) / car[5]
-        drive = push * (car[3] if push > 0.0 else car[4])
-        out[i, 0] = min(max(steer / car[2], -1.0), 1.0)
-        out[i, 1] = min(max(drive, -1.0), 1.0)
+        _write(steer, push, car, out[i])
 
 
-class Guide:
-    """The tracker and speed plan of the arms, told where to go a little differently and what n to believe.
+@kernel
+def _follow_speed(path, motion, words, plan, car, gains, out):
+    """Fill ``out`` (N, 2) with the actions that follow ``words`` (N, 2): an offset, and a speed [m/s].
+
+    The other arguments are those of `_follow_plan`.
+    """
+    for i in range(words.shape[0]):
+        speed = max(motion[i, 0], 0.0)
+        kappa = _curvature(path[i], speed, plan)
+        steer = _steered(path[i], speed, kappa, (0.0, 0.0), plan, car, gains) + _STEER_RANGE * words[i, 0]
+        _write(steer, gains[3] * (words[i, 1] - motion[i, 0]), car, out[i])
+
+
+def path_side(observations: Mapping[str, np.ndarray]) -> np.ndarray:
+    """(N,) 1 where the path turns left in the next 15 m, -1 where it turns right."""
+    return np.where(observations["path"][..., 3:8].sum(axis=-1) < 0.0, -1.0, 1.0).astype(np.float32)
+
+
+def mirrored(observations: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """What the policy sees: every bend as one to the left, since soil and vehicle have no sides."""
+    seen = {key: np.array(value) for key, value in observations.items()}
+    side = path_side(observations)[..., None]
+    for key, columns in _LATERAL_SIGNALS.items():
+        seen[key][..., columns] *= side
+    return seen
+
+
+def _said(observations: Mapping[str, np.ndarray], words: np.ndarray) -> np.ndarray:
+    """The words (N, 2) with the first one to the vehicle's left and not into the bend."""
+    said = np.array(words, dtype=np.float64)
+    said[:, 0] *= path_side(observations)
+    return said
+
+
+class Guide(Protocol):
+    """What stands between a policy's words and the vehicle."""
+
+    hold: int  #: control periods for which a word holds; one lasts 0.02 s
+
+    def __init__(self, briefing: Any) -> None: ...
+
+    def actions(self, observations: Mapping[str, np.ndarray], words: np.ndarray) -> np.ndarray:
+        """Actions (N, 2) of the environment that follow the policy's ``words`` (N, 2) in [-1, 1].
+
+        ``observations`` are the environment's own; the first word is one into the bend.
+        """
+
+
+class Pedals:
+    """No help: the words are steering and drive."""
+
+    hold = 5
+
+    def __init__(self, briefing: Any) -> None:
+        """Nothing that the briefing says is needed."""
+
+    def actions(self, observations: Mapping[str, np.ndarray], words: np.ndarray) -> np.ndarray:
+        """The words, the first one to the side of the bend."""
+        return _said(observations, words)
+
+
+class Tracker:
+    """Steers onto the path by geometry and drives at the speed it is told: it knows nothing of the soil.
 
     Parameters
     ----------
     briefing
-        `offroad_env.env.Briefing` of the task: vehicle, soil, prior, preview distances, line.
+        `offroad_env.env.Briefing` of the task: vehicle, preview distances, line.
     """
+
+    hold = 10
 
     def __init__(self, briefing: Any) -> None:
         v, pursuit = briefing.vehicle, PursuitGains()
@@ -133,8 +222,29 @@ class Guide:
         preview = np.asarray(briefing.preview, dtype=np.float64)
         stations = np.arange(0.0, preview[-1] + 0.5 * _STEP, _STEP)
         self._plan = (preview, stations, float(briefing.stop_zone))
+
+    def actions(self, observations: Mapping[str, np.ndarray], words: np.ndarray) -> np.ndarray:
+        """As `Guide` has it; the second word is a speed, from standing (-1) to 15 m/s (1)."""
+        said = _said(observations, words)
+        said[:, 1] = 0.5 * _FASTEST * (1.0 + said[:, 1])
+        out, (path, motion) = np.empty_like(said), _followed(observations)
+        _follow_speed(path, motion, said, self._plan, self._car, self._gains, out)
+        return out
+
+
+class Planner(Tracker):
+    """Tracker and speed plan of the arms, told where to go a little differently and what n to believe.
+
+    Parameters
+    ----------
+    briefing
+        `offroad_env.env.Briefing` of the task: vehicle, soil, prior, preview distances, line.
+    """
+
+    def __init__(self, briefing: Any) -> None:
+        super().__init__(briefing)
         self._prior = low, high = tuple(briefing.n_range)
-        held = soil_capability(v, briefing.soil, (low, high), briefing.shear)
+        held = soil_capability(briefing.vehicle, briefing.soil, (low, high), briefing.shear)
         limits = np.array([held.lateral_limit(n, n, _SLIP_ANGLE) for n in held.grid])
         self._worst = held.worst_lateral(_SLIP_ANGLE)
         self._table = (held.grid, limits, held.braking, held.resistance, held.angles, held.side)
@@ -149,41 +259,49 @@ class Guide:
             told[known] = np.clip(mean[known], low, high)
         return np.clip(told + (high - low) * words, low, high)
 
-    @staticmethod
-    def side(observations: Mapping[str, np.ndarray]) -> np.ndarray:
-        """(N,) 1 where the path turns left in the next 15 m, -1 where it turns right."""
-        return np.where(observations["path"][..., 3:8].sum(axis=-1) < 0.0, -1.0, 1.0).astype(np.float32)
-
-    @classmethod
-    def mirrored(cls, observations: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """What the policy sees: every bend as one to the left, since soil and vehicle have no sides."""
-        seen = {key: np.array(value) for key, value in observations.items()}
-        side = cls.side(observations)[..., None]
-        for key, columns in _LATERAL_SIGNALS.items():
-            seen[key][..., columns] *= side
-        return seen
-
     def actions(self, observations: Mapping[str, np.ndarray], words: np.ndarray) -> np.ndarray:
-        """Actions (N, 2) of the environment that follow the policy's ``words`` (N, 2) in [-1, 1].
-
-        ``observations`` are the environment's own; the first word is an offset into the bend, the second
-        one as in `believed`.
-        """
-        out = np.empty((len(words), 2))
-        path, motion = (np.asarray(observations[key], dtype=np.float64) for key in ("path", "motion"))
-        said = np.array(words, dtype=np.float64)
-        said[:, 0] *= self.side(observations)
+        """As `Guide` has it; the second word is as in `believed`."""
+        said = _said(observations, words)
         said[:, 1] = self.believed(observations, said[:, 1])
-        _follow(path, motion, said, self._plan, self._car, self._gains, self._table, out)
+        out, (path, motion) = np.empty_like(said), _followed(observations)
+        _follow_plan(path, motion, said, self._plan, self._car, self._gains, self._table, out)
         return out
 
 
+def _followed(observations: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """What the kernels steer by: path and motion."""
+    return (
+        np.asarray(observations["path"], dtype=np.float64),
+        np.asarray(observations["motion"], dtype=np.float64),
+    )
+
+
+#: What may stand between a policy and the vehicle, from most help to none.
+GUIDES: dict[str, type[Guide]] = {"plan": Planner, "tracker": Tracker, "pedals": Pedals}
+
+
+def make_guide(name: str, briefing: Any) -> Guide:
+    """The guide of that name.
+
+    Raises
+    ------
+    InvalidParameter
+        For a name that is not in `GUIDES`.
+    """
+    if name not in GUIDES:
+        raise InvalidParameter(f"guide must be one of {', '.join(GUIDES)}, got {name!r}")
+    return GUIDES[name](briefing)
+
+
 class Silent:
-    """An agent that says nothing: what the guide does by itself."""
+    """An agent that says nothing: what a guide does by itself."""
+
+    def __init__(self, guide: str = "plan") -> None:
+        self._name = guide
 
     def reset(self, briefing: Any) -> None:
         """Meet the guide."""
-        self._guide = Guide(briefing)
+        self._guide = make_guide(self._name, briefing)
 
     def act(self, observation: Mapping[str, Any]) -> np.ndarray:
         """Action (2,)."""

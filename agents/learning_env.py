@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
-from agents.guide import HOLD, Guide
+from agents.guide import make_guide, mirrored
 from offroad_env.env import CONTROL_PERIOD
 from offroad_env.errors import InvalidParameter
 from offroad_env.scenarios import Scenario
@@ -19,8 +19,6 @@ __all__ = ["OBJECTIVES", "LearningVecEnv"]
 
 #: What is learnt: the environment's reward, or minus what the benchmark measures (`_objective`).
 OBJECTIVES = ("reward", "score")
-#: Time that a metre of progress counts for in "score" [s/m]: 7 m/s.
-_PACE = 0.15
 
 
 class LearningVecEnv(VecEnv):
@@ -31,14 +29,15 @@ class LearningVecEnv(VecEnv):
     envs
         With ``autoreset_mode="SameStep"``: stable-baselines3 expects the first observation of the next
         episode with the end of the last one.
-    guided
-        Whether actions are words to a `Guide`, each of which holds for `HOLD` control periods; else they
-        are those of the environment.
+    guide
+        Name in `agents.guide.GUIDES`: to whom the actions are words, each of which holds for a while.
     objective : {"reward", "score"}
         What is learnt.
     charge
         What a failure costs there, as a share of the task's time limit. With the whole of it, as the
         benchmark has it, failures by a learner's noise drown what is to be learnt of speed.
+    pace
+        Time that a metre of progress counts for where time is measured [s/m]: 0.15 is 7 m/s.
 
     Notes
     -----
@@ -53,9 +52,10 @@ class LearningVecEnv(VecEnv):
         self,
         envs: OffroadBekkerVectorEnv,
         *,
-        guided: bool = False,
+        guide: str = "pedals",
         objective: str = "reward",
         charge: float = 1.0,
+        pace: float = 0.15,
     ) -> None:
         if envs.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise InvalidParameter('stable-baselines3 needs make_vec(..., autoreset_mode="SameStep")')
@@ -64,12 +64,13 @@ class LearningVecEnv(VecEnv):
         self.envs = envs
         self.render_mode = envs.render_mode
         self.objective = objective
-        self._charge = charge
+        self.charge = charge  #: may be changed between two steps
+        self._pace = pace
         first = envs.envs[0]
         self._scenario: Scenario = first.scenario
         if objective == "score" and self._scenario.measure == "cross_track":
             raise InvalidParameter('objective must be "reward" where a distance from the path is measured')
-        self._guide = Guide(first.briefing) if guided else None
+        self._guide = make_guide(guide, first.briefing)
         self._actions: np.ndarray | None = None
         self._seen: dict[str, np.ndarray] = {}
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
@@ -81,30 +82,24 @@ class LearningVecEnv(VecEnv):
         self._progress = infos["progress"].copy()
         self._reset_seeds()
         self._reset_options()
-        return self._shown(self._seen)
-
-    def _shown(self, observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """What the learner sees of them."""
-        return observations if self._guide is None else self._guide.mirrored(observations)
+        return mirrored(self._seen)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """One step of all episodes: a control period, or the time for which a word holds."""
-        if self._guide is None:
-            return self._one_period(self._actions)
+        """One step of all episodes: the time for which a word holds."""
         rewards = np.zeros(self.num_envs, np.float32)
         over = np.zeros(self.num_envs, np.bool_)
         listed: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for _ in range(HOLD):
+        for _ in range(self._guide.hold):
             _, gained, done, ends = self._one_period(self._guide.actions(self._seen, self._actions))
             rewards += np.where(over, np.float32(0.0), gained)
             for i in np.flatnonzero(done & ~over):
                 listed[i] = ends[i]
             over |= done
-        return self._shown(self._seen), rewards, over, listed
+        return mirrored(self._seen), rewards, over, listed
 
     def _one_period(
         self, actions: np.ndarray
@@ -115,7 +110,7 @@ class LearningVecEnv(VecEnv):
         for i in np.flatnonzero(done):
             listed[i] = {
                 **_row(infos["final_info"], i),
-                "terminal_observation": self._shown(infos["final_obs"][i]),
+                "terminal_observation": mirrored(infos["final_obs"][i]),
                 "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
                 "is_success": bool(infos["final_info"]["success"][i]),
             }
@@ -127,7 +122,7 @@ class LearningVecEnv(VecEnv):
         """Minus the score that a period adds, shaped by progress.
 
         In tasks that measure time, a period costs its time, and a failure a share of the time limit; a metre
-        of progress counts for `_PACE` seconds, a potential (A. Y. Ng, D. Harada, S. Russell, ICML 1999):
+        of progress counts for ``pace`` seconds, a potential (A. Y. Ng, D. Harada, S. Russell, ICML 1999):
         without a discount the sum of an episode that arrives is minus its score but for a constant of the
         course. Where the way is measured, it is the way.
         """
@@ -135,13 +130,13 @@ class LearningVecEnv(VecEnv):
         advance = last - self._progress
         self._progress = progress.copy()
         timed = self._scenario.measure == "time"
-        gained = _PACE * advance - CONTROL_PERIOD if timed else advance
+        gained = self._pace * advance - CONTROL_PERIOD if timed else advance
         for i in np.flatnonzero(done):
             end = ends[i]
             regular = end["success"] or (self._scenario.stalling and end["failure"] in ("", "immobilised"))
             if regular:
                 continue
-            gained[i] -= self._charge * self._scenario.time_limit if timed else end["progress"]
+            gained[i] -= self.charge * self._scenario.time_limit if timed else end["progress"]
         return gained
 
     def close(self) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.guide import HOLD, Guide
+from agents.guide import Guide, make_guide, mirrored
 from agents.protocol import Observation
 from offroad_env.errors import InvalidParameter, OffroadError
 
@@ -38,7 +38,14 @@ __all__ = [
 
 ALGORITHMS = ("ppo", "recurrent_ppo", "sac")
 #: Arm of a learned policy -> what it is told of the soil.
-LEARNED = {"ppo_aware": "estimate", "ppo_oblivious": "none", "ppo_memory": "none"}
+LEARNED = {
+    "ppo_aware": "estimate",
+    "ppo_oblivious": "none",
+    "ppo_memory": "none",
+    "ppo_tracker_aware": "estimate",
+    "ppo_tracker_oblivious": "none",
+    "ppo_pedals_aware": "estimate",
+}
 #: Files of a policy's folder.
 WEIGHTS, ZIP, SCALING, KIND = "weights.npz", "policy.zip", "scaling.npz", "policy.json"
 #: Scaled observations are clipped to this size [standard deviations].
@@ -132,8 +139,8 @@ class PolicyAgent:
         Key of the observation -> (mean, standard deviation).
     frames
         Last observations that the policy sees side by side, the newest last; zeros before the first.
-    guided
-        Whether its actions are words to a `Guide`, five a second.
+    guide
+        Name in `agents.guide.GUIDES`: to whom its actions are words.
     """
 
     def __init__(
@@ -142,18 +149,17 @@ class PolicyAgent:
         scaling: Mapping[str, tuple[np.ndarray, np.ndarray]],
         *,
         frames: int = 1,
-        guided: bool = False,
+        guide: str,
     ) -> None:
         self._model = model
         self._scaling = scaling
         self._frames = frames
-        self._guided = guided
-        self._guide: Guide | None = None
+        self._name = guide
         self._forget()
 
     def reset(self, briefing: Any) -> None:
         """Forget what the policy remembers."""
-        self._guide = Guide(briefing) if self._guided else None
+        self._guide: Guide = make_guide(self._name, briefing)
         self._forget()
 
     def _forget(self) -> None:
@@ -166,17 +172,14 @@ class PolicyAgent:
 
     def act(self, observation: Observation) -> np.ndarray:
         """Action (2,)."""
-        if self._guide is None:
-            return self._decide(observation)
-        if self._step % HOLD == 0:
+        if self._step % self._guide.hold == 0:
             self._word = self._decide(observation)
         self._step += 1
         row = {key: np.asarray(value)[None] for key, value in observation.items()}
         return self._guide.actions(row, self._word[None])[0]
 
     def _decide(self, observation: Observation) -> np.ndarray:
-        if self._guide is not None:
-            observation = self._guide.mirrored(observation)
+        observation = mirrored(observation)
         for key, (mean, sd) in self._scaling.items():
             scaled = np.clip((observation[key] - mean) / sd, -CLIP, CLIP)
             self._past[key].append(scaled.astype(np.float32))
@@ -206,7 +209,7 @@ def load_policy(folder: Path) -> PolicyAgent:
     with np.load(folder / SCALING) as table:
         keys = sorted({name.partition(".")[0] for name in table.files})
         scaling = {key: (table[f"{key}.mean"], table[f"{key}.sd"]) for key in keys}
-    return PolicyAgent(model, scaling, frames=kind["frames"], guided=kind["guided"])
+    return PolicyAgent(model, scaling, frames=kind["frames"], guide=kind["guide"])
 
 
 def learned_folder(scenario: str, arm: str, seed: int) -> Path:

@@ -27,6 +27,7 @@ import numpy as np
 
 from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
 from agents.commands.output import write_bytes
+from agents.guide import GUIDES
 from agents.policies import (
     CLIP,
     KIND,
@@ -49,6 +50,7 @@ __all__ = [
     "TrainArgs",
     "TrainResult",
     "configuration_hash",
+    "failure_charge",
     "objective",
     "train",
 ]
@@ -77,9 +79,11 @@ class TrainArgs:
     resume: bool = False  #: go on from the checkpoint in that folder
     checkpoint_steps: int = 8_000  #: steps between two checkpoints; 0 = none
     tensorboard: bool = False  #: also write what TensorBoard shows to out/tensorboard
-    guided: bool = True  #: say offset and trust to a tracker, five times a second; else the pedals, fifty
+    guide: str = "plan"  #: help that it has: plan (it says what n to believe), tracker (what speed) or pedals
     objective: str | None = None  #: reward, or score: what the benchmark measures; default where it is time
     charge: float = 1.0 / 3.0  #: of a failure in the score that is learnt, as a share of the time limit
+    first_charge: float | None = None  #: at the start, if less: grows by equal factors to the other
+    pace: float = 0.15  #: time that a metre of progress counts for in the score that is learnt [s/m]
     frames: int = 1  #: last observations that the policy sees side by side: memory without recurrence
     n_envs: int = 32  #: environments stepped together
     threads: int | None = None  #: threads that step them, default one per usable processor
@@ -87,7 +91,7 @@ class TrainArgs:
     batch_size: int = 256  #: samples of one gradient step
     n_epochs: int = 8  #: passes over the samples of an update (not SAC)
     learning_rate: float = 1.5e-3  #: of Adam at the start; falls to 0 with the last step
-    gamma: float = 0.96  #: discount per step; 1/(1 - gamma) guided steps are 5 s
+    gamma: float = 0.96  #: discount per step; 1/(1 - gamma) steps of 0.2 s are 5 s
     gae_lambda: float = 0.9  #: bias against variance of the advantage (not SAC)
     log_std: float = -3.2  #: first log standard deviation of the noise (not SAC)
     noise_steps: int = 25  #: above 1, noise follows the state and is drawn anew after so many (not SAC)
@@ -148,6 +152,13 @@ def _decisive(args: TrainArgs) -> dict[str, Any]:
     return {name: getattr(args, name) for name in names}
 
 
+def failure_charge(args: TrainArgs, steps: int) -> float:
+    """What a failure costs after so many steps, as a share of the time limit."""
+    if args.first_charge is None:
+        return args.charge
+    return float(args.first_charge * (args.charge / args.first_charge) ** min(steps / args.total_steps, 1.0))
+
+
 def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> _Envs:
     """Fresh environments, or those of a checkpoint."""
     from stable_baselines3.common.vec_env import VecFrameStack, VecMonitor, VecNormalize
@@ -157,8 +168,8 @@ def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> _Envs:
     if held is None:
         kinds = {"scenario": args.scenario, "terrain_info": args.terrain_info, "threads": args.threads}
         envs = make_vec(args.n_envs, autoreset_mode="SameStep", **kinds)
-        learnt = {"objective": objective(args), "charge": args.charge}
-        episodes = LearningVecEnv(envs, guided=args.guided, **learnt)
+        learnt = {"objective": objective(args), "charge": failure_charge(args, 0), "pace": args.pace}
+        episodes = LearningVecEnv(envs, guide=args.guide, **learnt)
         episodes.seed(args.seed)
         monitor = VecMonitor(episodes)
         scaler = VecNormalize(monitor, gamma=args.gamma, clip_obs=CLIP)
@@ -175,7 +186,7 @@ def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> _Envs:
     return _Envs(episodes, monitor, scaler, seen)
 
 
-def _checkpoint(model: Any, envs: _Envs, watch: Any, args: TrainArgs) -> dict[str, Any]:
+def _checkpoint(model: Any, envs: _Envs, watch: _Watch, args: TrainArgs) -> dict[str, Any]:
     """Everything that the run needs to go on as if it had not been interrupted."""
     import torch
 
@@ -291,91 +302,115 @@ def _save(model: Any, scaler: Any, args: TrainArgs) -> None:
     np.savez(folder / SCALING, **table)
 
 
-def _watch(
-    args: TrainArgs,
-    envs: _Envs,
-    held: dict[str, Any] | None,
-    progress: Callable[[int, float], None] | None,
-) -> Any:
-    """Callback: learning curve, drives between, checkpoints, and the end when the time is over."""
+class _Watch:
+    """Learning curve, drives between, checkpoints, and the end when the time is over."""
+
+    def __init__(
+        self,
+        args: TrainArgs,
+        envs: _Envs,
+        held: dict[str, Any] | None,
+        progress: Callable[[int, float], None] | None,
+    ) -> None:
+        self._args, self._envs, self._held, self._progress = args, envs, held, progress
+        self.curve: list[CurvePoint] = []
+        self.best = np.inf
+        self.last = {"checkpoint": 0, "check": 0}
+        self.before = 0.0
+        self._start = time.perf_counter()
+        if held is not None:
+            vars(self).update(held["watch"])
+
+    def state(self) -> dict[str, Any]:
+        """What a checkpoint keeps of it."""
+        found = {"curve": self.curve, "best": self.best, "last": self.last}
+        return {**found, "before": self.wall_time()}
+
+    def wall_time(self) -> float:
+        """Time of learning and of the drives between [s]."""
+        return self.before + time.perf_counter() - self._start
+
+    def start(self) -> None:
+        """Learning begins: what came before is set-up."""
+        self._start = time.perf_counter()
+
+    def in_time(self) -> bool:
+        """Whether there is time left."""
+        return self._args.time_budget is None or self.wall_time() < self._args.time_budget
+
+    def before_batch(self, model: Any) -> None:
+        """Before a batch of experience: the network has learnt from all that was driven."""
+        args, steps = self._args, model.num_timesteps
+        if self._held is not None:
+            _restore_chance(model, self._held)
+            self._held = None
+        self._envs.episodes.charge = failure_charge(args, steps)
+        if args.check_episodes > 0 and (steps == 0 or self._due("check", steps, args.check_steps)):
+            self.check(model)
+        if self._due("checkpoint", steps, args.checkpoint_steps):
+            content = pickle.dumps(_checkpoint(model, self._envs, self, args))
+            write_bytes(args.out / _CHECKPOINT, content)
+
+    def after_batch(self, model: Any) -> None:
+        """After a batch of experience: a point of the learning curve."""
+        if self.curve and model.num_timesteps - self.curve[-1].steps < _CURVE_STEPS:
+            return  # SAC learns after every step
+        self._add(model, None)
+        if self._progress is not None:
+            self._progress(model.num_timesteps, self.wall_time())
+
+    def check(self, model: Any) -> None:
+        """Drive the tuning episodes; keep the policy if it is the best so far."""
+        score = _check(model, self._envs.scaler, self._args)
+        model.logger.record("check/score", score)
+        self._add(model, score)
+        if score < self.best:
+            self.best = score
+            _save(model, self._envs.scaler, self._args)
+
+    def _due(self, name: str, steps: int, every: int) -> bool:
+        due = every > 0 and steps - self.last[name] >= every
+        if due:
+            self.last[name] = steps
+        return due
+
+    def _add(self, model: Any, score: float | None) -> None:
+        episodes = model.ep_info_buffer or ()
+        self.curve.append(
+            CurvePoint(
+                steps=model.num_timesteps,
+                wall_time=self.wall_time(),
+                reward=float(np.mean([e["r"] for e in episodes])) if episodes else None,
+                length=float(np.mean([e["l"] for e in episodes])) if episodes else None,
+                score=score,
+            )
+        )
+
+
+def _callback(watch: _Watch) -> Any:
+    """The watch as stable-baselines3 calls it."""
     from stable_baselines3.common.callbacks import BaseCallback
 
-    class Watch(BaseCallback):
-        def __init__(self) -> None:
-            super().__init__()
-            self.curve: list[CurvePoint] = []
-            self.best = np.inf
-            self.last = {"checkpoint": 0, "check": 0}
-            self.before = 0.0
-            self._start = time.perf_counter()
-            self._held = held
-
-        def state(self) -> dict[str, Any]:
-            """What a checkpoint keeps of it."""
-            found = {"curve": self.curve, "best": self.best, "last": self.last}
-            return {**found, "before": self.wall_time()}
-
-        def wall_time(self) -> float:
-            return self.before + time.perf_counter() - self._start
-
-        def _due(self, name: str, every: int) -> bool:
-            due = every > 0 and self.num_timesteps - self.last[name] >= every
-            if due:
-                self.last[name] = self.num_timesteps
-            return due
-
+    class Callback(BaseCallback):
         def _on_training_start(self) -> None:
-            self._start = time.perf_counter()
-
-        def _on_step(self) -> bool:
-            return args.time_budget is None or self.wall_time() < args.time_budget
+            watch.start()
 
         def _on_rollout_start(self) -> None:
-            if self._held is not None:
-                _restore_chance(self.model, self._held)
-                self._held = None
-            # Here and not at the end of one: the network has learnt from all that was driven.
-            if args.check_episodes > 0 and (self.num_timesteps == 0 or self._due("check", args.check_steps)):
-                self.check()
-            if self._due("checkpoint", args.checkpoint_steps):
-                content = pickle.dumps(_checkpoint(self.model, envs, self, args))
-                write_bytes(args.out / _CHECKPOINT, content)
+            watch.before_batch(self.model)
 
-        def check(self) -> None:
-            """Drive the tuning episodes; keep the policy if it is the best so far."""
-            score = _check(self.model, envs.scaler, args)
-            self.logger.record("check/score", score)
-            self._add(score)
-            if score < self.best:
-                self.best = score
-                _save(self.model, envs.scaler, args)
+        def _on_step(self) -> bool:
+            return watch.in_time()
 
         def _on_rollout_end(self) -> None:
-            if self.curve and self.num_timesteps - self.curve[-1].steps < _CURVE_STEPS:
-                return  # SAC learns after every step
-            self._add(None)
-            if progress is not None:
-                progress(self.num_timesteps, self.wall_time())
+            watch.after_batch(self.model)
 
-        def _add(self, score: float | None) -> None:
-            episodes = self.model.ep_info_buffer or ()
-            self.curve.append(
-                CurvePoint(
-                    steps=self.num_timesteps,
-                    wall_time=self.wall_time(),
-                    reward=float(np.mean([e["r"] for e in episodes])) if episodes else None,
-                    length=float(np.mean([e["l"] for e in episodes])) if episodes else None,
-                    score=score,
-                )
-            )
-
-    return Watch()
+    return Callback()
 
 
 def _check(model: Any, scaler: Any, args: TrainArgs) -> float:
     """Mean score of the tuning episodes, driven without noise."""
     network = Network.of(model) if args.algorithm == "ppo" else model
-    agent = PolicyAgent(network, _scaling(scaler), frames=args.frames, guided=args.guided)
+    agent = PolicyAgent(network, _scaling(scaler), frames=args.frames, guide=args.guide)
     env = gym.make(ENV_ID, scenario=args.scenario, terrain_info=args.terrain_info)
     draws = draw_episodes(args.scenario, args.check_episodes, 0, training=True)
     scores = [run_episode(env, agent, draw.seed, n=draw.n).score for draw in draws]
@@ -407,12 +442,11 @@ def train(args: TrainArgs, *, progress: Callable[[int, float], None] | None = No
     held = _read_checkpoint(args)
     envs = _make_envs(args, held)
     model = _make_model(args, envs, held)
-    watch = _watch(args, envs, held, progress)
-    if held is not None:
-        vars(watch).update(held["watch"])
-    model.learn(args.total_steps - model.num_timesteps, callback=watch, reset_num_timesteps=held is None)
+    watch = _Watch(args, envs, held, progress)
+    left = args.total_steps - model.num_timesteps
+    model.learn(left, callback=_callback(watch), reset_num_timesteps=held is None)
     if args.check_episodes > 0:
-        watch.check()
+        watch.check(model)
     else:
         _save(model, envs.scaler, args)
     wall_time = watch.wall_time()
@@ -423,9 +457,7 @@ def train(args: TrainArgs, *, progress: Callable[[int, float], None] | None = No
 
 
 def _result(args: TrainArgs, steps: int, wall_time: float, curve: tuple[CurvePoint, ...]) -> TrainResult:
-    from agents.guide import HOLD
-
-    periods = steps * (HOLD if args.guided else 1)
+    periods = steps * GUIDES[args.guide].hold
     return TrainResult(
         policy=args.out,
         configuration=configuration_hash(args),

@@ -17,6 +17,9 @@ from agents.benchmark.statistics import Interval
 
 __all__ = ["LearnedArm", "learned_verdict", "seed_interval", "summarise_learned"]
 
+#: Names before ``_aware`` and ``_oblivious`` -> whose the comparison is.
+_PAIRS = {"ppo": "trained policies", "ppo_tracker": "policies that say the speed themselves"}
+
 
 @dataclass(frozen=True, kw_only=True)
 class LearnedArm:
@@ -60,16 +63,25 @@ def summarise_learned(
 
 
 def learned_verdict(arms: Sequence[LearnedArm], unit: str) -> str:
-    """Whether the arm that is told the estimate beats the one that is not, by their intervals."""
-    by_name = {arm.arm: arm for arm in arms}
-    if not {"ppo_aware", "ppo_oblivious"} <= set(by_name):
+    """Whether arms that are told the estimate beat those that are not, by their intervals."""
+    by_name = {arm.arm: arm.score for arm in arms}
+    said = [
+        _pair_verdict(f"On {arms[0].task}, {policies}", by_name, kind, unit)
+        for kind, policies in _PAIRS.items()
+        if {f"{kind}_aware", f"{kind}_oblivious"} <= set(by_name)
+    ]
+    if not said:
         return f"{arms[0].task}: no pair of a policy that is told the estimate and one that is not."
-    aware, blind = by_name["ppo_aware"].score, by_name["ppo_oblivious"].score
+    return " ".join(said)
+
+
+def _pair_verdict(policies: str, scores: Mapping[str, Interval], kind: str, unit: str) -> str:
+    aware, blind = scores[f"{kind}_aware"], scores[f"{kind}_oblivious"]
     figures = f"{aware:.3g} {unit} against {blind:.3g} {unit}"
-    if "ppo_memory" in by_name:
-        figures += f", with memory instead {by_name['ppo_memory'].score:.3g} {unit}"
+    if f"{kind}_memory" in scores:
+        figures += f", with memory instead {scores[f'{kind}_memory']:.3g} {unit}"
     if aware.high < blind.low:
-        return f"On {arms[0].task}, a trained policy does better with the estimate: {figures}."
+        return f"{policies} do better with the estimate: {figures}."
     if blind.high < aware.low:
-        return f"On {arms[0].task}, a trained policy does worse with the estimate: {figures}."
-    return f"On {arms[0].task}, trained policies do not show that the estimate pays: {figures}."
+        return f"{policies} do worse with the estimate: {figures}."
+    return f"{policies} do not show that the estimate pays: {figures}."

@@ -103,6 +103,8 @@ def _learned(
             "Guided policies of PPO: five times a second they tell a tracker and its speed plan an offset to "
             "the steering and which n to believe in. ppo_aware sees the estimate, ppo_oblivious does not, "
             "ppo_memory sees its last two seconds instead.",
+            "Without a speed plan: ppo_tracker tells a tracker that knows nothing of the soil which speed to "
+            "drive; ppo_pedals steers and drives, ten times a second.",
             "Brackets are Student's 95 % intervals over training seeds.",
         ),
         data={f"{task}.{form}": arms for (task, form), arms in trained.items()},

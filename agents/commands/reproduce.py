@@ -15,6 +15,7 @@ STUDIES: dict[str, tuple[str, str, str]] = {
     "gate": ("gate", "Gate", "an estimate holds and its sd grows while the motion says nothing of the soil"),
     "headroom": ("headroom", "Headroom", "what knowing n is worth, over soils and widths of the prior"),
     "learning": ("learning", "Learning", "trained policies with the estimate, without it, with memory"),
+    "passing": ("passing", "Passing", "PPO learns its way past pure pursuit: how soon, by seed"),
     "changing": ("changing", "Changing", "n that changes on the way: how soon the filters answer"),
     "promptness": ("promptness", "Promptness", "what it is worth to learn soon that the soil has changed"),
     "prediction": ("prediction", "Prediction", "position error after 10 s with prior, estimated and true n"),

@@ -69,7 +69,8 @@ class Train(TrainArgs):
         for name in ("gamma", "gae_lambda"):
             if not 0.0 < getattr(self, name) <= 1.0:
                 raise InvalidParameter(f"{name} must be in (0, 1], got {getattr(self, name):g}")
-        if not self.learning_rate > 0.0:
-            raise InvalidParameter(f"learning_rate must be > 0, got {self.learning_rate:g}")
+        for name in ("learning_rate", "charge", "first_charge"):
+            if (value := getattr(self, name)) is not None and not value > 0.0:
+                raise InvalidParameter(f"{name} must be > 0, got {value:g}")
         if not self.hidden or min(self.hidden) < 1:
             raise InvalidParameter(f"hidden must hold sizes >= 1, got {self.hidden}")

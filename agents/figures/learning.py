@@ -11,13 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agents.benchmark.learned import LearnedArm
-from agents.guide import HOLD
+from agents.guide import Planner
 from offroad_env.scenarios import MEASURES, find_scenario
 
 __all__ = ["learning_figure"]
 
 #: Thousands of environment steps that a step of the policy lasts.
-_THOUSANDS = HOLD / 1000.0
+_THOUSANDS = Planner.hold / 1000.0
 _COLOURS = {
     "ppo_aware": "#0072B2",
     "ppo_oblivious": "#D55E00",

@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.arms import make_arm
 from agents.benchmark.runner import ENV_ID, Draw, draw_episodes
-from agents.guide import HOLD, Guide
+from agents.guide import Planner, mirrored
 
 __all__ = ["felt_error"]
 
@@ -55,8 +55,8 @@ def _looks(task: str, draws: list[Draw]) -> tuple[np.ndarray, np.ndarray]:
         while not done:
             observation, _, terminated, truncated, info = env.step(agent.act(observation))
             done, step = terminated or truncated, step + 1
-            if step % HOLD == 0:
-                seen = Guide.mirrored(observation)
+            if step % Planner.hold == 0:
+                seen = mirrored(observation)
                 rows.append(np.concatenate([seen["imu"], seen["motion"], seen["path"][:4]]))
                 truths.append(info["n_front"])
     env.close()

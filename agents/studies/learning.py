@@ -9,7 +9,7 @@ guide does by itself, told the estimate or not: learning begins there.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -18,7 +18,7 @@ from typing import Any
 import gymnasium as gym
 
 from agents.benchmark.learned import LearnedArm, learned_verdict, summarise_learned
-from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
+from agents.benchmark.runner import ENV_ID, Draw, draw_episodes, run_episode
 from agents.commands.output import Results, console, say, table
 from agents.guide import Silent
 from agents.policies import KIND, LEARNED, SCALING, WEIGHTS, load_policy
@@ -30,16 +30,17 @@ from agents.train import TrainArgs, configuration_hash, train
 from offroad_env.errors import InvalidParameter
 from offroad_env.scenarios import MEASURES, SCENARIOS, find_scenario
 
-__all__ = ["Learning", "arguments", "run_unit"]
+__all__ = ["SOURCES", "Learning", "arguments", "copy_policy", "drive", "run_unit", "train_one"]
 
 _CHECK_STEPS = 5_000  #: between two drives of the tuning episodes
 _FRAMES = 10  #: of the arm with memory: two seconds
-_SOURCES = ("agents.train", "agents.learning_env", "agents.benchmark.runner", "offroad_env.vector_env")
+#: What stands behind a trained policy and its episodes.
+SOURCES = ("agents.train", "agents.learning_env", "agents.benchmark.runner", "offroad_env.vector_env")
 #: Units beside the policies: a tracker, a guide to whom nothing is said, and what a single look at the senses
 #: tells of the soil.
 _PLAIN, _FELT = "pure_pursuit", "felt"
 _SILENT = {"guide_aware": "estimate", "guide_oblivious": "none"}
-#: What each arm is trained with: the best of the same three recipes on tuning episodes (`docs/benchmark.md`).
+#: Arms, and what each is trained with: the best of three recipes on tuning episodes (`docs/benchmark.md`).
 _RECIPES: dict[str, dict[str, float]] = {
     "ppo_aware": {"log_std": -4.0, "charge": 1.0},
     "ppo_oblivious": {"log_std": -3.2, "charge": 1.0 / 3.0},
@@ -64,41 +65,53 @@ def arguments(task: str, arm: str, seed: int, steps: int, out: Path) -> TrainArg
     )
 
 
+def train_one(args: TrainArgs) -> dict[str, Any]:
+    """Train a policy, or take up its training: configuration, learning curve and speed."""
+    import torch
+
+    torch.set_num_threads(1)
+    result = train(args)
+    checks = [point for point in result.curve if point.score is not None]
+    return {
+        "configuration": result.configuration,
+        "curve": [(point.steps, point.wall_time, point.score) for point in checks],
+        "periods_per_second": result.periods_per_second,
+        "wall_time": result.wall_time,
+    }
+
+
+def drive(agent: Agent, task: str, terrain_info: str, draws: Sequence[Draw]) -> dict[str, Any]:
+    """Scores and successes of these episodes."""
+    env = gym.make(ENV_ID, scenario=task, terrain_info=terrain_info)
+    driven = [run_episode(env, agent, draw.seed, n=draw.n) for draw in draws]
+    env.close()
+    return {
+        "scores": [episode.score for episode in driven],
+        "success": [episode.success for episode in driven],
+    }
+
+
+def copy_policy(home: Path, goal: Path) -> None:
+    """Copy what `load_policy` needs of a policy."""
+    goal.mkdir(parents=True, exist_ok=True)
+    for name in (WEIGHTS, SCALING, KIND):
+        shutil.copyfile(home / name, goal / name)
+
+
 def run_unit(
     task: str, arm: str, seed: int, steps: int, episodes: int, test_seed: int, *, out: Path
 ) -> dict[str, Any]:
     """Train one policy, or take up its training, and drive the test episodes; a unit of `run_units`."""
     if arm == _FELT:
         return {"errors": felt_error(task, episodes)}
-    import torch
-
-    torch.set_num_threads(1)
-    found: dict[str, Any] = {}
-    agent: Agent
-    if arm == _PLAIN:
-        agent, terrain_info = PurePursuitAgent(), "none"
-    elif arm in _SILENT:
-        agent, terrain_info = Silent(), _SILENT[arm]
-    else:
-        args = arguments(task, arm, seed, steps, out)
-        result = train(args)
-        agent, terrain_info = load_policy(args.out), args.terrain_info
-        checks = [point for point in result.curve if point.score is not None]
-        found = {
-            "configuration": result.configuration,
-            "curve": [(point.steps, point.wall_time, point.score) for point in checks],
-            "periods_per_second": result.periods_per_second,
-            "wall_time": result.wall_time,
-        }
-    env = gym.make(ENV_ID, scenario=task, terrain_info=terrain_info)
     draws = draw_episodes(task, episodes, test_seed)
-    driven = [run_episode(env, agent, draw.seed, n=draw.n) for draw in draws]
-    env.close()
-    return {
-        **found,
-        "scores": [episode.score for episode in driven],
-        "success": [episode.success for episode in driven],
-    }
+    if arm == _PLAIN:
+        return drive(PurePursuitAgent(), task, "none", draws)
+    if arm in _SILENT:
+        return drive(Silent(), task, _SILENT[arm], draws)
+    args = arguments(task, arm, seed, steps, out)
+    found = train_one(args)
+    return {**found, **drive(load_policy(args.out), task, args.terrain_info, draws)}
 
 
 @dataclass(kw_only=True)
@@ -110,7 +123,7 @@ class Learning(Results):
     """
 
     tasks: tuple[str, ...] = ("speed", "brake")  #: what is learnt
-    arms: tuple[str, ...] = tuple(LEARNED)  #: ppo_aware, ppo_oblivious, ppo_memory
+    arms: tuple[str, ...] = tuple(_RECIPES)  #: ppo_aware, ppo_oblivious, ppo_memory
     seeds: int = 5  #: trainings of each
     steps: int = 16_000  #: of the policy in each training; one lasts 10 control periods
     episodes: int = 20  #: test episodes of each policy
@@ -158,9 +171,9 @@ class Learning(Results):
     def _check(self) -> None:
         for task in self.tasks:
             find_scenario(task)
-        unknown = set(self.arms) - set(LEARNED)
+        unknown = set(self.arms) - set(_RECIPES)
         if unknown:
-            raise InvalidParameter(f"arms must be of {', '.join(LEARNED)}, got {', '.join(sorted(unknown))}")
+            raise InvalidParameter(f"arms must be of {', '.join(_RECIPES)}, got {', '.join(sorted(unknown))}")
         for name, least in (("seeds", 1), ("steps", 1), ("episodes", 2)):
             if getattr(self, name) < least:
                 raise InvalidParameter(f"{name} must be >= {least}, got {getattr(self, name)}")
@@ -182,12 +195,12 @@ class Learning(Results):
 
     def _stamps(self) -> dict[Key, str]:
         """Sources, and the configuration of the training."""
-        sources = stamp_of(*_SOURCES)
+        sources = stamp_of(*SOURCES)
         stamps = {}
         for key in self._keys():
             task, arm, seed, steps, *_ = key
             trained = (
-                configuration_hash(arguments(task, arm, seed, steps, self.out)) if arm in LEARNED else ""
+                configuration_hash(arguments(task, arm, seed, steps, self.out)) if arm in _RECIPES else ""
             )
             stamps[key] = f"{sources}-{trained}"
         return stamps
@@ -212,15 +225,12 @@ class Learning(Results):
         return [
             {"task": key[0], "arm": key[1], "seed": key[2], "points": done[key]["curve"]}
             for key in self._keys()
-            if key[1] in LEARNED
+            if key[1] in _RECIPES
         ]
 
     def _copy(self, folder: Path) -> None:
         for task, arm, seed, steps, *_ in self._keys():
-            if arm in LEARNED:
+            if arm in _RECIPES:
                 home = arguments(task, arm, seed, steps, self.out).out
-                goal = folder / task / arm / str(seed)
-                goal.mkdir(parents=True, exist_ok=True)
-                for name in (WEIGHTS, SCALING, KIND):
-                    shutil.copyfile(home / name, goal / name)
+                copy_policy(home, folder / task / arm / str(seed))
         say(f"policies: {folder}")

@@ -78,20 +78,27 @@ class Diagnosis:
 
     @property
     def stands(self) -> tuple[bool, ...]:
-        """Of every cause, whether it stands on its own when forces without a name are fitted beside it.
-
-        None does where two that would may be the halves of one that the library lacks.
-        """
+        """Of every cause, whether it stands on its own when forces without a name are fitted beside it."""
         if self.beside is None:
             return (True,) * len(self.causes)
+        return tuple(bool(one) and not any(self.halves) for one in self._beyond_forces())
+
+    @property
+    def halves(self) -> tuple[bool, ...]:
+        """Of every cause, whether it and another that would stand may be halves of one that is not there."""
+        if self.beside is None:
+            return (False,) * len(self.causes)
+        own = self._beyond_forces()
+        return tuple((own & np.any(own & (self.beside.alike > OVERLAP), axis=1)).tolist())
+
+    def _beyond_forces(self) -> np.ndarray:
+        """Of every cause, whether it stays what it is beside forces without a name."""
         own, sizes = self.beside, self.search.extended.sizes
         strength = np.abs(own.sizes) / own.deviations
         share = strength**2 / (strength**2 + self.left)
         reach = np.maximum(_Z * own.deviations, _SAME * np.abs(sizes))
-        stands = (strength > self.search.threshold) & (np.abs(own.sizes - sizes) <= reach)
-        stands &= (own.kept >= _OWN) | (share >= _MOST)
-        halves = own.alike[np.ix_(stands, stands)].max(initial=0.0) > OVERLAP
-        return tuple(bool(one) and not halves for one in stands)
+        same = (strength > self.search.threshold) & (np.abs(own.sizes - sizes) <= reach)
+        return same & ((own.kept >= _OWN) | (share >= _MOST))
 
     @property
     def left(self) -> float:

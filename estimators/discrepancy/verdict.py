@@ -60,9 +60,17 @@ def _phrase(rival: Rival) -> str:
 
 def _doubt_phrase(diagnosis: Diagnosis) -> str:
     """Causes that do not stand on their own, after what is left; or nothing."""
-    doubted = [cause for cause in diagnosis.causes if cause not in diagnosis.named]
-    names = [" or ".join(rival.candidate.effect for rival in cause.rivals) for cause in doubted]
-    return f", which may also stand behind {', '.join(names)}" if names else ""
+    names = [" or ".join(rival.candidate.effect for rival in cause.rivals) for cause in diagnosis.causes]
+    halves = [name for name, half in zip(names, diagnosis.halves, strict=True) if half]
+    others = [
+        name
+        for name, half, stands in zip(names, diagnosis.halves, diagnosis.stands, strict=True)
+        if not half and not stands
+    ]
+    phrase = f", which may also stand behind {', '.join(others)}" if others else ""
+    if halves:
+        phrase += f"; {', '.join(halves)} may be one cause that the library lacks: their sizes hang together"
+    return phrase
 
 
 def _cause_phrase(diagnosis: Diagnosis, cause: Cause) -> str:
@@ -147,7 +155,13 @@ def _beside_dict(diagnosis: Diagnosis, k: int) -> dict[str, float] | None:
         return None
     own = diagnosis.beside
     size, reach = float(own.sizes[k]), _Z * float(own.deviations[k])
-    return {"value": size, "low": size - reach, "high": size + reach, "kept": float(own.kept[k])}
+    return {
+        "value": size,
+        "low": size - reach,
+        "high": size + reach,
+        "kept": float(own.kept[k]),
+        "alike": float(own.alike[k].max()),
+    }
 
 
 def _cause_dict(diagnosis: Diagnosis, k: int) -> dict[str, Any]:
@@ -294,7 +308,7 @@ def lines_of(diagnosis: Diagnosis, evidence: Evidence | None = None) -> list[str
     """The summary for a terminal: with the names of the files that follow it, at most 25 lines."""
     lines = [f"{diagnosis.verdict}: {sentence_of(diagnosis)}"]
     for cause in diagnosis.causes:
-        what = "cause" if cause in diagnosis.named else "no name yet, unknown forces may stand behind it"
+        what = "cause" if cause in diagnosis.named else "no name yet, something unknown may stand behind it"
         lines.append(
             f"{what}, gains {0.5 * cause.delta:.0f} in the log-likelihood, chance {cause.chance:.1g}:"
         )

@@ -175,7 +175,7 @@ def test_the_page_holds_every_comparison_with_its_numbers(comparison):
     sections = benchmark_sections({place: comparison}, picture, trained, command="offroad", seconds=1.0)
     page = render_page(sections, title="t", intro="i", footer="f")
     words = ("What knowing the soil is worth", "speed, twin form", "Headroom:", "interquartile mean")
-    for word in (*words, "ppo_oblivious", "a trained policy does better with the estimate"):
+    for word in (*words, "ppo_oblivious", "trained policies do better with the estimate"):
         assert word in page
     assert json.loads(json.dumps(sections[-2].data))["better_uninformed"] == "conservative"
 
@@ -193,12 +193,22 @@ def test_the_interval_of_a_trained_arm_is_students_over_its_seeds():
     assert seed_interval([1.0]).high == np.inf
 
 
-@pytest.mark.parametrize(
-    ("aware", "says"), [(46.0, "does better"), (58.0, "does worse"), (52.05, "do not show")]
-)
+@pytest.mark.parametrize(("aware", "says"), [(46.0, "do better"), (58.0, "do worse"), (52.05, "do not show")])
 def test_trained_arms_differ_where_their_intervals_do_not_overlap(aware, says):
     arms = [trained_arm("ppo_aware", aware), trained_arm("ppo_oblivious", 52.0)]
     assert says in learned_verdict(arms, "s")
+
+
+def test_policies_of_two_kinds_are_compared_with_their_own_kind():
+    pairs = {
+        "ppo_aware": 45.0,
+        "ppo_oblivious": 52.0,
+        "ppo_tracker_aware": 60.0,
+        "ppo_tracker_oblivious": 55.0,
+    }
+    verdict = learned_verdict([trained_arm(name, score) for name, score in pairs.items()], "s")
+    assert "trained policies do better" in verdict
+    assert "policies that say the speed themselves do worse" in verdict
 
 
 def test_the_recovered_share_is_one_for_the_oracle_and_none_for_the_uninformed():

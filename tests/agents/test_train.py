@@ -37,7 +37,7 @@ def run(tmp_path_factory):
         eval_episodes=1,
         check_episodes=1,
         check_steps=128,
-        guided=False,
+        guide="pedals",
         out=tmp_path_factory.mktemp("train"),
     )
     return args, train(args)
@@ -92,7 +92,7 @@ def test_policies_with_memory_and_sac_come_back_as_they_were(tmp_path, algorithm
         buffer_size=1000,
         eval_episodes=1,
         check_episodes=0,
-        guided=frames > 1,
+        guide="plan" if frames > 1 else "pedals",
         out=tmp_path,
     )
     first = train(args).evaluation[0]
@@ -196,7 +196,7 @@ def test_without_a_discount_the_rewards_of_an_episode_are_its_time_but_for_the_w
     from offroad_env.vector_env import make_vec
 
     envs = make_vec(1, autoreset_mode="SameStep", scenario="speed", threads=1)
-    episodes = LearningVecEnv(envs, guided=True, objective="score", charge=1.0 / 3.0)
+    episodes = LearningVecEnv(envs, guide="plan", objective="score", charge=1.0 / 3.0)
     episodes.seed(29)  # n = 0.34: who believes in 1.1 leaves the corridor
     episodes.reset()
     total, done = 0.0, [False]

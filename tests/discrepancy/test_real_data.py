@@ -137,4 +137,4 @@ def test_causes_that_make_up_together_for_a_wrong_law_of_the_wheels_are_not_name
     assert len(diagnosis.causes) > 1
     assert diagnosis.beside.alike.max() > OVERLAP
     assert diagnosis.verdict == "UNEXPLAINED"
-    assert "which may also stand behind" in sentence_of(diagnosis)
+    assert "may be one cause that the library lacks" in sentence_of(diagnosis)
