@@ -30,7 +30,8 @@ class LearningVecEnv(VecEnv):
         With ``autoreset_mode="SameStep"``: stable-baselines3 expects the first observation of the next
         episode with the end of the last one.
     guide
-        Name in `agents.guide.GUIDES`: to whom the actions are words, each of which holds for a while.
+        Name in `agents.guide.GUIDES`: to whom the actions are words, each of which holds for a while. None:
+        they are the environment's own, as is what is seen.
     objective : {"reward", "score"}
         What is learnt.
     charge
@@ -52,7 +53,7 @@ class LearningVecEnv(VecEnv):
         self,
         envs: OffroadBekkerVectorEnv,
         *,
-        guide: str = "pedals",
+        guide: str | None = None,
         objective: str = "reward",
         charge: float = 1.0,
         pace: float = 0.15,
@@ -70,7 +71,7 @@ class LearningVecEnv(VecEnv):
         self._scenario: Scenario = first.scenario
         if objective == "score" and self._scenario.measure == "cross_track":
             raise InvalidParameter('objective must be "reward" where a distance from the path is measured')
-        self._guide = make_guide(guide, first.briefing)
+        self._guide = None if guide is None else make_guide(guide, first.briefing)
         self._actions: np.ndarray | None = None
         self._seen: dict[str, np.ndarray] = {}
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
@@ -82,14 +83,20 @@ class LearningVecEnv(VecEnv):
         self._progress = infos["progress"].copy()
         self._reset_seeds()
         self._reset_options()
-        return mirrored(self._seen)
+        return self._shown(self._seen)
+
+    def _shown(self, observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """What the learner sees of them."""
+        return observations if self._guide is None else mirrored(observations)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """One step of all episodes: the time for which a word holds."""
+        """One step of all episodes: a control period, or the time for which a word holds."""
+        if self._guide is None:
+            return self._one_period(self._actions)
         rewards = np.zeros(self.num_envs, np.float32)
         over = np.zeros(self.num_envs, np.bool_)
         listed: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -99,7 +106,7 @@ class LearningVecEnv(VecEnv):
             for i in np.flatnonzero(done & ~over):
                 listed[i] = ends[i]
             over |= done
-        return mirrored(self._seen), rewards, over, listed
+        return self._shown(self._seen), rewards, over, listed
 
     def _one_period(
         self, actions: np.ndarray
@@ -110,7 +117,7 @@ class LearningVecEnv(VecEnv):
         for i in np.flatnonzero(done):
             listed[i] = {
                 **_row(infos["final_info"], i),
-                "terminal_observation": mirrored(infos["final_obs"][i]),
+                "terminal_observation": self._shown(infos["final_obs"][i]),
                 "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
                 "is_success": bool(infos["final_info"]["success"][i]),
             }
