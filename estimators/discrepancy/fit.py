@@ -34,6 +34,7 @@ class Nuisance:
     limits: tuple[float, float] = (-np.inf, np.inf)  #: nothing healthy lies beyond
     hard_limits: tuple[float, float] | None = None  #: the same on hard ground, where it differs
     hard: bool = False  #: of hard ground alone
+    unknown: str = ""  #: what the log must call unknown
 
 
 #: No tyre is stiffer, or softer, than stated by more than this: the logarithm of a factor of two. Tyres on
@@ -54,6 +55,21 @@ NUISANCES = (
     Nuisance(name="wheel_age", spread=1.0, step=0.25, sensors_only=True, limits=(-2.0, 2.0), hard=True),
     # By how much the age of the pose that the sensors told is wrong [s]; nothing, if they told none.
     Nuisance(name="pose_age", spread=0.003, step=0.002, sensors_only=True, limits=(-0.005, 0.005)),
+    # From the stated place of the IMU to its own, in wheelbases. It is somewhere on the vehicle.
+    Nuisance(
+        name="imu_x", spread=0.25, step=1e-3, sensors_only=True, limits=(-0.7, 0.7), unknown="imu.position"
+    ),
+    *(
+        Nuisance(
+            name=f"imu_{i}",
+            spread=0.1,
+            step=1e-3,
+            sensors_only=True,
+            limits=(-0.3, 0.3),
+            unknown="imu.position",
+        )
+        for i in "yz"
+    ),
     *(Nuisance(name=f"bias_{i}", spread=0.02, step=0.01, sensors_only=True, channel=i) for i in range(3)),
     *(Nuisance(name=f"bias_{i}", spread=5e-4, step=1e-3, sensors_only=True, channel=i) for i in (3, 4)),
     # Each axle's wheel speeds err by 0.2 %: their mean and half their difference by less.
@@ -183,7 +199,7 @@ class Fit:
         setup, errors = run.setup, run.setup.errors
         soil, period = setup.plant.soil, run.step
         for nuisance, value in zip(NUISANCES, nuisances, strict=True):
-            if nuisance.hard and soil.rigid < 0.5:
+            if not _acts(nuisance, run):
                 continue
             if nuisance.name == "ground" and soil.rigid > 0.5:
                 setup = setup.with_soil(C_alpha=soil.C_alpha * float(np.exp(value)))
@@ -202,6 +218,8 @@ class Fit:
             elif nuisance.name == "pose_age":
                 told = errors.pose_delay > 0.0
                 errors = replace(errors, pose_delay=errors.pose_delay + told * float(value))
+            elif nuisance.unknown == "imu.position":
+                setup = _shifted_imu(setup, "xyz".index(nuisance.name[-1]), float(value))
             elif nuisance.name == "wheel":
                 errors = replace(errors, wheel_scale=errors.wheel_scale + float(value))
             elif nuisance.name == "wheel_split":
@@ -306,7 +324,7 @@ class Fit:
         for i, nuisance in enumerate(NUISANCES):
             point = self.nuisances.copy()
             point[i] += nuisance.step
-            if nuisance.hard and not self.hard:
+            if not any(_acts(nuisance, run) for run in self.runs):
                 columns.append(np.zeros(len(self.window)))
                 continue
             setups = self._setups(point)
@@ -593,12 +611,38 @@ class Fit:
         own = np.diag(np.linalg.inv(self.shares.normal))
         return np.sqrt(own if self.drawn is None else own * self.widenings())
 
+    def imu_shift(self) -> dict[str, list[float]] | None:
+        """How far from its stated place the IMU sits, if that is unknown: forward, left, up [m]."""
+        if "imu.position" not in self.runs[0].log.config.unknown:
+            return None
+        vehicle = self.runs[0].setup.plant.vehicle
+        own = [i for i, nuisance in enumerate(NUISANCES) if nuisance.unknown == "imu.position"]
+        wheelbase = vehicle.l_f + vehicle.l_r
+        return {
+            "value": (wheelbase * self.nuisances[own]).tolist(),
+            "deviation": (wheelbase * self.deviations()[own]).tolist(),
+        }
+
     def learn_noise(self, *, white: bool = False) -> None:
         """Set the whitening from the residuals at the present point."""
         residual = self.residual()
         freedom = self.freedom(self._states) if self._states is not None and self.whitener.noise else {}
         self.whitener.learn(residual, freedom, white=white)
         self._healthy = None
+
+
+def _acts(nuisance: Nuisance, run: RunModel) -> bool:
+    """Whether there is such a thing in this run."""
+    if nuisance.hard and run.setup.plant.soil.rigid < 0.5:
+        return False
+    return not nuisance.unknown or nuisance.unknown in run.log.config.unknown
+
+
+def _shifted_imu(setup: Setup, axis: int, share: float) -> Setup:
+    """The IMU elsewhere by a share of the wheelbase."""
+    vehicle, lever = setup.plant.vehicle, setup.mount.lever.copy()
+    lever[axis] += share * (vehicle.l_f + vehicle.l_r)
+    return replace(setup, mount=setup.mount._replace(lever=lever))
 
 
 def fit_runs(runs: Sequence[RunModel], *, white: bool = False) -> Fit:
