@@ -44,6 +44,7 @@ _OLD_POSE = ("clock", "yaw")
 #: Effects that nobody can tell from what a log calls unknown.
 _UNJUDGED = {
     "imu.position": ("lever_arm_x", "lever_arm_z"),
+    "gnss.position": ("antenna_x",),
     "suspension": ("bump_stop", "coulomb_friction", "damper_nonlinear"),
 }
 #: A log can test the library if it would see this share of it at the largest plausible size.
@@ -184,7 +185,7 @@ def diagnose(
             "threshold": found.threshold,
             "overlap": overlap_of(found.extended),
             "pose_age": [pose_age(log) for log in logs],
-            "imu_shift": found.extended.imu_shift(),
+            "places": found.extended.places(),
         },
         search=found,
         logs=tuple(logs),

@@ -55,7 +55,7 @@ NUISANCES = (
     Nuisance(name="wheel_age", spread=1.0, step=0.25, sensors_only=True, limits=(-2.0, 2.0), hard=True),
     # By how much the age of the pose that the sensors told is wrong [s]; nothing, if they told none.
     Nuisance(name="pose_age", spread=0.003, step=0.002, sensors_only=True, limits=(-0.005, 0.005)),
-    # From the stated place of the IMU to its own, in wheelbases. It is somewhere on the vehicle.
+    # Places that the log calls unknown, off the stated ones by so many wheelbases: somewhere on the vehicle.
     Nuisance(
         name="imu_x", spread=0.25, step=1e-3, sensors_only=True, limits=(-0.7, 0.7), unknown="imu.position"
     ),
@@ -69,6 +69,14 @@ NUISANCES = (
             unknown="imu.position",
         )
         for i in "yz"
+    ),
+    Nuisance(
+        name="antenna_x",
+        spread=0.25,
+        step=1e-3,
+        sensors_only=True,
+        limits=(-0.7, 0.7),
+        unknown="gnss.position",
     ),
     *(Nuisance(name=f"bias_{i}", spread=0.02, step=0.01, sensors_only=True, channel=i) for i in range(3)),
     *(Nuisance(name=f"bias_{i}", spread=5e-4, step=1e-3, sensors_only=True, channel=i) for i in (3, 4)),
@@ -219,7 +227,9 @@ class Fit:
                 told = errors.pose_delay > 0.0
                 errors = replace(errors, pose_delay=errors.pose_delay + told * float(value))
             elif nuisance.unknown == "imu.position":
-                setup = _shifted_imu(setup, "xyz".index(nuisance.name[-1]), float(value))
+                setup = _shifted_imu(setup, "xyz".index(nuisance.name[-1]), _wheelbase(run) * float(value))
+            elif nuisance.unknown == "gnss.position":
+                errors = replace(errors, antenna=errors.antenna + _wheelbase(run) * float(value))
             elif nuisance.name == "wheel":
                 errors = replace(errors, wheel_scale=errors.wheel_scale + float(value))
             elif nuisance.name == "wheel_split":
@@ -611,16 +621,13 @@ class Fit:
         own = np.diag(np.linalg.inv(self.shares.normal))
         return np.sqrt(own if self.drawn is None else own * self.widenings())
 
-    def imu_shift(self) -> dict[str, list[float]] | None:
-        """How far from its stated place the IMU sits, if that is unknown: forward, left, up [m]."""
-        if "imu.position" not in self.runs[0].log.config.unknown:
-            return None
-        vehicle = self.runs[0].setup.plant.vehicle
-        own = [i for i, nuisance in enumerate(NUISANCES) if nuisance.unknown == "imu.position"]
-        wheelbase = vehicle.l_f + vehicle.l_r
+    def places(self) -> dict[str, tuple[float, float]]:
+        """How far off its stated place each sensor is whose place is unknown: (value, deviation) [m]."""
+        run, deviations = self.runs[0], self.deviations()
         return {
-            "value": (wheelbase * self.nuisances[own]).tolist(),
-            "deviation": (wheelbase * self.deviations()[own]).tolist(),
+            nuisance.name: (float(_wheelbase(run) * value), float(_wheelbase(run) * deviation))
+            for nuisance, value, deviation in zip(NUISANCES, self.nuisances, deviations, strict=False)
+            if nuisance.unknown and _acts(nuisance, run)
         }
 
     def learn_noise(self, *, white: bool = False) -> None:
@@ -635,13 +642,20 @@ def _acts(nuisance: Nuisance, run: RunModel) -> bool:
     """Whether there is such a thing in this run."""
     if nuisance.hard and run.setup.plant.soil.rigid < 0.5:
         return False
-    return not nuisance.unknown or nuisance.unknown in run.log.config.unknown
+    unknown = run.log.config.unknown
+    if nuisance.name == "imu_z" and "suspension" in unknown:
+        return False  # it shows by the pitching alone, of which nothing is known
+    return not nuisance.unknown or nuisance.unknown in unknown
 
 
-def _shifted_imu(setup: Setup, axis: int, share: float) -> Setup:
-    """The IMU elsewhere by a share of the wheelbase."""
-    vehicle, lever = setup.plant.vehicle, setup.mount.lever.copy()
-    lever[axis] += share * (vehicle.l_f + vehicle.l_r)
+def _wheelbase(run: RunModel) -> float:
+    vehicle = run.setup.plant.vehicle
+    return vehicle.l_f + vehicle.l_r
+
+
+def _shifted_imu(setup: Setup, axis: int, by: float) -> Setup:
+    lever = setup.mount.lever.copy()
+    lever[axis] += by
     return replace(setup, mount=setup.mount._replace(lever=lever))
 
 

@@ -290,6 +290,25 @@ def _confirmed(word: Word | None, support: tuple[float, float], enough: float) -
     return support[0] + word.gain / support[1] > enough
 
 
+def _onward(
+    gate: Gate, last: Screen, limits: tuple[float, float], *, white: bool
+) -> tuple[Fit | None, list[float], bool]:
+    """The next larger model, see `_accepted`. ``limits``: least score, and rate of the first screen."""
+    fit, (bar, rate) = gate.fit, limits
+    while True:
+        trials = _larger(fit, last, bar, gate)
+        # The first name is the best or none; later ones may be any that explain as much.
+        tried = trials if fit.candidates else trials[:1]
+        bars = (bar, chance_threshold(last, _CONFIRMED * rate))
+        larger, gains, refused = _accepted(gate, tried, bars, white=white)
+        if larger is not None or gains or not trials:
+            return larger, gains, refused
+        # What looked best does not hold when it is fitted to the end; what stood in its shade may.
+        inside = {candidate.effect for candidate in fit.candidates}
+        gone = {c.effect for trial in trials for c in trial.fit.candidates} - inside
+        last = screen(fit, [c for c in last.candidates if c.effect not in gone])
+
+
 def search(
     nominal: Fit, library: Sequence[str], rate: float, apart: Sequence[RunModel] = (), *, white: bool = False
 ) -> Search:
@@ -313,11 +332,7 @@ def search(
     threshold = chance_threshold(first, rate)
     fit, bar, gate, told, refused = nominal, threshold, Gate(nominal, apart), [], False
     while len(fit.candidates) < _MOST:
-        trials = _larger(fit, last, bar, gate)
-        # The first name is the best or none; later ones may be any that explain as much.
-        bars = (bar, chance_threshold(last, _CONFIRMED * rate))
-        tried = trials if fit.candidates else trials[:1]
-        larger, gains, refused = _accepted(gate, tried, bars, white=white)
+        larger, gains, refused = _onward(gate, last, (bar, rate), white=white)
         told += gains
         if larger is None:
             break

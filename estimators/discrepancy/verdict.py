@@ -333,25 +333,21 @@ def lines_of(diagnosis: Diagnosis, evidence: Evidence | None = None) -> list[str
         lines.append(f"not testable with these data: {', '.join(diagnosis.not_testable)}")
     if diagnosis.missing:
         lines.append(f"no channel for: {', '.join(diagnosis.missing)}")
-    if diagnosis.unjudged:
-        lines.append(f"called unknown by the log, so not judged: {', '.join(diagnosis.unjudged)}")
-    lines += _imu_lines(diagnosis)
+    lines += _unknown_lines(diagnosis)
     last = [] if advice is None else [f"next experiment: {advice}"]
     return [*lines[: _LINES - len(last)], *last]
 
 
-def _imu_lines(diagnosis: Diagnosis) -> list[str]:
-    """Where an IMU sits whose place the log does not know."""
-    shift = diagnosis.checks.get("imu_shift")
-    if shift is None:
-        return []
-    parts = [
-        f"{value:.2f} ± {deviation:.2f} m {where}"
-        for value, deviation, where in zip(
-            shift["value"], shift["deviation"], ("forward", "left", "up"), strict=True
-        )
-    ]
-    return [f"the IMU sits off its stated place by {', '.join(parts)} (fitted)"]
+def _unknown_lines(diagnosis: Diagnosis) -> list[str]:
+    """What the log calls unknown: what of it is not judged, and where sensors sit that may be anywhere."""
+    lines = []
+    if diagnosis.unjudged:
+        lines.append(f"called unknown by the log, so not judged: {', '.join(diagnosis.unjudged)}")
+    places = diagnosis.checks.get("places", {})
+    if places:
+        parts = [f"{name} {value:.2f} ± {deviation:.2f} m" for name, (value, deviation) in places.items()]
+        lines.append(f"off its stated place, by the fit: {', '.join(parts)}")
+    return lines
 
 
 def _ground_lines(diagnosis: Diagnosis) -> list[str]:

@@ -36,7 +36,7 @@ __all__ = [
 DRIVETRAINS = ("force", "torque")
 HOLDS = ("zoh", "linear")
 #: What a description may call unknown, although it has to hold some value.
-UNKNOWN = ("imu.position", "suspension")
+UNKNOWN = ("imu.position", "gnss.position", "suspension")
 TERRAINS = ("paper", "flat", "unknown", "waves", "grid")
 
 #: Keys of ``start: {state: {...}}``, in the order of `offroad_env.physics.state`.

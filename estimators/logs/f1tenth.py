@@ -140,6 +140,6 @@ def _config(vehicle: Vehicle, channels: dict[str, np.ndarray]) -> LogConfig:
         gnss=GnssSpec(sd_position=0.05),
         hold="zoh",
         start=StartSpec(x=x, y=y, yaw=yaw, v_x=speed),
-        # Neither where the IMU sits nor springs and dampers are published.
-        unknown=("imu.position", "suspension"),
+        # Nobody has published where the IMU sits, which point the pose is of, springs or dampers.
+        unknown=("imu.position", "gnss.position", "suspension"),
     )
