@@ -78,6 +78,8 @@ NUISANCES = (
         limits=(-0.7, 0.7),
         unknown="gnss.position",
     ),
+    # A body on unknown springs leans in turns, and gravity adds this share to a_y: radians per g.
+    Nuisance(name="lean", spread=0.1, step=0.01, sensors_only=True, limits=(0.0, 0.3), unknown="suspension"),
     *(Nuisance(name=f"bias_{i}", spread=0.02, step=0.01, sensors_only=True, channel=i) for i in range(3)),
     *(Nuisance(name=f"bias_{i}", spread=5e-4, step=1e-3, sensors_only=True, channel=i) for i in (3, 4)),
     # Each axle's wheel speeds err by 0.2 %: their mean and half their difference by less.
@@ -230,6 +232,8 @@ class Fit:
                 setup = _shifted_imu(setup, "xyz".index(nuisance.name[-1]), _wheelbase(run) * float(value))
             elif nuisance.unknown == "gnss.position":
                 errors = replace(errors, antenna=errors.antenna + _wheelbase(run) * float(value))
+            elif nuisance.name == "lean":
+                errors = replace(errors, lean=float(value))
             elif nuisance.name == "wheel":
                 errors = replace(errors, wheel_scale=errors.wheel_scale + float(value))
             elif nuisance.name == "wheel_split":
@@ -627,7 +631,7 @@ class Fit:
         return {
             nuisance.name: (float(_wheelbase(run) * value), float(_wheelbase(run) * deviation))
             for nuisance, value, deviation in zip(NUISANCES, self.nuisances, deviations, strict=False)
-            if nuisance.unknown and _acts(nuisance, run)
+            if nuisance.unknown.endswith("position") and _acts(nuisance, run)
         }
 
     def learn_noise(self, *, white: bool = False) -> None:
@@ -642,10 +646,7 @@ def _acts(nuisance: Nuisance, run: RunModel) -> bool:
     """Whether there is such a thing in this run."""
     if nuisance.hard and run.setup.plant.soil.rigid < 0.5:
         return False
-    unknown = run.log.config.unknown
-    if nuisance.name == "imu_z" and "suspension" in unknown:
-        return False  # it shows by the pitching alone, of which nothing is known
-    return not nuisance.unknown or nuisance.unknown in unknown
+    return not nuisance.unknown or nuisance.unknown in run.log.config.unknown
 
 
 def _wheelbase(run: RunModel) -> float:

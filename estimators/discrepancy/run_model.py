@@ -39,9 +39,6 @@ _NEAR = 0.15
 
 _IMU = ("a_x", "a_y", "a_z", "pitch_rate", "yaw_rate")
 _ANGLES = ("course", "yaw")
-#: What springs and dampers move: nothing to learn from where nobody knows these.
-_SPRUNG = ("a_z", "pitch_rate", "pitch")
-_SPRUNG_STATES = (at.Z, at.PITCH, at.V_Z, at.PITCH_RATE)
 _STATES = {"x": at.X, "y": at.Y, "yaw": at.YAW, "pitch": at.PITCH, "v_x": at.V_X, "v_y": at.V_Y}
 _RIMS = {"omega_f": at.R_OMEGA, "omega_r": at.AXLE + at.R_OMEGA}
 _OTHER = ("speed", "course")
@@ -131,8 +128,6 @@ class RunModel:
         self.windows: Windows = windows if use is None else windows.only(use)
         self._find_data()
         self.free = tuple(_FREE) if full and self.driven else tuple(i for i in _FREE if i < at.OMEGA_F)
-        if "suspension" in log.config.unknown:
-            self.free = tuple(i for i in self.free if i not in _SPRUNG_STATES)
         r = plant.vehicle.r
         self.spread = np.array([_FREE[i] / (r if i >= at.OMEGA_F else 1.0) for i in self.free])
 
@@ -212,8 +207,6 @@ class RunModel:
         if len(self.windows) == 0:
             return ()
         known = [*_IMU, *(_RIMS if self.driven else ()), *_STATES, *_OTHER]
-        if "suspension" in self.log.config.unknown:
-            known = [name for name in known if name not in _SPRUNG]
         channels, start = [], 0
         for name in known:
             if name not in self.log.channels:
@@ -350,6 +343,7 @@ class RunModel:
         if name in _IMU:
             i = _IMU.index(name)
             scale = setup.errors.accel_scale if i < 3 else 1.0
+            scale *= 1.0 + setup.errors.lean if name == "a_y" else 1.0
             return scale * imu[:, i] + setup.errors.offset[i]
         if name in _RIMS:
             split = setup.errors.wheel_split if name == "omega_f" else -setup.errors.wheel_split
