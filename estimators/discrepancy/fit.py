@@ -9,83 +9,20 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from estimators.discrepancy.noise import Whitener
+from estimators.discrepancy.nuisances import NUISANCES, acts, wheelbase, with_nuisances
 from estimators.discrepancy.road import healthy_residuals, widening
 from estimators.discrepancy.run_model import RunModel
 from offroad_env.effects import EFFECTS, Setup, apply
 from offroad_env.errors import OffroadError, SolverFailure
 
-__all__ = ["NUISANCES", "Candidate", "Fit", "Nuisance", "Shares", "fit_runs", "settle"]
+__all__ = ["Candidate", "Fit", "Shares", "fit_runs", "settle"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Nuisance:
-    """Something common to all windows that is never exactly as stated, with what is believed of it."""
-
-    name: str
-    spread: float  #: standard deviation beforehand
-    step: float  #: of its finite difference
-    sensors_only: bool
-    channel: int = 0
-    limits: tuple[float, float] = (-np.inf, np.inf)  #: nothing healthy lies beyond
-    hard_limits: tuple[float, float] | None = None  #: the same on hard ground, where it differs
-    hard: bool = False  #: of hard ground alone
-    unknown: str = ""  #: what the log must call unknown
-
-
-#: No tyre is stiffer, or softer, than stated by more than this: the logarithm of a factor of two. Tyres on
-#: hard ground, of cars and of trucks, lie within that of each other for one load. Much softer ones turn
-#: the car as late as a slow steering does.
-_TYRES = (-0.7, 0.7)
-#: Beliefs about a healthy vehicle; a bias beyond them is an effect.
-NUISANCES = (
-    Nuisance(name="ground", spread=0.5, step=1e-4, sensors_only=False, hard_limits=_TYRES),
-    # Tyres are known by one stiffness at best, and never in front as behind, nor along as across. A vehicle
-    # whose front tyres hold much more than the rear ones does not go straight at speed; one whose front
-    # tyres hold less than two thirds is taken for one that steers more than commanded.
-    Nuisance(name="along", spread=0.5, step=0.005, sensors_only=False, limits=_TYRES, hard=True),
-    Nuisance(name="balance", spread=0.3, step=0.02, sensors_only=False, limits=(-0.33, 0.1), hard=True),
-    # Half a sample either way, in standard deviations; inputs that are later than that are an effect.
-    Nuisance(name="shift", spread=1.0, step=0.25, sensors_only=False, limits=(-(3.0**0.5), 3.0**0.5)),
-    # Samples by which wheel speeds that move the car are older than the others: they come by another way.
-    Nuisance(name="wheel_age", spread=1.0, step=0.25, sensors_only=True, limits=(-2.0, 2.0), hard=True),
-    # By how much the age of the pose that the sensors told is wrong [s]; nothing, if they told none.
-    Nuisance(name="pose_age", spread=0.003, step=0.002, sensors_only=True, limits=(-0.005, 0.005)),
-    # Places that the log calls unknown, off the stated ones by so many wheelbases: somewhere on the vehicle.
-    Nuisance(
-        name="imu_x", spread=0.25, step=1e-3, sensors_only=True, limits=(-0.7, 0.7), unknown="imu.position"
-    ),
-    *(
-        Nuisance(
-            name=f"imu_{i}",
-            spread=0.1,
-            step=1e-3,
-            sensors_only=True,
-            limits=(-0.3, 0.3),
-            unknown="imu.position",
-        )
-        for i in "yz"
-    ),
-    Nuisance(
-        name="antenna_x",
-        spread=0.25,
-        step=1e-3,
-        sensors_only=True,
-        limits=(-0.7, 0.7),
-        unknown="gnss.position",
-    ),
-    # A body on unknown springs leans in turns, and gravity adds this share to a_y: radians per g.
-    Nuisance(name="lean", spread=0.1, step=0.01, sensors_only=True, limits=(0.0, 0.3), unknown="suspension"),
-    *(Nuisance(name=f"bias_{i}", spread=0.02, step=0.01, sensors_only=True, channel=i) for i in range(3)),
-    *(Nuisance(name=f"bias_{i}", spread=5e-4, step=1e-3, sensors_only=True, channel=i) for i in (3, 4)),
-    # Each axle's wheel speeds err by 0.2 %: their mean and half their difference by less.
-    Nuisance(name="wheel", spread=0.0014, step=0.002, sensors_only=True),
-    Nuisance(name="wheel_split", spread=0.0014, step=0.002, sensors_only=True),
-)
 #: Belief about a size, in plausible sizes: loose enough to change no result.
 _LOOSE = 100.0
 #: Finite differences: share of a state's spread, and of an effect's plausible size. On bumps they hold
@@ -206,41 +143,7 @@ class Fit:
 
     def setup(self, run: RunModel, nuisances: np.ndarray, sizes: np.ndarray) -> Setup:
         """The vehicle, soil, inputs and sensors at a point."""
-        setup, errors = run.setup, run.setup.errors
-        soil, period = setup.plant.soil, run.step
-        for nuisance, value in zip(NUISANCES, nuisances, strict=True):
-            if not _acts(nuisance, run):
-                continue
-            if nuisance.name == "ground" and soil.rigid > 0.5:
-                setup = setup.with_soil(C_alpha=soil.C_alpha * float(np.exp(value)))
-            elif nuisance.name == "ground":
-                setup = setup.with_soil(n=max(soil.n + float(value), 0.05))
-            elif nuisance.name == "along":
-                setup = setup.with_soil(C_kappa=soil.C_kappa * float(np.exp(value)))
-            elif nuisance.name == "balance":
-                setup = apply(setup, [("front_grip", {"share": float(value)})])
-            elif nuisance.name == "shift":
-                # Half a sample of the inputs either way is nobody's fault.
-                shift = 0.5 * period / np.sqrt(3.0) * float(value)
-                setup = replace(setup, inputs=replace(setup.inputs, delay=setup.inputs.delay + shift))
-            elif nuisance.name == "wheel_age":
-                errors = replace(errors, wheel_delay=errors.wheel_delay + run.period * float(value))
-            elif nuisance.name == "pose_age":
-                told = errors.pose_delay > 0.0
-                errors = replace(errors, pose_delay=errors.pose_delay + told * float(value))
-            elif nuisance.unknown == "imu.position":
-                setup = _shifted_imu(setup, "xyz".index(nuisance.name[-1]), _wheelbase(run) * float(value))
-            elif nuisance.unknown == "gnss.position":
-                errors = replace(errors, antenna=errors.antenna + _wheelbase(run) * float(value))
-            elif nuisance.name == "lean":
-                errors = replace(errors, lean=float(value))
-            elif nuisance.name == "wheel":
-                errors = replace(errors, wheel_scale=errors.wheel_scale + float(value))
-            elif nuisance.name == "wheel_split":
-                errors = replace(errors, wheel_split=errors.wheel_split + float(value))
-            else:
-                errors = errors.shifted(nuisance.channel, float(value))
-        setup = replace(setup, errors=errors)
+        setup = with_nuisances(run, nuisances)
         pairs = zip(self.candidates, sizes, strict=True)
         return apply(setup, [(c.effect, c.values(float(size))) for c, size in pairs])
 
@@ -338,7 +241,7 @@ class Fit:
         for i, nuisance in enumerate(NUISANCES):
             point = self.nuisances.copy()
             point[i] += nuisance.step
-            if not any(_acts(nuisance, run) for run in self.runs):
+            if not any(acts(nuisance, run) for run in self.runs):
                 columns.append(np.zeros(len(self.window)))
                 continue
             setups = self._setups(point)
@@ -629,9 +532,9 @@ class Fit:
         """How far off its stated place each sensor is whose place is unknown: (value, deviation) [m]."""
         run, deviations = self.runs[0], self.deviations()
         return {
-            nuisance.name: (float(_wheelbase(run) * value), float(_wheelbase(run) * deviation))
+            nuisance.name: (float(wheelbase(run) * value), float(wheelbase(run) * deviation))
             for nuisance, value, deviation in zip(NUISANCES, self.nuisances, deviations, strict=False)
-            if nuisance.unknown.endswith("position") and _acts(nuisance, run)
+            if nuisance.unknown.endswith("position") and acts(nuisance, run)
         }
 
     def learn_noise(self, *, white: bool = False) -> None:
@@ -640,24 +543,6 @@ class Fit:
         freedom = self.freedom(self._states) if self._states is not None and self.whitener.noise else {}
         self.whitener.learn(residual, freedom, white=white)
         self._healthy = None
-
-
-def _acts(nuisance: Nuisance, run: RunModel) -> bool:
-    """Whether there is such a thing in this run."""
-    if nuisance.hard and run.setup.plant.soil.rigid < 0.5:
-        return False
-    return not nuisance.unknown or nuisance.unknown in run.log.config.unknown
-
-
-def _wheelbase(run: RunModel) -> float:
-    vehicle = run.setup.plant.vehicle
-    return vehicle.l_f + vehicle.l_r
-
-
-def _shifted_imu(setup: Setup, axis: int, by: float) -> Setup:
-    lever = setup.mount.lever.copy()
-    lever[axis] += by
-    return replace(setup, mount=setup.mount._replace(lever=lever))
 
 
 def fit_runs(runs: Sequence[RunModel], *, white: bool = False) -> Fit:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.discrepancy.fit import NUISANCES, Candidate, Fit
+from estimators.discrepancy.fit import Candidate, Fit
+from estimators.discrepancy.nuisances import NUISANCES
 from estimators.discrepancy.road import widening
 from offroad_env.effects import EFFECTS
 from offroad_env.physics import state as at

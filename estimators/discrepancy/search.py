@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimators.discrepancy.fit import NUISANCES, Candidate, Fit, settle
+from estimators.discrepancy.fit import Candidate, Fit, settle
 from estimators.discrepancy.gate import Gate, Word
+from estimators.discrepancy.nuisances import NUISANCES
 from estimators.discrepancy.run_model import RunModel
 from estimators.discrepancy.screen import Screen, candidates_for, chance_threshold, projected, screen
 from estimators.discrepancy.together import gain_of, guesses

@@ -10,8 +10,9 @@ import pytest
 from agents.commands.data import Log as DataLog
 from agents.commands.diagnose import Diagnose
 from estimators.discrepancy.diagnosis import OVERLAP, diagnose
-from estimators.discrepancy.fit import NUISANCES, Fit, Shares
+from estimators.discrepancy.fit import Fit, Shares
 from estimators.discrepancy.hide import draw_case, hidden_log
+from estimators.discrepancy.nuisances import NUISANCES
 from estimators.discrepancy.run_model import RunModel
 from estimators.discrepancy.verdict import sentence_of
 from estimators.discrepancy.windows import FIT
