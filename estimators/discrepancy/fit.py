@@ -548,8 +548,9 @@ class Fit:
 def fit_runs(runs: Sequence[RunModel], *, white: bool = False) -> Fit:
     """The nominal model fitted: starts, nuisances and the colour of the noise."""
     fit = _fitted(runs, white=white, wide=False)
-    if not fit.converged:
-        # Far from the data, noise as small as the sensors' leads into the nearest valley.
+    if fit.hard or not fit.converged:
+        # Far from the data, noise as small as the sensors' leads into the nearest valley. On hard ground
+        # that may hold: tyres at a limit of their stiffness turn the car late, too.
         other = _fitted(runs, white=white, wide=True)
         fit = min(fit, other, key=lambda each: each.cost_of(each.residual()) + each.whitener.log_scale())
     fit.residual()
