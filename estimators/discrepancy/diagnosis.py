@@ -186,7 +186,7 @@ def diagnose(
             "threshold": found.threshold,
             "overlap": overlap_of(found.extended),
             "pose_age": [pose_age(log) for log in logs],
-            "places": found.extended.places(),
+            "unknowns": found.extended.unknowns(),
         },
         search=found,
         logs=tuple(logs),

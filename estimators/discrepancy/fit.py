@@ -528,14 +528,15 @@ class Fit:
         own = np.diag(np.linalg.inv(self.shares.normal))
         return np.sqrt(own if self.drawn is None else own * self.widenings())
 
-    def places(self) -> dict[str, tuple[float, float]]:
-        """How far off its stated place each sensor is whose place is unknown: (value, deviation) [m]."""
-        run, deviations = self.runs[0], self.deviations()
-        return {
-            nuisance.name: (float(wheelbase(run) * value), float(wheelbase(run) * deviation))
-            for nuisance, value, deviation in zip(NUISANCES, self.nuisances, deviations, strict=False)
-            if nuisance.unknown.endswith("position") and acts(nuisance, run)
-        }
+    def unknowns(self) -> dict[str, dict[str, float | str]]:
+        """What the log calls unknown as the fit has it: value, deviation and unit, by name."""
+        found = {}
+        for nuisance, value, deviation in zip(NUISANCES, self.nuisances, self.deviations(), strict=False):
+            if nuisance.unknown and acts(nuisance, self.runs[0]):
+                scale, unit = (1.0, "rad/g") if nuisance.name == "lean" else (wheelbase(self.runs[0]), "m")
+                numbers = {"value": float(scale * value), "deviation": float(scale * deviation)}
+                found[nuisance.name] = {**numbers, "unit": unit}
+        return found
 
     def learn_noise(self, *, white: bool = False) -> None:
         """Set the whitening from the residuals at the present point."""

@@ -339,14 +339,16 @@ def lines_of(diagnosis: Diagnosis, evidence: Evidence | None = None) -> list[str
 
 
 def _unknown_lines(diagnosis: Diagnosis) -> list[str]:
-    """What the log calls unknown: what of it is not judged, and where sensors sit that may be anywhere."""
+    """What the log calls unknown: effects that are not judged, and what was fitted instead."""
     lines = []
     if diagnosis.unjudged:
         lines.append(f"called unknown by the log, so not judged: {', '.join(diagnosis.unjudged)}")
-    places = diagnosis.checks.get("places", {})
-    if places:
-        parts = [f"{name} {value:.2f} ± {deviation:.2f} m" for name, (value, deviation) in places.items()]
-        lines.append(f"off its stated place, by the fit: {', '.join(parts)}")
+    fitted = diagnosis.checks.get("unknowns", {})
+    if fitted:
+        parts = [
+            f"{name} {of['value']:.3f} ± {of['deviation']:.3f} {of['unit']}" for name, of in fitted.items()
+        ]
+        lines.append(f"fitted instead: {', '.join(parts)}")
     return lines
 
 
