@@ -11,7 +11,7 @@ from estimators.discrepancy.fit import Candidate, Fit, settle
 from estimators.discrepancy.gate import Gate, Word
 from estimators.discrepancy.nuisances import NUISANCES
 from estimators.discrepancy.run_model import RunModel
-from estimators.discrepancy.screen import Screen, candidates_for, chance_threshold, projected, screen
+from estimators.discrepancy.screen import Screen, candidates_for, chance_threshold, closely, projected, screen
 from estimators.discrepancy.together import gain_of, guesses
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
@@ -31,6 +31,8 @@ _CONFIRMED = 0.4
 _GATED = 3
 #: Rivals of the first step: scores that are this share of the best.
 _NEAR_BEST = 0.8
+#: Effects whose scores exceed so many thresholds, which chance does not, are sought closely along the route.
+_LARGE = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -296,6 +298,7 @@ def _onward(
 ) -> tuple[Fit | None, list[float], bool]:
     """The next larger model, see `_accepted`. ``limits``: least score, and rate of the first screen."""
     fit, (bar, rate) = gate.fit, limits
+    last = closely(fit, last, _LARGE * bar, _NEAR_BEST)
     while True:
         trials = _larger(fit, last, bar, gate)
         # The first name is the best or none; later ones may be any that explain as much.
