@@ -303,6 +303,8 @@ CASES = (
     Case("noise of zero", description("imu", "sd", {"a": 0.0, "rate": 0.1}), ("imu.sd.a", "0"), YAML),
     Case("no noise", description("imu", "sd", DROP), ("imu.sd is missing",), YAML),
     Case("position of two", description("imu", "position", [0.0, 1.0]), ("imu.position", "3 numbers"), YAML),
+    Case("unknown misspelt", description("unknown", ["imu.positon"]), ("unknown", "imu.position?"), YAML),
+    Case("unknown in a word", description("unknown", "springs"), ("unknown", "list", "suspension"), YAML),
     Case("hold misspelt", description("inputs", {"hold": "foh"}), ("inputs.hold", "zoh, linear"), YAML),
     Case("slip in per cent", description("slip", 3.0), ("slip", "per cent"), YAML),
     Case("state without speed", description("start", {"state": {"x": 1.0}}), ("start.state.v_x",), YAML),

@@ -14,8 +14,9 @@ import numpy as np
 from scipy.stats import norm
 
 from estimators.discrepancy.diagnosis import Diagnosis
-from estimators.discrepancy.fit import NUISANCES, Candidate, Fit
+from estimators.discrepancy.fit import Candidate, Fit
 from estimators.discrepancy.manoeuvres import MENU, Manoeuvre, driven
+from estimators.discrepancy.nuisances import NUISANCES
 from estimators.discrepancy.screen import DETECTABLE, projected
 from estimators.discrepancy.search import ALIKE
 from offroad_env.effects import EFFECTS

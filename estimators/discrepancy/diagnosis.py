@@ -41,6 +41,13 @@ OVERLAP = 0.2
 _SOLVER, _SOLVER_SHARE = 1.0, 0.1
 #: What sensors tell of the age of the pose, with which every fit begins: kind of a finding, and its channel.
 _OLD_POSE = ("clock", "yaw")
+#: Effects that nobody can tell from what a log calls unknown.
+_UNJUDGED = {
+    "imu.position": ("lever_arm_x", "lever_arm_z"),
+    "gnss.position": ("antenna_x",),
+    # A payload shows by the springs, too: on hard ground, where tyres hold by load, by nothing else.
+    "suspension": ("bump_stop", "coulomb_friction", "damper_nonlinear", "payload"),
+}
 #: A log can test the library if it would see this share of it at the largest plausible size.
 _TESTABLE = 0.5
 
@@ -57,6 +64,7 @@ class Diagnosis:
     limits: dict[str, float] = field(default_factory=dict)  #: smallest size that would have been seen
     not_testable: dict[str, float] = field(default_factory=dict)  #: the limits beyond all plausible sizes
     missing: dict[str, str] = field(default_factory=dict)  #: effects that the log's channels cannot show
+    unjudged: dict[str, str] = field(default_factory=dict)  #: effects of what a log calls unknown
     gains: tuple[ChannelGain, ...] = ()
     checks: dict[str, object] = field(default_factory=dict)
     search: Search | None = None
@@ -144,8 +152,9 @@ def diagnose(
         If the nominal model cannot be run.
     """
     # Neither the order of files and effects nor a file's name may matter.
-    library = tuple(EFFECTS) if library is None else tuple(name for name in EFFECTS if name in library)
     logs = sorted(logs, key=lambda log: log.hash)
+    unjudged = _unjudged(logs)
+    library = [name for name in EFFECTS if (library is None or name in library) and name not in unjudged]
     progress("data quality")
     checked = [quality(log) for log in logs]
     problems = tuple(finding for report in checked for finding in report.problems)
@@ -168,6 +177,7 @@ def diagnose(
         limits=limits,
         not_testable=_not_testable(nominal, limits, found.causes),
         missing=_missing(nominal, library),
+        unjudged=unjudged,
         checks={
             "solver": solver,
             "gate": list(found.gate),
@@ -176,6 +186,7 @@ def diagnose(
             "threshold": found.threshold,
             "overlap": overlap_of(found.extended),
             "pose_age": [pose_age(log) for log in logs],
+            "unknowns": found.extended.unknowns(),
         },
         search=found,
         logs=tuple(logs),
@@ -188,6 +199,16 @@ def diagnose(
     if found.causes and parts[REPORT]:
         _report(result, parts[REPORT])
     return result
+
+
+def _unjudged(logs: Sequence[Log]) -> dict[str, str]:
+    """Effects that nobody can tell from what some log calls unknown."""
+    return {
+        effect: what
+        for what, effects in _UNJUDGED.items()
+        for effect in effects
+        if any(what in log.config.unknown for log in logs)
+    }
 
 
 def split_runs(logs: Sequence[Log]) -> dict[int, list[RunModel]]:

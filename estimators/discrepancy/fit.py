@@ -9,57 +9,20 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from estimators.discrepancy.noise import Whitener
+from estimators.discrepancy.nuisances import NUISANCES, acts, wheelbase, with_nuisances
 from estimators.discrepancy.road import healthy_residuals, widening
 from estimators.discrepancy.run_model import RunModel
 from offroad_env.effects import EFFECTS, Setup, apply
 from offroad_env.errors import OffroadError, SolverFailure
 
-__all__ = ["NUISANCES", "Candidate", "Fit", "Nuisance", "Shares", "fit_runs", "settle"]
+__all__ = ["Candidate", "Fit", "Shares", "fit_runs", "settle"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Nuisance:
-    """Something common to all windows that is never exactly as stated, with what is believed of it."""
-
-    name: str
-    spread: float  #: standard deviation beforehand
-    step: float  #: of its finite difference
-    sensors_only: bool
-    channel: int = 0
-    limits: tuple[float, float] = (-np.inf, np.inf)  #: nothing healthy lies beyond
-    hard_limits: tuple[float, float] | None = None  #: the same on hard ground, where it differs
-    hard: bool = False  #: of hard ground alone
-
-
-#: No tyre is stiffer, or softer, than stated by more than this: the logarithm of a factor of two. Tyres on
-#: hard ground, of cars and of trucks, lie within that of each other for one load. Much softer ones turn
-#: the car as late as a slow steering does.
-_TYRES = (-0.7, 0.7)
-#: Beliefs about a healthy vehicle; a bias beyond them is an effect.
-NUISANCES = (
-    Nuisance(name="ground", spread=0.5, step=1e-4, sensors_only=False, hard_limits=_TYRES),
-    # Tyres are known by one stiffness at best, and never in front as behind, nor along as across. A vehicle
-    # whose front tyres hold much more than the rear ones does not go straight at speed; one whose front
-    # tyres hold less than two thirds is taken for one that steers more than commanded.
-    Nuisance(name="along", spread=0.5, step=0.005, sensors_only=False, limits=_TYRES, hard=True),
-    Nuisance(name="balance", spread=0.3, step=0.02, sensors_only=False, limits=(-0.33, 0.1), hard=True),
-    # Half a sample either way, in standard deviations; inputs that are later than that are an effect.
-    Nuisance(name="shift", spread=1.0, step=0.25, sensors_only=False, limits=(-(3.0**0.5), 3.0**0.5)),
-    # Samples by which wheel speeds that move the car are older than the others: they come by another way.
-    Nuisance(name="wheel_age", spread=1.0, step=0.25, sensors_only=True, limits=(-2.0, 2.0), hard=True),
-    # By how much the age of the pose that the sensors told is wrong [s]; nothing, if they told none.
-    Nuisance(name="pose_age", spread=0.003, step=0.002, sensors_only=True, limits=(-0.005, 0.005)),
-    *(Nuisance(name=f"bias_{i}", spread=0.02, step=0.01, sensors_only=True, channel=i) for i in range(3)),
-    *(Nuisance(name=f"bias_{i}", spread=5e-4, step=1e-3, sensors_only=True, channel=i) for i in (3, 4)),
-    # Each axle's wheel speeds err by 0.2 %: their mean and half their difference by less.
-    Nuisance(name="wheel", spread=0.0014, step=0.002, sensors_only=True),
-    Nuisance(name="wheel_split", spread=0.0014, step=0.002, sensors_only=True),
-)
 #: Belief about a size, in plausible sizes: loose enough to change no result.
 _LOOSE = 100.0
 #: Finite differences: share of a state's spread, and of an effect's plausible size. On bumps they hold
@@ -180,35 +143,7 @@ class Fit:
 
     def setup(self, run: RunModel, nuisances: np.ndarray, sizes: np.ndarray) -> Setup:
         """The vehicle, soil, inputs and sensors at a point."""
-        setup, errors = run.setup, run.setup.errors
-        soil, period = setup.plant.soil, run.step
-        for nuisance, value in zip(NUISANCES, nuisances, strict=True):
-            if nuisance.hard and soil.rigid < 0.5:
-                continue
-            if nuisance.name == "ground" and soil.rigid > 0.5:
-                setup = setup.with_soil(C_alpha=soil.C_alpha * float(np.exp(value)))
-            elif nuisance.name == "ground":
-                setup = setup.with_soil(n=max(soil.n + float(value), 0.05))
-            elif nuisance.name == "along":
-                setup = setup.with_soil(C_kappa=soil.C_kappa * float(np.exp(value)))
-            elif nuisance.name == "balance":
-                setup = apply(setup, [("front_grip", {"share": float(value)})])
-            elif nuisance.name == "shift":
-                # Half a sample of the inputs either way is nobody's fault.
-                shift = 0.5 * period / np.sqrt(3.0) * float(value)
-                setup = replace(setup, inputs=replace(setup.inputs, delay=setup.inputs.delay + shift))
-            elif nuisance.name == "wheel_age":
-                errors = replace(errors, wheel_delay=errors.wheel_delay + run.period * float(value))
-            elif nuisance.name == "pose_age":
-                told = errors.pose_delay > 0.0
-                errors = replace(errors, pose_delay=errors.pose_delay + told * float(value))
-            elif nuisance.name == "wheel":
-                errors = replace(errors, wheel_scale=errors.wheel_scale + float(value))
-            elif nuisance.name == "wheel_split":
-                errors = replace(errors, wheel_split=errors.wheel_split + float(value))
-            else:
-                errors = errors.shifted(nuisance.channel, float(value))
-        setup = replace(setup, errors=errors)
+        setup = with_nuisances(run, nuisances)
         pairs = zip(self.candidates, sizes, strict=True)
         return apply(setup, [(c.effect, c.values(float(size))) for c, size in pairs])
 
@@ -306,7 +241,7 @@ class Fit:
         for i, nuisance in enumerate(NUISANCES):
             point = self.nuisances.copy()
             point[i] += nuisance.step
-            if nuisance.hard and not self.hard:
+            if not any(acts(nuisance, run) for run in self.runs):
                 columns.append(np.zeros(len(self.window)))
                 continue
             setups = self._setups(point)
@@ -593,6 +528,16 @@ class Fit:
         own = np.diag(np.linalg.inv(self.shares.normal))
         return np.sqrt(own if self.drawn is None else own * self.widenings())
 
+    def unknowns(self) -> dict[str, dict[str, float | str]]:
+        """What the log calls unknown as the fit has it: value, deviation and unit, by name."""
+        found = {}
+        for nuisance, value, deviation in zip(NUISANCES, self.nuisances, self.deviations(), strict=False):
+            if nuisance.unknown and acts(nuisance, self.runs[0]):
+                scale, unit = (1.0, "rad/g") if nuisance.name == "lean" else (wheelbase(self.runs[0]), "m")
+                numbers = {"value": float(scale * value), "deviation": float(scale * deviation)}
+                found[nuisance.name] = {**numbers, "unit": unit}
+        return found
+
     def learn_noise(self, *, white: bool = False) -> None:
         """Set the whitening from the residuals at the present point."""
         residual = self.residual()
@@ -604,8 +549,9 @@ class Fit:
 def fit_runs(runs: Sequence[RunModel], *, white: bool = False) -> Fit:
     """The nominal model fitted: starts, nuisances and the colour of the noise."""
     fit = _fitted(runs, white=white, wide=False)
-    if not fit.converged:
-        # Far from the data, noise as small as the sensors' leads into the nearest valley.
+    if fit.hard or not fit.converged:
+        # Far from the data, noise as small as the sensors' leads into the nearest valley. On hard ground
+        # that may hold: tyres at a limit of their stiffness turn the car late, too.
         other = _fitted(runs, white=white, wide=True)
         fit = min(fit, other, key=lambda each: each.cost_of(each.residual()) + each.whitener.log_scale())
     fit.residual()

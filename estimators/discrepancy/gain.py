@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.discrepancy.fit import NUISANCES, Fit
+from estimators.discrepancy.fit import Fit
+from estimators.discrepancy.nuisances import NUISANCES
 from estimators.discrepancy.run_model import RunModel
 from offroad_env.errors import OffroadError
 from offroad_env.physics import state as at

@@ -15,8 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.discrepancy.fit import NUISANCES, Fit
+from estimators.discrepancy.fit import Fit
 from estimators.discrepancy.gain import Held, held_beside, held_out
+from estimators.discrepancy.nuisances import NUISANCES
 from estimators.discrepancy.run_model import RunModel
 from offroad_env.errors import OffroadError
 

@@ -48,19 +48,42 @@ def run_full(starts, spans, commands, rims, plant, timing, out):
                 states[row], readings[row] = math.nan, math.nan
             else:
                 k = first + max(i - 1, 0)
-                if rims.shape[0] > 0:
-                    x[at.OMEGA_F], x[at.OMEGA_R] = rims[k, 0], rims[k, 1]
                 command = (commands[k, 0], commands[k, 1], commands[k, 2])
-                seen = readings[row]
-                if i == 0 or rims.shape[0] > 0:
-                    full_derivative(x, command, plant, warm, work[0], seen)
-                else:  # each step goes on from the slope and readings that the last one has ended with
-                    copy_into(seen, readings[row - 1])
-                status = full_continue(x, warm, command, plant, (dt, steps if i > 0 else 0), work, seen)
+                seen, onward = readings[row], (dt, steps if i > 0 else 0)
+                if rims.shape[0] > 0:
+                    status = _with_rims(x, warm, command, rims[k : k + 2], plant, onward, (work, seen))
+                else:
+                    if i == 0:
+                        full_derivative(x, command, plant, warm, work[0], seen)
+                    else:  # each step goes on from the slope and readings that the last one has ended with
+                        copy_into(seen, readings[row - 1])
+                    status = full_continue(x, warm, command, plant, onward, work, seen)
                 worst[w] = max(worst[w], status)
                 copy_into(states[row], x)
             row += 1
     return worst
+
+
+@kernel
+def _with_rims(x, warm, command, rims, plant, timing, arrays):
+    """A step of the grid in which the wheels turn as measured; returns the worst contact status.
+
+    ``rims`` (2, 2) [rad/s] at its begin and end: each part of the step has the speed of its middle, since a
+    speed that is held is half a step old, which the traction shows. No part for the state at the begin.
+    """
+    work, seen = arrays
+    dt, steps = timing
+    worst = 0.0
+    for j in range(steps):
+        share = (j + 0.5) / steps
+        x[at.OMEGA_F] = rims[0, 0] + share * (rims[1, 0] - rims[0, 0])
+        x[at.OMEGA_R] = rims[0, 1] + share * (rims[1, 1] - rims[0, 1])
+        full_derivative(x, command, plant, warm, work[0], seen)
+        worst = max(worst, full_continue(x, warm, command, plant, (dt, 1), work, seen))
+    end = min(steps, 1)
+    x[at.OMEGA_F], x[at.OMEGA_R] = rims[end, 0], rims[end, 1]
+    full_derivative(x, command, plant, warm, work[0], seen)
+    return max(worst, seen[at.STATUS])
 
 
 @kernel

@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.discrepancy.fit import NUISANCES, Fit, Shares
+from estimators.discrepancy.fit import Fit, Shares
+from estimators.discrepancy.nuisances import NUISANCES
 from estimators.discrepancy.road import chance_of_gain
 from estimators.discrepancy.run_model import Records, RunModel
 from estimators.discrepancy.windows import Windows

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.discrepancy.fit import NUISANCES, Fit
+from estimators.discrepancy.fit import Fit
+from estimators.discrepancy.nuisances import NUISANCES
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 

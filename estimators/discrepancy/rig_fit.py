@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from estimators.discrepancy.fit import NUISANCES, Fit, settle
+from estimators.discrepancy.fit import Fit, settle
 from estimators.discrepancy.gain import Held
+from estimators.discrepancy.nuisances import NUISANCES
 from estimators.discrepancy.rig_model import RigModel
 
 __all__ = ["RepeatNoise", "RigFit", "RigWhitener", "fit_rig", "held_out_trials"]

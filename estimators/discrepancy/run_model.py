@@ -343,6 +343,7 @@ class RunModel:
         if name in _IMU:
             i = _IMU.index(name)
             scale = setup.errors.accel_scale if i < 3 else 1.0
+            scale *= 1.0 + setup.errors.lean if name == "a_y" else 1.0
             return scale * imu[:, i] + setup.errors.offset[i]
         if name in _RIMS:
             split = setup.errors.wheel_split if name == "omega_f" else -setup.errors.wheel_split

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimators.discrepancy.fit import NUISANCES, Candidate, Fit, settle
+from estimators.discrepancy.fit import Candidate, Fit, settle
 from estimators.discrepancy.gate import Gate, Word
+from estimators.discrepancy.nuisances import NUISANCES
 from estimators.discrepancy.run_model import RunModel
-from estimators.discrepancy.screen import Screen, candidates_for, chance_threshold, projected, screen
+from estimators.discrepancy.screen import Screen, candidates_for, chance_threshold, closely, projected, screen
 from estimators.discrepancy.together import gain_of, guesses
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
@@ -30,6 +31,8 @@ _CONFIRMED = 0.4
 _GATED = 3
 #: Rivals of the first step: scores that are this share of the best.
 _NEAR_BEST = 0.8
+#: Effects whose scores exceed so many thresholds, which chance does not, are sought closely along the route.
+_LARGE = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -290,6 +293,26 @@ def _confirmed(word: Word | None, support: tuple[float, float], enough: float) -
     return support[0] + word.gain / support[1] > enough
 
 
+def _onward(
+    gate: Gate, last: Screen, limits: tuple[float, float], *, white: bool
+) -> tuple[Fit | None, list[float], bool]:
+    """The next larger model, see `_accepted`. ``limits``: least score, and rate of the first screen."""
+    fit, (bar, rate) = gate.fit, limits
+    last = closely(fit, last, _LARGE * bar, _NEAR_BEST)
+    while True:
+        trials = _larger(fit, last, bar, gate)
+        # The first name is the best or none; later ones may be any that explain as much.
+        tried = trials if fit.candidates else trials[:1]
+        bars = (bar, chance_threshold(last, _CONFIRMED * rate))
+        larger, gains, refused = _accepted(gate, tried, bars, white=white)
+        if larger is not None or gains or not trials:
+            return larger, gains, refused
+        # What looked best does not hold when it is fitted to the end; what stood in its shade may.
+        inside = {candidate.effect for candidate in fit.candidates}
+        gone = {c.effect for trial in trials for c in trial.fit.candidates} - inside
+        last = screen(fit, [c for c in last.candidates if c.effect not in gone])
+
+
 def search(
     nominal: Fit, library: Sequence[str], rate: float, apart: Sequence[RunModel] = (), *, white: bool = False
 ) -> Search:
@@ -313,11 +336,7 @@ def search(
     threshold = chance_threshold(first, rate)
     fit, bar, gate, told, refused = nominal, threshold, Gate(nominal, apart), [], False
     while len(fit.candidates) < _MOST:
-        trials = _larger(fit, last, bar, gate)
-        # The first name is the best or none; later ones may be any that explain as much.
-        bars = (bar, chance_threshold(last, _CONFIRMED * rate))
-        tried = trials if fit.candidates else trials[:1]
-        larger, gains, refused = _accepted(gate, tried, bars, white=white)
+        larger, gains, refused = _onward(gate, last, (bar, rate), white=white)
         told += gains
         if larger is None:
             break

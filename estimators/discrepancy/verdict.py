@@ -212,6 +212,8 @@ def scores_of(diagnosis: Diagnosis) -> list[Score]:
         found.append(Score(effect=name, z=z, limit=limit, reason=reason))
     for name, channels in diagnosis.missing.items():
         found.append(Score(effect=name, z=0.0, limit=math.inf, reason=f"the log has no {channels}"))
+    for name, what in diagnosis.unjudged.items():
+        found.append(Score(effect=name, z=0.0, limit=math.inf, reason=f"the log calls {what} unknown"))
     return sorted(found, key=lambda score: (score.reason != "", -score.z))
 
 
@@ -276,6 +278,7 @@ def to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "unexplained": rest or None,
         "not_testable": {name: _finite(limit) for name, limit in diagnosis.not_testable.items()},
         "missing_channels": diagnosis.missing,
+        "not_judged": diagnosis.unjudged,
         "limits": {name: _finite(limit) for name, limit in diagnosis.limits.items()},
         "gain": {
             gain.channel: {
@@ -330,8 +333,23 @@ def lines_of(diagnosis: Diagnosis, evidence: Evidence | None = None) -> list[str
         lines.append(f"not testable with these data: {', '.join(diagnosis.not_testable)}")
     if diagnosis.missing:
         lines.append(f"no channel for: {', '.join(diagnosis.missing)}")
+    lines += _unknown_lines(diagnosis)
     last = [] if advice is None else [f"next experiment: {advice}"]
     return [*lines[: _LINES - len(last)], *last]
+
+
+def _unknown_lines(diagnosis: Diagnosis) -> list[str]:
+    """What the log calls unknown: effects that are not judged, and what was fitted instead."""
+    lines = []
+    if diagnosis.unjudged:
+        lines.append(f"called unknown by the log, so not judged: {', '.join(diagnosis.unjudged)}")
+    fitted = diagnosis.checks.get("unknowns", {})
+    if fitted:
+        parts = [
+            f"{name} {of['value']:.3f} ± {of['deviation']:.3f} {of['unit']}" for name, of in fitted.items()
+        ]
+        lines.append(f"fitted instead: {', '.join(parts)}")
+    return lines
 
 
 def _ground_lines(diagnosis: Diagnosis) -> list[str]:

@@ -22,6 +22,7 @@ from offroad_env.vehicles import make_vehicle, make_wheel
 
 __all__ = [
     "STATE_KEYS",
+    "UNKNOWN",
     "GnssSpec",
     "ImuSpec",
     "LogConfig",
@@ -34,6 +35,8 @@ __all__ = [
 
 DRIVETRAINS = ("force", "torque")
 HOLDS = ("zoh", "linear")
+#: What a description may call unknown, although it has to hold some value.
+UNKNOWN = ("imu.position", "gnss.position", "suspension")
 TERRAINS = ("paper", "flat", "unknown", "waves", "grid")
 
 #: Keys of ``start: {state: {...}}``, in the order of `offroad_env.physics.state`.
@@ -126,6 +129,7 @@ class LogConfig:
     gnss: GnssSpec | None = None
     hold: str = "zoh"  #: inputs hold from their stamp ("zoh") or run straight to the next ("linear")
     start: StartSpec = field(default_factory=StartSpec)
+    unknown: tuple[str, ...] = ()  #: of `UNKNOWN`: what nobody has measured; a diagnosis does not judge it
     units: tuple[tuple[str, str], ...] = ()  #: (column, unit) that the file was read with
 
     def to_yaml(self) -> str:
@@ -333,6 +337,7 @@ def parse_config(top: Section, *, rig: bool) -> LogConfig:
             gnss=_gnss(top.section("gnss")) if "gnss" in top else _absent(top, "gnss"),
             hold=_hold(top.section("inputs")) if "inputs" in top else _absent(top, "inputs") or "zoh",
             start=_start(top.section("start")),
+            unknown=_unknown(top),
             units=units,
         )
     top.finish()
@@ -356,6 +361,17 @@ def _units(top: Section) -> tuple[tuple[str, str], ...]:
     return tuple(pairs.items())
 
 
+def _unknown(top: Section) -> tuple[str, ...]:
+    names = top.take("unknown", [])
+    for name in names if isinstance(names, list) else [names]:
+        if name not in UNKNOWN:
+            near = nearest(name, UNKNOWN) if isinstance(name, str) else None
+            hint = f" - did you mean {near}?" if near else ""
+            allowed = ", ".join(UNKNOWN)
+            raise top.error(f"unknown must be a list out of {allowed}, got {_shown(name)}{hint}", "unknown")
+    return tuple(dict.fromkeys(names)) if isinstance(names, list) else (names,)
+
+
 def _rig_config(top: Section, units: tuple[tuple[str, str], ...]) -> LogConfig:
     model = top.choice("model", MODELS, "full")
     key = "wheel" if "wheel" in top or "vehicle" not in top else "vehicle"
@@ -368,7 +384,7 @@ def _rig_config(top: Section, units: tuple[tuple[str, str], ...]) -> LogConfig:
         wheel = _wheel(body)
         body.rest()
     soil = _soil(top.section("soil"))
-    for name in ("drivetrain", "slip", "terrain", "imu", "gnss", "inputs", "start"):
+    for name in ("drivetrain", "slip", "terrain", "imu", "gnss", "inputs", "start", "unknown"):
         top.take(name, None)  # harmless beside a wheel: the same YAML may serve a vehicle
     return LogConfig(model=model, wheel=wheel, soil=soil, units=units)
 
@@ -564,6 +580,8 @@ def _as_mapping(config: LogConfig) -> dict[str, Any]:
     if config.gnss is not None:
         sd = {"position": config.gnss.sd_position, "speed": config.gnss.sd_speed}
         mapping["gnss"] = {"sd": {name: value for name, value in sd.items() if value is not None}}
+    if config.unknown:
+        mapping["unknown"] = list(config.unknown)
     return mapping
 
 

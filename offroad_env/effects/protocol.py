@@ -40,6 +40,7 @@ class SensorErrors:
 
     offset: tuple[float, ...] = (0.0,) * 5  #: of a_x, a_y, a_z [m/s^2], pitch_rate, yaw_rate [rad/s]
     accel_scale: float = 1.0  #: of the three accelerometers [-]
+    lean: float = 0.0  #: share of itself that a_y reads too much, since the body leans out of the turn [-]
     wheel_scale: float = 1.0  #: of the wheel speeds [-]
     wheel_split: float = 0.0  #: what the front wheel speeds have more of it, and the rear ones less [-]
     wheel_delay: float = 0.0  #: age of the wheel speeds [s]

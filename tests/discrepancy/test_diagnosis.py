@@ -20,6 +20,7 @@ from estimators.discrepancy.fit import Candidate
 from estimators.discrepancy.hide import HIDERS, STRANGERS, draw_case, hidden_log
 from estimators.discrepancy.probe import beside_forces
 from estimators.discrepancy.run_model import RunModel
+from estimators.discrepancy.screen import closely
 from estimators.discrepancy.search import refit
 from estimators.discrepancy.verdict import extension_of, lines_of, sentence_of, to_dict
 from estimators.discrepancy.windows import FIT
@@ -184,6 +185,31 @@ def test_unknown_torques_of_the_wheels_take_what_a_wrong_law_of_their_slip_would
     assert beside_forces(fit).kept[0] < 0.1
     monkeypatch.setattr(probe, "_SPINS", ())
     assert beside_forces(fit).kept[0] > 0.5
+
+
+@pytest.mark.parametrize(("seed", "step"), [(31, 0.03), (901, -0.06)])
+def test_a_large_step_of_the_soil_is_named_with_its_place_and_size(seed, step):
+    """Far from its border it looks less like itself than a trend does."""
+    log = hidden_log(draw_case(seed, road="flat", gnss=True, duration=40.0), HIDERS["n_step"](step))
+    diagnosis = diagnose([log], library=["n_step", "n_trend", "rate_damping", "antenna_x"])
+    assert diagnosis.verdict == "NAMED"
+    (cause,) = diagnosis.causes
+    assert cause.best.candidate.effect == "n_step"
+    assert cause.best.candidate.place["place"] == pytest.approx(35.0, abs=0.5)
+    assert cause.best.size == pytest.approx(step, rel=0.05)
+
+
+def test_only_what_is_far_beyond_chance_is_sought_closely(delayed):
+    """A log that shows no large step has the scores that it had."""
+    search = delayed[1].search
+    nominal, first = search.nominal, search.first
+    top = max(abs(z) for c, z in zip(first.candidates, first.z, strict=True) if c.effect == "n_step")
+    assert closely(nominal, first, 1.01 * top, 0.8) is first
+    close = closely(nominal, first, 0.99 * top, 0.8)
+    assert {c.effect for c in close.candidates} == {c.effect for c in first.candidates}
+    assert len(close.candidates) > len(first.candidates)
+    found = {c.key: z for c, z in zip(close.candidates, close.z, strict=True)}
+    assert [found[c.key] for c in first.candidates] == pytest.approx(first.z)
 
 
 def test_what_mimics_a_force_that_no_library_holds_is_not_named():

@@ -25,8 +25,11 @@ def late(t: np.ndarray, values: np.ndarray, delay: float) -> np.ndarray:
     return np.interp(t - delay, t, values)
 
 
-def drive(*, lag: float, seed: int, pose: float = 0.04, wheels: float = 0.015) -> Log:
-    """A log of 40 s: a slow steering, an old pose, old wheel speeds, tyres softer than stated."""
+def drive(*, lag: float, seed: int, pose: float = 0.04, wheels: float = 0.015, imu: float = 0.0) -> Log:
+    """A log of 40 s: a slow steering, an old pose, old wheel speeds, tyres softer than stated.
+
+    The IMU sits ``imu`` [m] ahead of where the log says.
+    """
     quiet = {"drag_area": 0.0, "rolling_resistance": 0.0, "steer_rate": 19.0, "torque_lag": 0.0}
     believed = make_vehicle(VEHICLES["f1tenth"], steer_lag=0.0, **quiet)
     soil = {"kind": "rigid", "mu": 1.0}
@@ -37,8 +40,8 @@ def drive(*, lag: float, seed: int, pose: float = 0.04, wheels: float = 0.015) -
     commands[:, 2] = np.maximum(-0.06 - 0.2 * np.sin(1.1 * t), 0.0)
     state, warm = settled_state(plant, v_x=2.0)
     run = simulate_commands(plant, state, warm, commands, interval=STEP, dt=0.001)
-    imu = ImuConfig(accel_noise=0.3, gyro_noise=0.02, kind="specific_force")
-    sensors = SensorSuite(imu=imu, wheel=WheelSpeedConfig(noise=0.01, scale_sd=0.0), gnss=None)
+    mounted = ImuConfig(accel_noise=0.3, gyro_noise=0.02, kind="specific_force", lever_arm=(imu, 0.0, 0.0))
+    sensors = SensorSuite(imu=mounted, wheel=WheelSpeedConfig(noise=0.01, scale_sd=0.0), gnss=None)
     rng = np.random.default_rng(seed)
     belief = make_plant(believed, make_soil(**soil, C_alpha=5.0), flat())
     log = log_from_run(run, plant, commands, sensors, rng, belief=belief)
@@ -47,7 +50,20 @@ def drive(*, lag: float, seed: int, pose: float = 0.04, wheels: float = 0.015) -
         channels[name] = np.interp(log.t - wheels, *log.samples(name))
     for name, i, noise in (("x", at.X, 0.01), ("y", at.Y, 0.01), ("yaw", at.YAW, 0.003)):
         channels[name] = late(log.t, run.states[:, i], pose) + noise * rng.standard_normal(len(log.t))
-    return replace(log, channels=channels)
+    config = replace(log.config, imu=replace(log.config.imu, position=(0.0, 0.0, 0.0)))
+    return replace(log, channels=channels, config=config)
+
+
+def with_an_unknown_car(log: Log, *, ahead: float, lean: float) -> Log:
+    """The pose of a point ``ahead`` [m] on a body that leans, and a description that knows neither."""
+    yaw = log.channels["yaw"]
+    moved = {
+        "x": log.channels["x"] + ahead * np.cos(yaw),
+        "y": log.channels["y"] + ahead * np.sin(yaw),
+        "a_y": log.channels["a_y"] * (1.0 + lean),
+    }
+    config = replace(log.config, unknown=("imu.position", "gnss.position", "suspension"))
+    return replace(log, channels=log.channels | moved, config=config)
 
 
 #: What may be late, turn the car too much, or be measured elsewhere.
@@ -67,3 +83,27 @@ def test_a_late_pose_and_late_wheel_speeds_are_no_slow_steering():
     assert found.causes == ()
     assert found.checks["pose_age"] == pytest.approx([0.04], abs=0.006)
     assert any("the pose for so old" in line for line in lines_of(found))
+
+
+def test_what_a_log_calls_unknown_is_fitted_and_not_judged():
+    car = with_an_unknown_car(drive(lag=0.05, seed=3, imu=-0.1), ahead=0.1, lean=0.1)
+    library = (*TIMING, "lever_arm_x", "lever_arm_z", "damper_nonlinear", "accel_scale")
+    found = diagnose([car], library=library)
+    assert [cause.best.candidate.effect for cause in found.causes] == ["steer_lag"]
+    assert found.causes[0].best.size == pytest.approx(0.05, abs=0.004)
+    for name, truth in (("imu_x", -0.1), ("imu_y", 0.0), ("antenna_x", 0.1), ("lean", 0.1)):
+        value, deviation = (found.checks["unknowns"][name][key] for key in ("value", "deviation"))
+        assert abs(value - truth) < 3.0 * deviation, name
+        assert deviation < 0.04
+    told = "\n".join(lines_of(found))
+    assert "called unknown by the log, so not judged: lever_arm_x, lever_arm_z, antenna_x" in told
+    assert "fitted instead: imu_x -0." in told
+
+
+def test_a_description_that_is_sure_of_the_same_places_is_contradicted():
+    car = with_an_unknown_car(drive(lag=0.0, seed=3, imu=-0.1), ahead=0.1, lean=0.0)
+    sure = replace(car, config=replace(car.config, unknown=()))
+    found = diagnose([sure], library=("lever_arm_x", "antenna_x"))
+    sizes = {cause.best.candidate.effect: cause.best.size for cause in found.causes}
+    assert sizes == pytest.approx({"lever_arm_x": -0.1, "antenna_x": 0.1}, abs=0.02)
+    assert found.checks["unknowns"] == {}

@@ -10,8 +10,9 @@ import pytest
 from agents.commands.data import Log as DataLog
 from agents.commands.diagnose import Diagnose
 from estimators.discrepancy.diagnosis import OVERLAP, diagnose
-from estimators.discrepancy.fit import NUISANCES, Fit, Shares
+from estimators.discrepancy.fit import Fit, Shares
 from estimators.discrepancy.hide import draw_case, hidden_log
+from estimators.discrepancy.nuisances import NUISANCES
 from estimators.discrepancy.run_model import RunModel
 from estimators.discrepancy.verdict import sentence_of
 from estimators.discrepancy.windows import FIT
@@ -129,6 +130,16 @@ def test_a_step_leaves_what_is_at_its_limit_and_goes_on_with_the_rest():
     assert change[ground] == pytest.approx(1.0)
     shares.score[balance] = -1.0
     assert fit._inside(shares)[balance] == pytest.approx(-1.0)
+
+
+@pytest.mark.parametrize(
+    "drive", ["DS1", *(pytest.param(name, marks=pytest.mark.study) for name in ("DS2", "DS3"))]
+)
+def test_the_slow_steering_of_the_measured_car_is_named_with_one_size_for_every_drive(drive):
+    log = f1tenth_log(measured_data("f1tenth_indoor") / f"{drive}.csv", corrected=True)
+    found = diagnose([log])
+    named = {cause.best.candidate.effect: cause.best for cause in found.named}
+    assert named["steer_lag"].size == pytest.approx(0.05, abs=2.0 * named["steer_lag"].deviation)
 
 
 def test_causes_that_make_up_together_for_a_wrong_law_of_the_wheels_are_not_named():

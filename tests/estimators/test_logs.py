@@ -251,6 +251,7 @@ def test_a_description_survives_its_yaml(terrain, rigid, log, tmp_path):
         start=StartSpec(
             x=1.0, yaw=0.3, v_x=3.0, state=(("x", 1.0), ("yaw", 0.3), ("v_x", 3.0), ("z", -0.04))
         ),
+        unknown=("imu.position", "suspension"),
     )
     path = write_log(tmp_path / "run.csv", replace(log, config=config))
     back = read_log(path).config
