@@ -41,13 +41,16 @@ OVERLAP = 0.2
 _SOLVER, _SOLVER_SHARE = 1.0, 0.1
 #: What sensors tell of the age of the pose, with which every fit begins: kind of a finding, and its channel.
 _OLD_POSE = ("clock", "yaw")
-#: Effects that nobody can tell from what a log calls unknown.
+#: Effects that nobody can tell from what a log does not know.
 _UNJUDGED = {
     "imu.position": ("lever_arm_x", "lever_arm_z"),
     "gnss.position": ("antenna_x",),
     # A payload shows by the springs, too: on hard ground, where tyres hold by load, by nothing else.
     "suspension": ("bump_stop", "coulomb_friction", "damper_nonlinear", "payload"),
+    # Where wheels turn as measured, the noise of their sensors shakes the simulated body.
+    "torque": ("bump_stop", "coulomb_friction", "damper_nonlinear", "payload", "lever_arm_z"),
 }
+_TORQUES = {"torque_f", "torque_r"}
 #: A log can test the library if it would see this share of it at the largest plausible size.
 _TESTABLE = 0.5
 
@@ -64,7 +67,7 @@ class Diagnosis:
     limits: dict[str, float] = field(default_factory=dict)  #: smallest size that would have been seen
     not_testable: dict[str, float] = field(default_factory=dict)  #: the limits beyond all plausible sizes
     missing: dict[str, str] = field(default_factory=dict)  #: effects that the log's channels cannot show
-    unjudged: dict[str, str] = field(default_factory=dict)  #: effects of what a log calls unknown
+    unjudged: dict[str, str] = field(default_factory=dict)  #: effects of what a log does not know
     gains: tuple[ChannelGain, ...] = ()
     checks: dict[str, object] = field(default_factory=dict)
     search: Search | None = None
@@ -202,13 +205,10 @@ def diagnose(
 
 
 def _unjudged(logs: Sequence[Log]) -> dict[str, str]:
-    """Effects that nobody can tell from what some log calls unknown."""
-    return {
-        effect: what
-        for what, effects in _UNJUDGED.items()
-        for effect in effects
-        if any(what in log.config.unknown for log in logs)
-    }
+    """Effects that nobody can tell from what some log does not know, and that."""
+    missing = {what for log in logs for what in log.config.unknown}
+    missing |= {"torque" for log in logs if log.config.model == "full" and not _TORQUES & set(log.channels)}
+    return {effect: what for what, effects in _UNJUDGED.items() if what in missing for effect in effects}
 
 
 def split_runs(logs: Sequence[Log]) -> dict[int, list[RunModel]]:

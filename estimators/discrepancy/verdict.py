@@ -213,7 +213,7 @@ def scores_of(diagnosis: Diagnosis) -> list[Score]:
     for name, channels in diagnosis.missing.items():
         found.append(Score(effect=name, z=0.0, limit=math.inf, reason=f"the log has no {channels}"))
     for name, what in diagnosis.unjudged.items():
-        found.append(Score(effect=name, z=0.0, limit=math.inf, reason=f"the log calls {what} unknown"))
+        found.append(Score(effect=name, z=0.0, limit=math.inf, reason=f"the log does not know {what}"))
     return sorted(found, key=lambda score: (score.reason != "", -score.z))
 
 
@@ -339,10 +339,10 @@ def lines_of(diagnosis: Diagnosis, evidence: Evidence | None = None) -> list[str
 
 
 def _unknown_lines(diagnosis: Diagnosis) -> list[str]:
-    """What the log calls unknown: effects that are not judged, and what was fitted instead."""
+    """What the log does not know: effects that are not judged, and what was fitted instead."""
     lines = []
     if diagnosis.unjudged:
-        lines.append(f"called unknown by the log, so not judged: {', '.join(diagnosis.unjudged)}")
+        lines.append(f"not judged, since the log knows too little: {', '.join(diagnosis.unjudged)}")
     fitted = diagnosis.checks.get("unknowns", {})
     if fitted:
         parts = [

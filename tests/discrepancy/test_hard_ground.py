@@ -96,7 +96,7 @@ def test_what_a_log_calls_unknown_is_fitted_and_not_judged():
         assert abs(value - truth) < 3.0 * deviation, name
         assert deviation < 0.04
     told = "\n".join(lines_of(found))
-    assert "called unknown by the log, so not judged: lever_arm_x, lever_arm_z, antenna_x" in told
+    assert "not judged, since the log knows too little: lever_arm_x, lever_arm_z, antenna_x" in told
     assert "fitted instead: imu_x -0." in told
 
 
@@ -107,3 +107,12 @@ def test_a_description_that_is_sure_of_the_same_places_is_contradicted():
     sizes = {cause.best.candidate.effect: cause.best.size for cause in found.causes}
     assert sizes == pytest.approx({"lever_arm_x": -0.1, "antenna_x": 0.1}, abs=0.02)
     assert found.checks["unknowns"] == {}
+
+
+def test_no_suspension_is_blamed_where_the_noise_of_wheel_sensors_shakes_the_car():
+    """Without torques the wheels turn as measured, noise and all."""
+    log = drive(lag=0.0, seed=20)
+    found = diagnose([log])
+    assert found.causes == ()
+    assert set(found.unjudged) > {"coulomb_friction", "payload", "lever_arm_z"}
+    assert set(found.unjudged.values()) == {"torque"}
