@@ -111,7 +111,7 @@ def test_a_description_that_is_sure_of_the_same_places_is_contradicted():
 
 def test_no_suspension_is_blamed_where_the_noise_of_wheel_sensors_shakes_the_car():
     """Without torques the wheels turn as measured, noise and all."""
-    log = drive(lag=0.0, seed=20)
+    log = drive(lag=0.0, seed=11)
     found = diagnose([log])
     assert found.causes == ()
     assert set(found.unjudged) > {"coulomb_friction", "payload", "lever_arm_z"}
