@@ -18,6 +18,7 @@ from estimators.discrepancy.verdict import (
     isolability_of,
     scores_of,
     sentence_of,
+    unknown_lines,
 )
 
 __all__ = ["made_by", "percent", "render_diagnosis"]
@@ -85,6 +86,7 @@ def _unreached(diagnosis: Diagnosis) -> str:
 def _verdict(diagnosis: Diagnosis) -> Section:
     rows = []
     for number, cause in enumerate(diagnosis.causes, 1):
+        place = f"{number}" if cause in diagnosis.named else f"{number}, no name"
         for rival in cause.rivals:
             name = rival.candidate.effect
             low, high = (rival.size + side * 1.96 * rival.deviation for side in (-1.0, 1.0))
@@ -92,7 +94,7 @@ def _verdict(diagnosis: Diagnosis) -> Section:
             first = rival is cause.best
             rows.append(
                 (
-                    str(number) if first else "or",
+                    place if first else "or",
                     name,
                     figures.amount(name, rival.size),
                     f"{low:.3g} to {figures.amount(name, high)}",
@@ -109,6 +111,7 @@ def _verdict(diagnosis: Diagnosis) -> Section:
         "chance if none",
     )
     notes = [f"Finding: {finding.sentence}." for finding in diagnosis.findings]
+    notes += [f"{line[0].upper()}{line[1:]}." for line in unknown_lines(diagnosis)]
     if not diagnosis.causes and diagnosis.limits:
         notes.append("What would have been seen stands in part 4, effect by effect.")
     return Section(

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Score", "advice_of", "amount", "extension_of", "ground_of", "isolability_of", "lines_of", "scores_of",
-    "sentence_of", "to_dict",
+    "sentence_of", "to_dict", "unknown_lines",
 ]  # fmt: skip
 
 _Z = 1.959964  #: of a 95 % interval
@@ -333,12 +333,12 @@ def lines_of(diagnosis: Diagnosis, evidence: Evidence | None = None) -> list[str
         lines.append(f"not testable with these data: {', '.join(diagnosis.not_testable)}")
     if diagnosis.missing:
         lines.append(f"no channel for: {', '.join(diagnosis.missing)}")
-    lines += _unknown_lines(diagnosis)
+    lines += unknown_lines(diagnosis)
     last = [] if advice is None else [f"next experiment: {advice}"]
     return [*lines[: _LINES - len(last)], *last]
 
 
-def _unknown_lines(diagnosis: Diagnosis) -> list[str]:
+def unknown_lines(diagnosis: Diagnosis) -> list[str]:
     """What the log does not know: effects that are not judged, and what was fitted instead."""
     lines = []
     if diagnosis.unjudged:
