@@ -65,10 +65,12 @@ def render_diagnosis(diagnosis: Diagnosis, evidence: Evidence, command: str) -> 
 def _runs(diagnosis: Diagnosis) -> str:
     seconds = sum(log.duration for log in diagnosis.logs)
     runs = f"{len(diagnosis.logs)} runs" if len(diagnosis.logs) > 1 else "one run"
+    hard = bool(diagnosis.logs) and diagnosis.logs[0].config.soil.rigid > 0.5
+    fitted = "stiffnesses of its tyres" if hard else "n"
     return (
         f"What the simulation of {runs} ({seconds:.0f} s) gets wrong, what explains it, how sure that is, "
         "and what it gains. Errors are measured less simulated; the nominal model is the one that the log "
-        "states, with n fitted; the extended model has the causes in it."
+        f"states, with {fitted} fitted; the extended model has the causes in it."
     )
 
 
