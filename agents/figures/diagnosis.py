@@ -74,7 +74,7 @@ def _draw_power(axes: Axes, power: Mapping) -> None:
         axes.errorbar(
             size, share, yerr=np.maximum(error, 0.0), fmt="o", color="#D55E00", capsize=3, label="logs, 95 %"
         )
-        axes.legend(loc="center right", fontsize=9)
+        axes.legend(loc="lower right", fontsize=9)
     axes.set(
         xlabel="hidden size over its standard deviation", ylabel="share of logs in which something is found"
     )
