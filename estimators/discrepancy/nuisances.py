@@ -34,9 +34,10 @@ def acts(nuisance: Nuisance, run: RunModel) -> bool:
     if nuisance.hard and run.setup.plant.soil.rigid < 0.5:
         return False
     unknown = run.log.config.unknown
-    if nuisance.name == "imu_z" and (_SPRINGS in unknown or not run.driven):
-        return False  # its height shows by the pitching, which springs and torques make
-    return not nuisance.unknown or nuisance.unknown in unknown
+    if nuisance.unknown and nuisance.unknown not in unknown:
+        return False
+    # The height of an IMU shows by the pitching alone, which springs and torques make.
+    return nuisance.name != "imu_z" or (run.driven and _SPRINGS not in unknown)
 
 
 def with_nuisances(run: RunModel, values: Sequence[float]) -> Setup:
