@@ -190,6 +190,7 @@ def diagnose(
             "overlap": overlap_of(found.extended),
             "pose_age": [pose_age(log) for log in logs],
             "unknowns": found.extended.unknowns(),
+            "nuisances": found.extended.healthy_values(),
         },
         search=found,
         logs=tuple(logs),

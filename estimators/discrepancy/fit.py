@@ -528,6 +528,11 @@ class Fit:
         own = np.diag(np.linalg.inv(self.shares.normal))
         return np.sqrt(own if self.drawn is None else own * self.widenings())
 
+    def healthy_values(self) -> dict[str, float]:
+        """What the fit makes of each nuisance, in the nuisance's own unit."""
+        pairs = zip(NUISANCES, self.nuisances, strict=True)
+        return {nuisance.name: float(value) for nuisance, value in pairs if acts(nuisance, self.runs[0])}
+
     def unknowns(self) -> dict[str, dict[str, float | str]]:
         """What the log calls unknown as the fit has it: value, deviation and unit, by name."""
         found = {}

@@ -118,6 +118,8 @@ def test_a_description_that_is_sure_of_the_same_places_is_contradicted():
     sizes = {cause.best.candidate.effect: cause.best.size for cause in found.causes}
     assert sizes == pytest.approx({"lever_arm_x": -0.1, "antenna_x": 0.1}, abs=0.02)
     assert found.checks["unknowns"] == {}
+    # Samples of 10 ms by which the wheel speeds are late.
+    assert found.checks["nuisances"]["wheel_age"] == pytest.approx(1.5, abs=0.5)
 
 
 def test_no_suspension_is_blamed_where_the_noise_of_wheel_sensors_shakes_the_car():
