@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from agents.studies.diagnosis import together
+from estimators.discrepancy import search as search_module
 from estimators.discrepancy.diagnosis import Diagnosis, overlap_of
 from estimators.discrepancy.fit import Candidate, fit_runs
 from estimators.discrepancy.hide import HIDERS, draw_case, hidden_log
@@ -136,3 +137,27 @@ def test_causes_that_overlap_are_no_certain_names():
     alike = refit(nominal, names[:2], [0.1, 0.0])[0]
     apart = refit(nominal, [names[0], names[2]], [0.1, 0.0])[0]
     assert overlap_of(alike) > 0.4 > 0.1 > overlap_of(apart)
+
+
+def test_a_search_goes_on_where_its_first_choice_does_not_hold_once_it_is_fitted(monkeypatch):
+    """A centre of gravity behind the axle may score highest and vanish: what stood in its shade may hold."""
+    names = ("cg_shift", "steer_gain", "steer_lag")
+    found = [SimpleNamespace(fit=SimpleNamespace(candidates=(Candidate(effect=name),))) for name in names]
+
+    def larger(fit, last, bar, gate):
+        return [trial for trial in found if trial.fit.candidates[0] in last.candidates][:1]
+
+    def accepted(gate, trials, bars, *, white):
+        holds = trials[0].fit.candidates[0].effect == "steer_lag"
+        return (trials[0].fit, [5.0], False) if holds else (None, [], False)
+
+    monkeypatch.setattr(search_module, "_larger", larger)
+    monkeypatch.setattr(search_module, "_accepted", accepted)
+    monkeypatch.setattr(search_module, "closely", lambda fit, last, bar, near: last)
+    monkeypatch.setattr(search_module, "chance_threshold", lambda last, rate: 3.0)
+    monkeypatch.setattr(search_module, "screen", lambda fit, left: SimpleNamespace(candidates=tuple(left)))
+    first = SimpleNamespace(candidates=tuple(Candidate(effect=name) for name in names))
+    gate = SimpleNamespace(fit=SimpleNamespace(candidates=()))
+    taken, gains, _ = search_module._onward(gate, first, (3.0, 0.06), white=False)
+    assert [candidate.effect for candidate in taken.candidates] == ["steer_lag"]
+    assert gains == [5.0]
