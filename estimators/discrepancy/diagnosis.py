@@ -50,7 +50,6 @@ _UNJUDGED = {
     # Where wheels turn as measured, the noise of their sensors shakes the simulated body.
     "torque": ("bump_stop", "coulomb_friction", "damper_nonlinear", "payload", "lever_arm_z"),
 }
-_TORQUES = {"torque_f", "torque_r"}
 #: A log can test the library if it would see this share of it at the largest plausible size.
 _TESTABLE = 0.5
 
@@ -156,8 +155,6 @@ def diagnose(
     """
     # Neither the order of files and effects nor a file's name may matter.
     logs = sorted(logs, key=lambda log: log.hash)
-    unjudged = _unjudged(logs)
-    library = [name for name in EFFECTS if (library is None or name in library) and name not in unjudged]
     progress("data quality")
     checked = [quality(log) for log in logs]
     problems = tuple(finding for report in checked for finding in report.problems)
@@ -166,6 +163,8 @@ def diagnose(
     parts = split_runs(logs)
     progress("nominal model")
     nominal = fit_runs(parts[FIT], white=white)
+    unjudged = _unjudged(nominal)
+    library = [name for name in EFFECTS if (library is None or name in library) and name not in unjudged]
     progress("search")
     found = search(nominal, library, SCREEN_RATE, parts[SELECT], white=white)
     progress("solver")
@@ -181,17 +180,7 @@ def diagnose(
         not_testable=_not_testable(nominal, limits, found.causes),
         missing=_missing(nominal, library),
         unjudged=unjudged,
-        checks={
-            "solver": solver,
-            "gate": list(found.gate),
-            # A model that lacks much need not have a clean minimum: the one that is reported must.
-            "converged": found.extended.converged,
-            "threshold": found.threshold,
-            "overlap": overlap_of(found.extended),
-            "pose_age": [pose_age(log) for log in logs],
-            "unknowns": found.extended.unknowns(),
-            "nuisances": found.extended.healthy_values(),
-        },
+        checks=_checks(found, solver, logs),
         search=found,
         logs=tuple(logs),
         findings=tuple(f for report in checked for f in report.findings if (f.kind, f.channel) == _OLD_POSE),
@@ -205,11 +194,26 @@ def diagnose(
     return result
 
 
-def _unjudged(logs: Sequence[Log]) -> dict[str, str]:
+def _unjudged(fit: Fit) -> dict[str, str]:
     """Effects that nobody can tell from what some log does not know, and that."""
-    missing = {what for log in logs for what in log.config.unknown}
-    missing |= {"torque" for log in logs if log.config.model == "full" and not _TORQUES & set(log.channels)}
+    missing = {what for run in fit.runs for what in run.log.config.unknown}
+    missing |= {"torque" for run in fit.runs if not run.driven}
     return {effect: what for what, effects in _UNJUDGED.items() if what in missing for effect in effects}
+
+
+def _checks(found: Search, solver: float, logs: Sequence[Log]) -> dict[str, object]:
+    """What tells how far the verdict may be trusted, and what the fit makes of all that is no cause."""
+    return {
+        "solver": solver,
+        "gate": list(found.gate),
+        # A model that lacks much need not have a clean minimum: the one that is reported must.
+        "converged": found.extended.converged,
+        "threshold": found.threshold,
+        "overlap": overlap_of(found.extended),
+        "pose_age": [pose_age(log) for log in logs],
+        "unknowns": found.extended.unknowns(),
+        "nuisances": found.extended.healthy_values(),
+    }
 
 
 def split_runs(logs: Sequence[Log]) -> dict[int, list[RunModel]]:

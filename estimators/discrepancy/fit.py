@@ -538,9 +538,9 @@ class Fit:
         found = {}
         for nuisance, value, deviation in zip(NUISANCES, self.nuisances, self.deviations(), strict=False):
             if nuisance.unknown and acts(nuisance, self.runs[0]):
-                scale, unit = (1.0, "rad/g") if nuisance.name == "lean" else (wheelbase(self.runs[0]), "m")
+                scale = wheelbase(self.runs[0]) if nuisance.unit == "m" else 1.0
                 numbers = {"value": float(scale * value), "deviation": float(scale * deviation)}
-                found[nuisance.name] = {**numbers, "unit": unit}
+                found[nuisance.name] = {**numbers, "unit": nuisance.unit}
         return found
 
     def learn_noise(self, *, white: bool = False) -> None:

@@ -27,6 +27,8 @@ class Nuisance:
     hard_limits: tuple[float, float] | None = None  #: the same on hard ground, where it differs
     hard: bool = False  #: of hard ground alone
     unknown: str = ""  #: what the log must call unknown
+    unit: str = ""  #: of what the log calls unknown; lengths [m] are fitted in wheelbases
+    pitching: bool = False  #: shows by the pitching alone, which springs and torques make
 
 
 def acts(nuisance: Nuisance, run: RunModel) -> bool:
@@ -36,8 +38,7 @@ def acts(nuisance: Nuisance, run: RunModel) -> bool:
     unknown = run.log.config.unknown
     if nuisance.unknown and nuisance.unknown not in unknown:
         return False
-    # The height of an IMU shows by the pitching alone, which springs and torques make.
-    return nuisance.name != "imu_z" or (run.driven and _SPRINGS not in unknown)
+    return not nuisance.pitching or (run.driven and _SPRINGS not in unknown)
 
 
 def with_nuisances(run: RunModel, values: Sequence[float]) -> Setup:
@@ -120,6 +121,26 @@ def _bias(channel: int) -> Callable[[Setup, RunModel, float], Setup]:
     return change
 
 
+def _unstated(
+    name: str,
+    change: Callable[[Setup, RunModel, float], Setup],
+    spread: float,
+    limits: tuple[float, float],
+    unknown: str,
+) -> Nuisance:
+    """One that there is only where the log calls something unknown."""
+    return Nuisance(
+        name=name,
+        change=change,
+        spread=spread,
+        step=1e-3,
+        sensors_only=True,
+        limits=limits,
+        unknown=unknown,
+        unit="m",
+    )
+
+
 #: No tyre is stiffer, or softer, than stated by more than this: the logarithm of a factor of two. Tyres on
 #: hard ground, of cars and of trucks, lie within that of each other for one load. Much softer ones turn
 #: the car as late as a slow steering does.
@@ -152,52 +173,12 @@ NUISANCES = (
         name="pose_age", change=_pose_age, spread=0.003, step=0.002, sensors_only=True, limits=(-0.005, 0.005)
     ),
     # Where sensors sit of which nobody knows [wheelbases].
-    Nuisance(
-        name="imu_x",
-        change=_moved_imu(0),
-        spread=0.25,
-        step=1e-3,
-        sensors_only=True,
-        limits=_ALONG,
-        unknown=_IMU,
-    ),
-    Nuisance(
-        name="imu_y",
-        change=_moved_imu(1),
-        spread=0.1,
-        step=1e-3,
-        sensors_only=True,
-        limits=_ACROSS,
-        unknown=_IMU,
-    ),
-    Nuisance(
-        name="imu_z",
-        change=_moved_imu(2),
-        spread=0.1,
-        step=1e-3,
-        sensors_only=True,
-        limits=_ACROSS,
-        unknown=_IMU,
-    ),
-    Nuisance(
-        name="antenna_x",
-        change=_antenna,
-        spread=0.25,
-        step=1e-3,
-        sensors_only=True,
-        limits=_ALONG,
-        unknown=_ANTENNA,
-    ),
+    _unstated("imu_x", _moved_imu(0), 0.25, _ALONG, _IMU),
+    _unstated("imu_y", _moved_imu(1), 0.1, _ACROSS, _IMU),
+    replace(_unstated("imu_z", _moved_imu(2), 0.1, _ACROSS, _IMU), pitching=True),
+    _unstated("antenna_x", _antenna, 0.25, _ALONG, _ANTENNA),
     # A body on unknown springs leans out of turns, and gravity adds this share to a_y: radians per g.
-    Nuisance(
-        name="lean",
-        change=_lean,
-        spread=0.1,
-        step=0.01,
-        sensors_only=True,
-        limits=(0.0, 0.3),
-        unknown=_SPRINGS,
-    ),
+    replace(_unstated("lean", _lean, 0.1, (0.0, 0.3), _SPRINGS), step=0.01, unit="rad/g"),
     *(
         Nuisance(name=f"bias_{i}", change=_bias(i), spread=spread, step=step, sensors_only=True)
         for i, (spread, step) in enumerate([(0.02, 0.01)] * 3 + [(5e-4, 1e-3)] * 2)

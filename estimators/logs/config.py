@@ -362,14 +362,15 @@ def _units(top: Section) -> tuple[tuple[str, str], ...]:
 
 
 def _unknown(top: Section) -> tuple[str, ...]:
-    names = top.take("unknown", [])
-    for name in names if isinstance(names, list) else [names]:
+    given = top.take("unknown", [])
+    names = given if isinstance(given, list) else [given]
+    for name in names:
         if name not in UNKNOWN:
             near = nearest(name, UNKNOWN) if isinstance(name, str) else None
             hint = f" - did you mean {near}?" if near else ""
             allowed = ", ".join(UNKNOWN)
-            raise top.error(f"unknown must be a list out of {allowed}, got {_shown(name)}{hint}", "unknown")
-    return tuple(dict.fromkeys(names)) if isinstance(names, list) else (names,)
+            raise top.error(f"unknown must be a list of {allowed}, got {_shown(name)}{hint}", "unknown")
+    return tuple(dict.fromkeys(names))
 
 
 def _rig_config(top: Section, units: tuple[tuple[str, str], ...]) -> LogConfig:
