@@ -3,6 +3,9 @@
 VENV ?= .venv
 PYTHONS = $(or $(PYTHON),python3.13 python3.12 python3.11 python3)
 PYTEST_ARGS ?=
+BASE ?=
+CASES ?=
+GOLDEN_ARGS ?=
 BIN = $(VENV)/bin
 
 # The filters and policies multiply small matrices, where BLAS threads only wait for each other.
@@ -13,7 +16,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help venv install demo test lint study-wheel study-soak speed clean
+.PHONY: help venv install demo test check lint study-wheel study-soak speed golden clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [VENV=.venv] [PYTEST_ARGS=...]"
@@ -31,11 +34,16 @@ test: lint  ## set up, check style and floors, run the tests
 	@echo "== running the tests"
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile $(PYTEST_ARGS)
 
-lint: $(VENV)/.installed-test  ## check style, format and the floors of imports
-	@echo "== checking style and the floors of imports"
+check: $(VENV)/.installed-test  ## slower checks: the built package in an empty environment
+	@echo "== running the slower checks"
+	$(BIN)/python -m pytest -m check $(PYTEST_ARGS)
+
+lint: $(VENV)/.installed-test  ## check style, format, the floors of imports and types
+	@echo "== checking style, the floors of imports and types"
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m ruff format --check .
 	$(BIN)/lint-imports --no-logo
+	$(BIN)/python -m mypy
 
 study-wheel: $(VENV)/.installed-test  ## long: wheel forces against an independent evaluation, 2,000 inputs
 	$(BIN)/python benchmarks/accuracy_wheel.py
@@ -46,8 +54,12 @@ study-soak: $(VENV)/.installed-test  ## long: a million random steps
 speed: $(VENV)/.installed-test  ## speed, as ratios to other environments in the same run
 	$(BIN)/offroad speed
 
+golden: $(VENV)/.installed-test  ## long: the main commands on BASE=COMMIT and here: the same numbers?
+	@[ -n "$(BASE)" ] || { echo "OffroadBekker needs a commit to compare with: make golden BASE=COMMIT" >&2; exit 2; }
+	$(BIN)/python benchmarks/golden.py --base "$(BASE)" --cases $(CASES) $(GOLDEN_ARGS)
+
 clean:  ## delete caches and what the commands wrote (for a fresh set-up, delete .venv as well)
-	rm -rf demo out build dist .hypothesis .import_linter_cache .pytest_cache .ruff_cache *.egg-info
+	rm -rf demo out build dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache *.egg-info
 	find agents benchmarks estimators offroad_env tests -type d -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true
 
 # An environment that works is kept. Otherwise the first Python that is new enough and can make one wins.

@@ -19,23 +19,19 @@ import numpy as np
 
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
-from offroad_env.physics.full_model import full_advance
+from offroad_env.physics.contact_angles import AngleShares, wong_reece_angles
+from offroad_env.physics.contact_patch import contact_patch
+from offroad_env.physics.full_vehicle import full_advance
 from offroad_env.physics.quadrature import WHOLE, Rule
-from offroad_env.physics.records import Wheel
-from offroad_env.physics.wheel_soil import (
-    add_nodes,
-    add_piece,
-    contact_angle_shares,
-    integrate_stresses,
-    patch_and_stress,
-    shear_kinematics,
-    slip_ratio,
-    soil_constants,
-)
-from offroad_env.simulator import FULL_STEP, make_plant, settled_state
-from offroad_env.soils import SOILS
-from offroad_env.terrain import add, paper_terrain, rough_terrain
-from offroad_env.vehicles import VEHICLES
+from offroad_env.physics.record_operations import record_from
+from offroad_env.physics.records import ContactOptions, Wheel, WheelMotion
+from offroad_env.physics.slip import ShearKinematics, shear_kinematics, slip_ratio
+from offroad_env.physics.soil_constants import SoilConstants, soil_constants
+from offroad_env.physics.stress_integrals import add_nodes, add_piece, integrate_stresses, patch_stress
+from offroad_env.simulation.simulator import FULL_STEP, make_plant, settled_state
+from offroad_env.world.soils import SOILS
+from offroad_env.world.terrain import add, paper_terrain, rough_terrain
+from offroad_env.world.vehicles import VEHICLES
 
 #: What the force law promises, as a share of the load.
 LIMIT = 1e-6
@@ -56,16 +52,22 @@ class Cases(NamedTuple):
 
 @kernel
 def _row(cases, i):
-    c, s, k = cases.constants[i], cases.shares[i], cases.kinematics[i]
-    return (c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7]), (s[0], s[1]), cases.h[i], (k[0], k[1], k[2])
+    return (
+        record_from(SoilConstants, cases.constants[i], ()),
+        record_from(AngleShares, cases.shares[i], ()),
+        cases.h[i],
+        record_from(ShearKinematics, cases.kinematics[i], ()),
+    )
 
 
 @kernel
-def run_kernel(cases, law, out):
+def run_kernel(cases, options, out):
     """Forces by the kernel's own choice of rule and pieces into ``out`` (N, 4)."""
     for i in range(out.shape[0]):
         constants, shares, h, kinematics = _row(cases, i)
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = integrate_stresses(constants, shares, h, kinematics, law)
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = integrate_stresses(
+            constants, shares, h, kinematics, options
+        )
 
 
 @kernel
@@ -73,14 +75,14 @@ def run_pieces(cases, resultant, rule, edges, out):
     """Forces by one rule on the pieces between ``edges`` (of t) into ``out`` (N, 4)."""
     for i in range(out.shape[0]):
         constants, shares, h, kinematics = _row(cases, i)
-        patch, stress = patch_and_stress(constants, shares, h, kinematics)
-        area = constants[7]
+        patch, stress = contact_patch(shares, h, constants.r), patch_stress(constants, kinematics)
+        area, torque = constants.area, constants.area * constants.r
         x = y = z = t = 0.0
         for j in range(edges.shape[0] - 1):
             ends = (edges[j], edges[j + 1])
             p_x, p_y, p_z, p_t = add_piece(patch, stress, resultant, _SIGNS, ends, rule)
             x, y, z, t = x + p_x, y + p_y, z + p_z, t + p_t
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = area * x, -area * y, area * z, area * constants[6] * t
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = area * x, -area * y, area * z, torque * t
 
 
 @kernel
@@ -88,10 +90,10 @@ def run_whole(cases, resultant, rule, out):
     """Forces by the eight nodes of ``rule`` (shares, weights) into ``out`` (N, 4)."""
     for i in range(out.shape[0]):
         constants, shares, h, kinematics = _row(cases, i)
-        patch, stress = patch_and_stress(constants, shares, h, kinematics)
-        area = constants[7]
+        patch, stress = contact_patch(shares, h, constants.r), patch_stress(constants, kinematics)
+        area, torque = constants.area, constants.area * constants.r
         x, y, z, t = add_nodes(patch, stress, resultant, _SIGNS, rule)
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = area * x, -area * y, area * z, area * constants[6] * t
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = area * x, -area * y, area * z, torque * t
 
 
 def drive(soil: str, seed: int) -> tuple[Cases, np.ndarray]:
@@ -108,16 +110,17 @@ def drive(soil: str, seed: int) -> tuple[Cases, np.ndarray]:
         command = (steer * vehicle.steer_max, push * vehicle.drive_torque_max, 0.0)
         full_advance(state, warm, command, plant, FULL_STEP, 4, readings)
         for first in (0, at.AXLE):
-            motion = tuple(readings[first + j] for j in (at.R_OMEGA, at.V_L, at.V_C))
-            slip, h = slip_ratio(motion[0], motion[1], plant.v_eps), readings[first + at.SINKAGE]
-            if not (ROLLING[0] < slip < ROLLING[1] and motion[1] > 1.0 and h > 0.0):
+            motion = WheelMotion(*(readings[first + j] for j in (at.R_OMEGA, at.V_L, at.V_C)))
+            slip = slip_ratio(motion.rim_speed, motion.v_l, plant.v_eps)
+            h = readings[first + at.SINKAGE]
+            if not (ROLLING[0] < slip < ROLLING[1] and motion.v_l > 1.0 and h > 0.0):
                 continue
             rows.append(
                 (
                     soil_constants(plant.soil, wheel),
-                    contact_angle_shares(plant.soil, slip),
+                    wong_reece_angles(plant.soil, slip),
                     h,
-                    shear_kinematics(*motion, plant.v_eps),
+                    shear_kinematics(motion, plant.v_eps),
                 )
             )
             loads.append(readings[first + at.N] / vehicle.wheels_per_axle)
@@ -155,8 +158,14 @@ def measure(soil: str, resultant: float) -> list[dict[str, object]]:
             rows.append(row | error_of(found, truth, loads, r))
     for name, work in (
         ("made for the patch, 8 nodes", lambda: run_whole(cases, resultant, WHOLE, found)),
-        ("fast, as the kernels use it", lambda: run_kernel(cases, (resultant, False), found)),
-        ("fine, as the public function uses it", lambda: run_kernel(cases, (resultant, True), found)),
+        (
+            "fast, as the kernels use it",
+            lambda: run_kernel(cases, ContactOptions(0.0, resultant, False), found),
+        ),
+        (
+            "fine, as the public function uses it",
+            lambda: run_kernel(cases, ContactOptions(0.0, resultant, True), found),
+        ),
     ):
         spent = nanoseconds(work, len(loads))
         rows.append({"rule": name, "kind": name, "ns": spent} | error_of(found, truth, loads, r))

@@ -20,13 +20,13 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from offroad_env.fleet import simulate_fleet_commands, vary
 from offroad_env.physics import state as at
-from offroad_env.physics.full_model import full_advance
-from offroad_env.simulator import FULL_STEP, Plant, make_plant, settled_state
-from offroad_env.soils import SOILS
-from offroad_env.terrain import rough_terrain
-from offroad_env.vehicles import VEHICLES
+from offroad_env.physics.full_vehicle import full_advance
+from offroad_env.simulation.fleet import simulate_fleet_commands, vary
+from offroad_env.simulation.simulator import FULL_STEP, Plant, make_plant, settled_state
+from offroad_env.world.soils import SOILS
+from offroad_env.world.terrain import rough_terrain
+from offroad_env.world.vehicles import VEHICLES
 
 #: What was aimed at, as ratios of time.
 AIMS = {

@@ -27,10 +27,17 @@ from fleet import COMMAND, full_plant
 from numba import cuda, float64, int64, types
 from operations import operations
 
-from offroad_env.fleet import simulate_fleet_commands, vary
-from offroad_env.fleet_cuda import CudaFleet, CudaUnavailableError, make_kernels
 from offroad_env.physics import state as at
 from offroad_env.physics.packing import pack
+from offroad_env.simulation.fleet import simulate_fleet_commands, vary
+from offroad_env.simulation.fleet_cuda import (
+    CudaFleet,
+    CudaUnavailableError,
+    Kept,
+    Plants,
+    Vehicles,
+    make_kernels,
+)
 
 #: Vehicles of a fleet, and up to which the processors are timed: their rate does not grow with it.
 COUNTS, ON_PROCESSORS = tuple(4**k for k in range(3, 9)), 4096
@@ -136,13 +143,13 @@ def write_ptx(path: Path) -> None:
     # Functions that a kernel calls are compiled for the device at hand.
     dispatcher.get_current_device = lambda: SimpleNamespace(compute_capability=target)
     cube, table, vector = float64[:, :, ::1], float64[:, ::1], float64[::1]
-    vehicles = types.Tuple((table, table, cube, table, vector, int64[::1]))
+    vehicles = (table, table, cube, table, vector, int64[::1])
     kinds = (
-        types.Tuple((table,) * 3),
-        vehicles,
+        types.BaseTuple.from_types((table,) * 3, Plants),
+        types.BaseTuple.from_types(vehicles, Vehicles),
         cube,
         types.Tuple((float64, int64)),
-        types.Tuple((cube, cube)),
+        types.BaseTuple.from_types((cube, cube), Kept),
     )
     path.write_text(cuda.compile_ptx(make_kernels(False)[1].py_func, kinds, cc=target)[0])
 

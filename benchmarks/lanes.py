@@ -22,14 +22,18 @@ import time
 import numpy as np
 from fleet import COMMAND, DRIVE, by_fleet, full_plant
 
-from offroad_env.physics import ground, wheel_soil
+from offroad_env.physics import ground, stress_integrals
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
+from offroad_env.physics.contact_angles import AngleShares
+from offroad_env.physics.contact_patch import contact_patch
 from offroad_env.physics.ground import ground_readings
 from offroad_env.physics.quadrature import WHOLE
 from offroad_env.physics.records import Wheel
-from offroad_env.physics.wheel_soil import add_nodes, patch_and_stress, soil_constants
-from offroad_env.simulator import simulate_commands
+from offroad_env.physics.slip import ShearKinematics
+from offroad_env.physics.soil_constants import soil_constants
+from offroad_env.physics.stress_integrals import add_nodes, patch_stress
+from offroad_env.simulation.simulator import simulate_commands
 
 #: Intervals that are counted, calls that are timed at a time, turns.
 COUNTED, CALLS, ROUNDS = 10, 20_000, 9
@@ -42,8 +46,9 @@ def node_loops(constants, count):
     """Eight nodes of both segments, again and again at slightly another sinkage."""
     total = 0.0
     for i in range(count):
-        patch, stress = patch_and_stress(constants, (0.4, -0.1), 0.03 + 1e-5 * (i % 7), (1.0, 0.95, 0.02))
-        total += add_nodes(patch, stress, 1.0, (1.0, 1.0), WHOLE)[2]
+        patch = contact_patch(AngleShares(0.4, -0.1), 0.03 + 1e-5 * (i % 7), constants.r)
+        stress = patch_stress(constants, ShearKinematics(1.0, 0.95, 0.02))
+        total += add_nodes(patch, stress, 1.0, (1.0, 1.0), WHOLE).z
     return total
 
 
@@ -52,8 +57,9 @@ def patches_alone(constants, count):
     """What `node_loops` spends around the nodes."""
     total = 0.0
     for i in range(count):
-        patch, stress = patch_and_stress(constants, (0.4, -0.1), 0.03 + 1e-5 * (i % 7), (1.0, 0.95, 0.02))
-        total += patch[1] + stress[4]
+        patch = contact_patch(AngleShares(0.4, -0.1), 0.03 + 1e-5 * (i % 7), constants.r)
+        stress = patch_stress(constants, ShearKinematics(1.0, 0.95, 0.02))
+        total += patch.sin_f + stress.A_x
     return total
 
 
@@ -62,7 +68,7 @@ def wave_loops(terrain, count):
     """All waves of the ground, again and again at another place."""
     total = 0.0
     for i in range(count):
-        total += ground_readings(terrain, 0.1 * (i % 11), 0.2)[0]
+        total += ground_readings(terrain, 0.1 * (i % 11), 0.2).H
     return total
 
 
@@ -80,7 +86,7 @@ def microseconds(work: object, argument: object) -> float:
 def count_calls() -> dict[str, float]:
     """Calls in an interval of a vehicle; only without the compiler can they be counted."""
     calls = {"add_nodes": 0, "_wave_sums": 0}
-    for module, name in ((wheel_soil, "add_nodes"), (ground, "_wave_sums")):
+    for module, name in ((stress_integrals, "add_nodes"), (ground, "_wave_sums")):
 
         def counted(*arguments: object, plain: object = getattr(module, name), name: str = name) -> object:
             calls[name] += 1

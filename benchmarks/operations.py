@@ -24,7 +24,7 @@ from offroad_env.physics import numerics
 from offroad_env.physics import state as at
 from offroad_env.physics.batch import full_rows
 from offroad_env.physics.packing import pack
-from offroad_env.simulator import FULL_STEP
+from offroad_env.simulation.simulator import FULL_STEP
 
 #: Intervals that are counted.
 INTERVALS = 20

@@ -1,4 +1,4 @@
-"""OffroadBekker: vehicles on soil whose properties they do not know.
+"""OffroadBekker: vehicles on deformable soil of unknown properties.
 
 Importing this package registers the environment ``OffroadBekker-v0``; the public names load on
 first use, so that the import stays fast and ``estimators`` can be imported on its own.
@@ -15,21 +15,21 @@ __version__ = "0.1.0"
 
 #: Public name -> module that defines it.
 _EXPORTS = {
-    "SCENARIOS": "offroad_env.scenarios",
-    "SOILS": "offroad_env.soils",
-    "VEHICLES": "offroad_env.vehicles",
-    "OffroadBekkerEnv": "offroad_env.env",
-    "OffroadBekkerVectorEnv": "offroad_env.vector_env",
-    "WheelForces": "offroad_env.wheel",
-    "make_plant": "offroad_env.simulator",
-    "make_soil": "offroad_env.soils",
-    "make_vec": "offroad_env.vector_env",
-    "make_vehicle": "offroad_env.vehicles",
-    "make_wheel": "offroad_env.vehicles",
-    "settled_state": "offroad_env.simulator",
-    "simulate": "offroad_env.simulator",
-    "simulate_commands": "offroad_env.simulator",
-    "wheel_forces": "offroad_env.wheel",
+    "SCENARIOS": "offroad_env.environment.scenarios",
+    "SOILS": "offroad_env.world.soils",
+    "VEHICLES": "offroad_env.world.vehicles",
+    "OffroadBekkerEnv": "offroad_env.environment.env",
+    "OffroadBekkerVectorEnv": "offroad_env.environment.vector_env",
+    "WheelForces": "offroad_env.simulation.wheel",
+    "make_plant": "offroad_env.simulation.simulator",
+    "make_soil": "offroad_env.world.soils",
+    "make_vec": "offroad_env.environment.vector_env",
+    "make_vehicle": "offroad_env.world.vehicles",
+    "make_wheel": "offroad_env.world.vehicles",
+    "settled_state": "offroad_env.simulation.simulator",
+    "simulate": "offroad_env.simulation.simulator",
+    "simulate_commands": "offroad_env.simulation.simulator",
+    "wheel_forces": "offroad_env.simulation.wheel",
 }
 
 __all__ = ["__version__", *_EXPORTS]
@@ -39,8 +39,8 @@ ENV_ID = "OffroadBekker-v0"
 if ENV_ID not in registry:
     register(
         id=ENV_ID,
-        entry_point="offroad_env.env:OffroadBekkerEnv",
-        vector_entry_point="offroad_env.vector_env:OffroadBekkerVectorEnv",
+        entry_point="offroad_env.environment.env:OffroadBekkerEnv",
+        vector_entry_point="offroad_env.environment.vector_env:OffroadBekkerVectorEnv",
         max_episode_steps=6000,
     )
 

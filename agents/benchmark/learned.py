@@ -63,16 +63,16 @@ def summarise_learned(
 
 
 def learned_verdict(arms: Sequence[LearnedArm], unit: str) -> str:
-    """Whether arms that are told the estimate beat those that are not, by their intervals."""
+    """Whether arms with the terrain estimate beat those without, by their intervals."""
     by_name = {arm.arm: arm.score for arm in arms}
-    said = [
+    verdicts = [
         _pair_verdict(f"On {arms[0].task}, {policies}", by_name, kind, unit)
         for kind, policies in _PAIRS.items()
         if {f"{kind}_aware", f"{kind}_oblivious"} <= set(by_name)
     ]
-    if not said:
-        return f"{arms[0].task}: no pair of a policy that is told the estimate and one that is not."
-    return " ".join(said)
+    if not verdicts:
+        return f"{arms[0].task}: no pair of a policy with the terrain estimate and one without."
+    return " ".join(verdicts)
 
 
 def _pair_verdict(policies: str, scores: Mapping[str, Interval], kind: str, unit: str) -> str:

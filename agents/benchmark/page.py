@@ -5,21 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from agents.benchmark.figure import arms_figure
 from agents.benchmark.learned import LearnedArm, learned_verdict
+from agents.benchmark.runner import FORM_TITLES
 from agents.benchmark.summary import Benchmark, Difference
-from agents.figures.arms import arms_figure
-from agents.figures.headroom import headroom_figure
-from agents.report import Picture, Section, Table, figure_picture
-from offroad_env.scenarios import SCENARIOS
+from agents.reports.page import Picture, Section, Table, figure_picture
+from agents.studies.value_of_n.figure import headroom_figure
+from offroad_env.environment.scenarios import SCENARIOS
 
 __all__ = ["benchmark_sections", "verdict"]
 
-#: What the reader is told once.
+#: How to read the page.
 READING = (
     "Every agent drives the same courses, soils and sensor noise, so differences are counted episode by "
     "episode. Scores: less is better.",
-    "oracle is told the true n, aware lives on the estimate of the filter on board, nominal believes the "
-    "one n that does best over all soils, conservative the worst n for the task. The four are one controller "
+    "oracle gets the true n, aware the estimate of the online filter, nominal assumes the one n that "
+    "does best over all soils, conservative the worst n for the task. The four are one controller "
     "each task, tuned with the same budget on other episodes.",
     "Headroom: how much better the oracle scores than the better of nominal and conservative. That is what "
     "perfect knowledge is worth here, and no estimate can gain more. The share that aware recovers of it is "
@@ -36,13 +37,13 @@ def _amount(value: float, unit: str) -> str:
 
 
 def verdict(result: Benchmark) -> str:
-    """What the episodes say about knowing n in this task, by the interval and not by the mean."""
+    """The result on knowing n in this task, judged by the interval and not by the mean."""
     room = result.headroom
     if room is None:
         return f"{result.scenario}: {result.episodes} paired episodes; no comparison of arms was asked for."
     base = float(result.arm(result.better_uninformed).scores.mean())
     share = f" ({100.0 * abs(room.value) / base:.0f} %)" if base > 0.0 else ""
-    against = f"against {result.better_uninformed}, the better arm that knows nothing"
+    against = f"against {result.better_uninformed}, the better arm without information on n"
     if room.low <= 0.0:
         return (
             f"On {result.scenario}, the episodes do not show that knowing n pays: {room.value:+.3g} "
@@ -100,11 +101,11 @@ def _learned(
         command=command,
         tables=(Table(heading=heading, rows=tuple(rows), texts=3),),
         notes=(
-            "Guided policies of PPO: five times a second they tell a tracker and its speed plan an offset to "
-            "the steering and which n to believe in. ppo_aware sees the estimate, ppo_oblivious does not, "
-            "ppo_memory sees its last two seconds instead.",
-            "Without a speed plan: ppo_tracker tells a tracker that knows nothing of the soil which speed to "
-            "drive; ppo_pedals steers and drives, ten times a second.",
+            "PPO with the action interface plan: five times a second an offset to the steering of a tracker "
+            "and a correction of the n behind its speed plan. ppo_aware sees the estimate, ppo_oblivious "
+            "does not, ppo_memory sees its last two seconds instead.",
+            "Without a speed plan: ppo_tracker gives a tracker without soil model the speed to "
+            "drive; ppo_direct steers and drives, ten times a second.",
             "Brackets are Student's 95 % intervals over training seeds.",
         ),
         data={f"{task}.{form}": arms for (task, form), arms in trained.items()},
@@ -124,11 +125,11 @@ def _physics(picture: Picture, command: str) -> Section:
 
 def _overview(results: Mapping[tuple[str, str], Benchmark], command: str, seconds: float) -> Section:
     compared = [result for result in results.values() if result.headroom is not None]
-    pays = sum(result.headroom.low > 0.0 for result in compared)
+    pays = sum(result.headroom is not None and result.headroom.low > 0.0 for result in compared)
     return Section(
         name="overview",
         title="What knowing the soil is worth",
-        sees=f"Knowing n pays beyond chance in {pays} of {len(compared)} comparisons.",
+        sees=f"Knowing n pays (interval above zero) in {pays} of {len(compared)} comparisons.",
         command=command,
         pictures=(
             figure_picture(
@@ -147,7 +148,7 @@ def _overview(results: Mapping[tuple[str, str], Benchmark], command: str, second
 
 def _key(result: Benchmark) -> str:
     room = result.headroom
-    if room.low <= 0.0:
+    if room is None or room.low <= 0.0:
         return "not shown to pay"
     recovered = "" if result.recovered is None else f", {100.0 * result.recovered.value:.0f} % recovered"
     return f"{_amount(room.value, result.unit)}{recovered}"
@@ -173,7 +174,7 @@ def _section(result: Benchmark, command: str) -> Section:
     task = SCENARIOS[result.scenario]
     return Section(
         name=f"{result.scenario}_{result.form}",
-        title=f"{result.scenario}, {result.form} form",
+        title=f"{result.scenario}, {FORM_TITLES[result.form]}",
         sees=verdict(result),
         command=f"{command} --tasks {result.scenario} --forms {result.form}",
         pictures=(figure_picture(arms_figure(result), "Every episode, and means with 95 % intervals."),),

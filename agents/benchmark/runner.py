@@ -7,8 +7,8 @@ and combines haste and caution without a made-up weight. `track` measures the r.
 path (a failure costs the half width of the corridor), `climb` the way to the top that is left. Times
 of the episodes that every arm finished, and failures by cause, stand beside it.
 
-Two forms: in the twin form the vehicle is what its model says, in the mismatch form mass, lag and the
-soil's k_phi differ from episode to episode (`MISMATCH`), and nobody is told.
+Two forms: ``matched``, the vehicle is that of the controllers' model; ``mismatch``, mass, lag and the
+soil's k_phi differ from episode to episode (`MISMATCH`), unknown to controllers and estimators.
 """
 
 from __future__ import annotations
@@ -22,15 +22,17 @@ import gymnasium as gym
 import numpy as np
 from joblib import Parallel, delayed
 
-from agents.arms import ARMS, Arm, ArmSettings, make_arm
 from agents.benchmark.summary import Benchmark, summarise
-from agents.protocol import Agent, ArmResult, EpisodeResult
+from agents.controllers.arms import ARMS, Arm, ArmSettings, make_arm
+from agents.controllers.protocol import Agent, ArmResult, EpisodeResult
+from agents.driving.unwrapped import bekker_env
+from offroad_env.environment.scenarios import Scenario, find_scenario
 from offroad_env.errors import InvalidParameter
-from offroad_env.scenarios import Scenario, find_scenario
 
 __all__ = [
     "ENV_ID",
     "FORMS",
+    "FORM_TITLES",
     "MISMATCH",
     "Draw",
     "draw_episodes",
@@ -40,9 +42,11 @@ __all__ = [
 ]
 
 ENV_ID = "offroad_env:OffroadBekker-v0"
-FORMS = ("twin", "mismatch")
+FORMS = ("matched", "mismatch")
+#: Form -> its name in text.
+FORM_TITLES = {"matched": "matched model", "mismatch": "model mismatch"}
 
-#: Factors on the true mass (a load that nobody weighed), k_phi (the spread of one soil's plate tests)
+#: Factors on the true mass (an unknown load), k_phi (the spread of one soil's plate tests)
 #: and torque lag (a worn drive), drawn evenly on a logarithmic scale.
 MISMATCH = {"mass": (0.9, 1.15), "k_phi": (0.7, 1.4), "lag": (0.7, 1.5)}
 
@@ -72,11 +76,11 @@ def draw_episodes(
     *,
     n_range: tuple[float, float] | None = None,
     training: bool = False,
-    form: str = "twin",
+    form: str = "matched",
 ) -> list[Draw]:
     """Episodes with n spread evenly over the prior: one in each of as many equal intervals.
 
-    Stratifying keeps few episodes from missing the soft or the firm end of the prior by chance.
+    Stratifying keeps few episodes from missing the soft or the firm end of the prior.
     Training and test episodes come from different streams. The two forms differ in nothing but the
     factors of the mismatch.
 
@@ -89,7 +93,7 @@ def draw_episodes(
         (lowest, highest) n.
     training
         Whether the episodes are for tuning.
-    form : {"twin", "mismatch"}
+    form : {"matched", "mismatch"}
     """
     if form not in FORMS:
         raise InvalidParameter(f"form must be one of {', '.join(FORMS)}, got {form!r}")
@@ -99,12 +103,13 @@ def draw_episodes(
     place = (rng.permutation(episodes) + rng.random(episodes)) / episodes
     seeds = rng.integers(0, 2**31, episodes)
     draws = [Draw(int(s), float(low + p * (high - low))) for s, p in zip(seeds, place, strict=True)]
-    if form == "twin":
+    if form == "matched":
         return draws
     ends = np.log(np.array(list(MISMATCH.values())))
     factors = np.exp(rng.uniform(ends[:, 0], ends[:, 1], (episodes, len(ends))))
     return [
-        draw._replace(mismatch=tuple(float(f) for f in row)) for draw, row in zip(draws, factors, strict=True)
+        draw._replace(mismatch=(float(row[0]), float(row[1]), float(row[2])))
+        for draw, row in zip(draws, factors, strict=True)
     ]
 
 
@@ -126,7 +131,7 @@ def run_episode(
         Further options of ``env.reset``.
     """
     observation, info = env.reset(seed=seed, options={**(options or {}), **({} if n is None else {"n": n})})
-    agent.reset(env.unwrapped.briefing)
+    agent.reset(bekker_env(env).briefing)
     done, reward, squares, steps, thinking, driving = False, 0.0, 0.0, 0, 0.0, 0.0
     while not done:
         start = time.perf_counter()
@@ -139,7 +144,7 @@ def run_episode(
         reward += float(r)
         squares += info["cross_track_error"] ** 2
         steps += 1
-    scenario: Scenario = env.unwrapped.scenario
+    scenario: Scenario = bekker_env(env).scenario
     regular = info["success"] or (scenario.stalling and info["failure"] in ("", "immobilised"))
     failure = "" if regular else (info["failure"] or "time_limit")
     rms = math.sqrt(squares / steps)
@@ -173,7 +178,7 @@ def _run_chunk(
 ) -> tuple[Any, float, list[EpisodeResult]]:
     env = gym.make(ENV_ID, scenario=scenario, terrain_info=arm.terrain_info, **env_options)
     try:
-        limit = env.unwrapped.scenario.time_limit
+        limit = bekker_env(env).scenario.time_limit
         return key, limit, [run_episode(env, arm.agent, draw.seed, options=draw.options) for draw in draws]
     finally:
         env.close()
@@ -238,7 +243,7 @@ def run_arms(
     settings: Mapping[str, ArmSettings] | None = None,
     env_options: Mapping[str, Any] | None = None,
 ) -> Benchmark:
-    """Compare the arms of `agents.arms` on the same episodes.
+    """Compare the arms of `agents.controllers.arms` on the same episodes.
 
     Parameters
     ----------

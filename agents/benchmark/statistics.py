@@ -131,7 +131,8 @@ def headroom(
 
     def saved(*arrays: np.ndarray, axis: int) -> np.ndarray:
         others = np.stack([np.mean(array, axis=axis) for array in arrays[1:]])
-        return others.min(axis=0) - np.mean(arrays[0], axis=axis)
+        gain: np.ndarray = others.min(axis=0) - np.mean(arrays[0], axis=axis)
+        return gain
 
     return bootstrap_interval((informed, *uninformed), saved, level=level, method="percentile", seed=seed)
 
@@ -152,7 +153,10 @@ def recovered_share(
 
     def share(*arrays: np.ndarray, axis: int) -> np.ndarray:
         best = np.stack([np.mean(array, axis=axis) for array in arrays[2:]]).min(axis=0)
-        return (best - np.mean(arrays[0], axis=axis)) / (best - np.mean(arrays[1], axis=axis))
+        recovered: np.ndarray = (best - np.mean(arrays[0], axis=axis)) / (
+            best - np.mean(arrays[1], axis=axis)
+        )
+        return recovered
 
     return bootstrap_interval(
         (aware, oracle, *uninformed), share, level=level, method="percentile", seed=seed

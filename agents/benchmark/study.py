@@ -14,22 +14,22 @@ from typing import Any
 
 import gymnasium as gym
 
-from agents.arms import ARMS
 from agents.benchmark.learned import LearnedArm, summarise_learned
 from agents.benchmark.runner import ENV_ID, FORMS, draw_episodes, run_episode
 from agents.benchmark.summary import Benchmark, summarise
-from agents.episode import AGENTS, agent_file, find_agent, is_agent, trained_name
-from agents.policies import LEARNED, WEIGHTS, learned_folder, shipped_seeds
-from agents.protocol import ArmResult, EpisodeResult
-from agents.studies.units import Key, run_units, stamp_of
-from agents.tuned import SETTINGS
+from agents.controllers.arms import ARMS
+from agents.controllers.protocol import ArmResult, EpisodeResult
+from agents.controllers.tuned import SETTINGS
+from agents.driving.episode import AGENTS, agent_file, find_agent, is_agent, trained_name
+from agents.learning.policies import LEARNED, WEIGHTS, learned_folder, shipped_seeds
+from agents.studies.runner import Key, run_units, stamp_of
+from offroad_env.environment.scenarios import SCENARIOS, find_scenario
 from offroad_env.errors import InvalidParameter
-from offroad_env.scenarios import SCENARIOS, find_scenario
 
 __all__ = ["EPISODES", "BenchmarkArgs", "drive_unit", "run_learned", "run_study"]
 
 #: What is driven: everything that decides a result. A change of any of it makes its units anew.
-_SOURCES = ("agents.benchmark.runner", "agents.episode", "offroad_env.env")
+_SOURCES = ("agents.benchmark.runner", "agents.driving.episode", "offroad_env.environment.env")
 #: File of the units in the folder of the results.
 EPISODES = "episodes.jsonl"
 
@@ -100,13 +100,13 @@ def run_study(
     out
         Folder of the units.
     terrain_info
-        What agents that are given as ``module:Class`` are told of the soil; default "none".
+        Terrain information for agents that are given as ``module:Class``; default "none".
     """
     args.check()
 
     def key(task: str, form: str, agent: str, episode: int) -> Key:
-        told = (terrain_info or "none",) if ":" in agent else ()
-        return (task, form, agent, episode, args.episodes, args.seed, *told)
+        given = (terrain_info or "none",) if ":" in agent else ()
+        return (task, form, agent, episode, args.episodes, args.seed, *given)
 
     keys = [
         key(task, form, agent, episode)

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from agents.arms import ARMS
 from agents.benchmark.statistics import (
     Interval,
     effect_size,
@@ -23,9 +22,10 @@ from agents.benchmark.statistics import (
     recovered_share,
     wilson_interval,
 )
-from agents.protocol import ArmResult
+from agents.controllers.arms import ARMS
+from agents.controllers.protocol import ArmResult
+from offroad_env.environment.scenarios import MEASURES, find_scenario
 from offroad_env.errors import InvalidParameter
-from offroad_env.scenarios import MEASURES, find_scenario
 
 __all__ = ["ArmSummary", "Benchmark", "Difference", "summarise"]
 
@@ -60,7 +60,7 @@ class Benchmark:
     """Results of all arms on the same episodes, with the comparisons that the project asks for."""
 
     scenario: str
-    form: str  #: "twin", or "mismatch" where the vehicle is not what its model says
+    form: str  #: "matched", or "mismatch" where the vehicle differs from the controllers' model
     seed: int
     measure: str  #: what the score is, in words
     unit: str  #: of the score
@@ -100,7 +100,8 @@ class Benchmark:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain dict for JSON; numbers that are not finite become None."""
-        return _plain(asdict(self))
+        plain: dict[str, Any] = _plain(asdict(self))
+        return plain
 
     def save(self, path: str | Path) -> Path:
         """Write the JSON file."""
@@ -119,11 +120,11 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def summarise(scenario: str, seed: int, arms: tuple[ArmResult, ...], *, form: str = "twin") -> Benchmark:
+def summarise(scenario: str, seed: int, arms: tuple[ArmResult, ...], *, form: str = "matched") -> Benchmark:
     """The comparisons of a set of agents that drove the same episodes.
 
-    Arms of `agents.arms` that know nothing of the soil compete for being the better uninformed one;
-    other agents are compared with it, but do not take its place: they were not tuned with its budget.
+    Arms of `agents.controllers.arms` that know nothing of the soil compete for being the better uninformed
+    one; other agents are compared with it, but do not take its place: they were not tuned with its budget.
     """
     measure, unit = MEASURES[find_scenario(scenario).measure]
     finished = np.logical_and.reduce([arm.success for arm in arms])

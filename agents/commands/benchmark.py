@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from agents.commands.output import console, say, table, write_bytes, write_json
+from agents.reports.output import console, say, table, write_bytes, write_json
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from agents.benchmark.learned import LearnedArm
     from agents.benchmark.study import BenchmarkArgs
@@ -18,7 +18,16 @@ if TYPE_CHECKING:
 
 __all__ = ["BenchmarkRun"]
 
-Form = Literal["twin", "mismatch"]
+Form = Literal["matched", "mismatch", "twin"]  # alias
+
+#: Former names of forms.
+_FORMER: dict[str, str] = {"twin": "matched"}  # alias
+
+
+def known_forms(forms: Iterable[str]) -> tuple[str, ...]:
+    """Forms by their present names."""
+    return tuple(_FORMER.get(form, form) for form in forms)
+
 
 #: Episodes of the quick form: one in each twentieth of the prior.
 _QUICK_EPISODES = 20
@@ -33,11 +42,11 @@ class BenchmarkRun:
     """
 
     out: Path = Path("out/benchmark")  #: folder for the page, the numbers and the episodes
-    quick: bool = False  #: 20 episodes each instead of 100, twin form only
+    quick: bool = False  #: 20 episodes each instead of 100, matched model only
     tasks: tuple[str, ...] = ("track", "speed", "climb", "brake", "ride", "patches")  #: what is driven
     agents: tuple[str, ...] = ("pure_pursuit", "nominal", "conservative", "aware", "oracle")  #: who drives
     policies: bool = True  #: also the policies that are shipped, trained with several seeds each
-    forms: tuple[Form, ...] = ("twin", "mismatch")  #: vehicle as modelled; mass, k_phi and lag unlike it
+    forms: tuple[Form, ...] = ("matched", "mismatch")  #: vehicle as modelled; mass, k_phi and lag unlike it
     episodes: int = 100  #: paired episodes of each agent
     seed: int = 0  #: of the episodes
     n_jobs: int = 2  #: local processes; the results do not depend on it
@@ -64,12 +73,12 @@ class BenchmarkRun:
         args = BenchmarkArgs(
             tasks=self.tasks,
             agents=self.agents,
-            forms=self.forms,
+            forms=known_forms(self.forms),
             episodes=self.episodes,
             seed=self.seed,
             n_jobs=self.n_jobs,
         )
-        return replace(args, episodes=_QUICK_EPISODES, forms=("twin",)) if self.quick else args
+        return replace(args, episodes=_QUICK_EPISODES, forms=("matched",)) if self.quick else args
 
 
 def write_results(
@@ -88,9 +97,10 @@ def write_results(
     """
     from agents.benchmark.learned import learned_verdict
     from agents.benchmark.page import benchmark_sections, verdict
-    from agents.figures.tasks import tasks_figure
-    from agents.report import figure_picture, render_page
-    from agents.studies.tasks import task_curves
+    from agents.benchmark.runner import FORM_TITLES
+    from agents.reports.page import figure_picture, render_page
+    from agents.studies.tasks.figure import tasks_figure
+    from agents.studies.tasks.study import task_curves
     from offroad_env import __version__
 
     command = f"{command} --episodes {args.episodes} --seed {args.seed}"
@@ -116,12 +126,12 @@ def write_results(
         rows = [
             (s.name, f"{s.score:.3g}", f"{100.0 * (1.0 - s.success.value):.0f} %") for s in result.summaries
         ]
-        title = f"{result.scenario}, {result.form} form, {result.episodes} episodes"
+        title = f"{result.scenario}, {FORM_TITLES[result.form]}, {result.episodes} episodes"
         console().print(table(title, ("agent", f"score [{result.unit}]", "failures"), rows))
         say(f"{verdict(result)}\n")
     for (task, form), arms in (trained or {}).items():
         unit = results[task, form].unit
-        _print_learned(f"{task}, {form} form, trained policies", arms, unit)
+        _print_learned(f"{task}, {FORM_TITLES[form]}, trained policies", arms, unit)
         say(f"{learned_verdict(arms, unit)}\n")
     say(f"page: {path}\nnumbers: {numbers}")
 

@@ -9,7 +9,7 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-from agents.commands.benchmark import Form, write_results
+from agents.commands.benchmark import Form, known_forms, write_results
 
 __all__ = ["Compare"]
 
@@ -23,10 +23,10 @@ class Compare:
     """
 
     agent: Positional[str]  #: module:Class
-    terrain_info: Literal["none", "estimate", "truth"] = "none"  #: what it is told of the soil
+    terrain_info: Literal["none", "estimate", "truth"] = "none"  #: terrain information in its observation
     tasks: tuple[str, ...] = ("speed",)  #: what is driven
     against: tuple[str, ...] = ("nominal", "conservative", "aware", "oracle")  #: whom it is compared with
-    forms: tuple[Form, ...] = ("twin",)  #: vehicle as modelled, or unlike it
+    forms: tuple[Form, ...] = ("matched",)  #: vehicle as modelled, or unlike it
     episodes: int = 20  #: paired episodes of each agent
     seed: int = 0  #: of the episodes
     n_jobs: int = 2  #: local processes; the results do not depend on it
@@ -41,7 +41,7 @@ class Compare:
         args = BenchmarkArgs(
             tasks=self.tasks,
             agents=(self.agent, *self.against),
-            forms=self.forms,
+            forms=known_forms(self.forms),
             episodes=self.episodes,
             seed=self.seed,
             n_jobs=self.n_jobs,

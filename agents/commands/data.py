@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from tyro.conf import Positional
 
-from agents.commands.output import say, write_json
+from agents.reports.output import say, write_json
 
-__all__ = ["Data", "Get", "List", "Log"]
+if TYPE_CHECKING:
+    from estimators.logs import Log
+
+__all__ = ["Data", "Get", "List", "LogOf"]
 
 
 @dataclass(kw_only=True)
@@ -27,7 +30,7 @@ class Get:
 
     def run(self) -> None:
         """Fetch and describe."""
-        from offroad_env.datasets import DATASETS, describe, fetch
+        from offroad_env.world.datasets import DATASETS, describe, fetch
 
         path = fetch(self.name, progress=True)
         say(describe(self.name))
@@ -44,10 +47,10 @@ class List:
 
     def run(self) -> None:
         """Print every entry of the registry."""
-        from offroad_env.datasets import DATASETS, locate
         from offroad_env.errors import DataError
+        from offroad_env.world.datasets import DATASETS, locate
 
-        found = {}
+        found: dict[str, Path | None] = {}
         for name, dataset in DATASETS.items():
             try:
                 found[name] = locate(name)
@@ -68,7 +71,7 @@ class List:
 
 
 @dataclass(kw_only=True)
-class Log:
+class LogOf:
     """Write a measured data set in the log format of this project: data and description side by side.
 
     The soil-bin trials are looked for where the other commands look for them; a drive of the 1:10 car
@@ -88,11 +91,11 @@ class Log:
         self.out.mkdir(parents=True, exist_ok=True)
         say(f"log: {write_log(self.out / f'{log.name}.csv', log)}")
 
-    def _read(self):
+    def _read(self) -> Log:
         from estimators.logs import f1tenth_log
-        from estimators.wheel_rig import cmu_rig_log
-        from offroad_env.datasets import locate
+        from estimators.rig.cmu_soil_bin import cmu_rig_log
         from offroad_env.errors import DataError
+        from offroad_env.world.datasets import locate
 
         if self.name == "cmu_single_wheel":
             return cmu_rig_log(locate(self.name) if self.path is None else self.path)
@@ -105,5 +108,5 @@ class Log:
 Data = (
     Annotated[Get, tyro.conf.subcommand("get", prefix_name=False)]
     | Annotated[List, tyro.conf.subcommand("list", prefix_name=False)]
-    | Annotated[Log, tyro.conf.subcommand("log", prefix_name=False)]
+    | Annotated[LogOf, tyro.conf.subcommand("log", prefix_name=False)]
 )

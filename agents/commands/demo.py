@@ -6,13 +6,13 @@ import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from agents.commands.output import console, say, table, write_bytes, write_json
+from agents.reports.output import console, say, table, write_bytes, write_json
 
 if TYPE_CHECKING:
-    from agents.demo import DemoSettings
-    from agents.report import Section
+    from agents.demo.parts import DemoSettings
+    from agents.reports.page import Section
 
 __all__ = ["Demo"]
 
@@ -33,7 +33,7 @@ class Demo:
 
     def run(self) -> None:
         """Run, write, and print the numbers that matter."""
-        from agents.demo import DemoSettings
+        from agents.demo.parts import DemoSettings
 
         settings = DemoSettings(out=self.out, seed=self.seed)
         if self.quick:
@@ -47,7 +47,7 @@ class Demo:
     def _sections(self, settings: DemoSettings) -> list[Section]:
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        from agents.demo import run_demo
+        from agents.demo.parts import run_demo
 
         columns = (BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn())
         done = []
@@ -63,18 +63,18 @@ class Demo:
         return done
 
     def _page(self, sections: Sequence[Section]) -> str:
-        from agents.report import render_page
+        from agents.reports.page import render_page
 
         return render_page(
             sections,
             title="OffroadBekker: one run of everything",
-            intro="A vehicle drives on soil whose sinkage exponent n nobody tells it. This page is one run "
-            "of every part of the project: the physics, the environment, an estimator of n, controllers that "
-            "know more or less about n, a search for what a simulation gets wrong, and measured data.",
+            intro="A vehicle drives on soil whose sinkage exponent n is unknown. This page is one run of "
+            "every part of the project: the physics, the environment, an estimator of n, controllers with "
+            "and without the estimate, a diagnosis of a simulation's errors, and measured data.",
             footer=_made_by(self.seed, self.quick),
         )
 
-    def _numbers(self, sections: Sequence[Section]) -> dict:
+    def _numbers(self, sections: Sequence[Section]) -> dict[str, Any]:
         parts = {
             section.name: {
                 "title": section.title,

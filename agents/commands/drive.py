@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from agents.commands.output import OutputError, Results, console, say, table, write_bytes
+from agents.reports.output import OutputError, Results, console, say, table, write_bytes
 from offroad_env.errors import DataError, InvalidParameter, OffroadError
 
 if TYPE_CHECKING:
     import gymnasium as gym
 
-    from agents.episode import Drive as Episode
-    from agents.protocol import Agent
+    from agents.controllers.protocol import Agent
+    from agents.driving.episode import Drive as Episode
 
 __all__ = ["Drive"]
 
@@ -44,14 +44,14 @@ class Drive(Results):
     picture: Path | None = None  #: also write a picture half way, .png (needs the extra view)
     video: Path | None = None  #: also write a video, .mp4 or .gif (needs the extra view)
     window: bool = False  #: watch it in a window (needs the extra view)
-    log: Path | None = None  #: also write what the sensors said, .csv or .parquet with a .yaml beside it
+    log: Path | None = None  #: also write the sensors' readings, .csv or .parquet with a .yaml beside it
     log_ground: Literal["known", "unknown"] = "known"  #: whether that .yaml holds the ground
 
     def run(self) -> None:
         """Drive, then plot and print."""
         import gymnasium as gym
 
-        from agents.figures.drive import drive_figure
+        from agents.driving.figure import drive_figure
 
         if self.window and (self.video or self.picture):
             raise InvalidParameter("give --window, or --video and --picture, not both: a window shows itself")
@@ -76,7 +76,7 @@ class Drive(Results):
         import gymnasium as gym
 
         from agents.benchmark.runner import ENV_ID
-        from agents.episode import find_agent
+        from agents.driving.episode import find_agent
 
         if self.policy is None:
             agent, terrain_info = find_agent(self.agent, self.scenario, self.terrain_info)
@@ -96,26 +96,28 @@ class Drive(Results):
         return env, agent
 
     def _drive(self, env: gym.Env, agent: Agent) -> Episode:
-        from agents.episode import Drive as Episode
+        from agents.driving.episode import Drive as Episode
 
         options = None if self.n is None else {"n": self.n}
         episode = Episode(env, agent, seed=self.seed, options=options)
         steps = _shown(episode)
         if self.log is not None:
-            steps = self._measured(steps, episode)
+            steps = self._measured(steps, episode, self.log)
         if self.picture is not None:
-            steps = self._pictured(steps, episode)
+            steps = self._pictured(steps, episode, self.picture)
         try:
             if self.video is not None:
-                self._record(steps, episode)
+                self._record(steps, episode, self.video)
             for _ in steps:  # what a video has not used up
                 pass
         finally:
             env.close()
         return episode
 
-    def _measured(self, steps: Iterator[dict[str, Any]], episode: Episode) -> Iterator[dict[str, Any]]:
-        from agents.recording import MeasuredRun
+    def _measured(
+        self, steps: Iterator[dict[str, Any]], episode: Episode, path: Path
+    ) -> Iterator[dict[str, Any]]:
+        from agents.driving.recording import MeasuredRun
         from estimators.logs import write_log
 
         run = None
@@ -126,34 +128,40 @@ class Drive(Results):
                 run.add(episode.env)
             yield info
         try:
-            self.log.parent.mkdir(parents=True, exist_ok=True)
+            path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise OutputError(f"cannot write {self.log}: {error.strerror or error}") from error
-        write_log(self.log, run.log(self.log.stem))
+            raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+        if run is not None:
+            write_log(path, run.log(path.stem))
 
-    def _pictured(self, steps: Iterator[dict[str, Any]], episode: Episode) -> Iterator[dict[str, Any]]:
-        from agents.episode import HalfWayPicture
-        from agents.report import frame_png
+    def _pictured(
+        self, steps: Iterator[dict[str, Any]], episode: Episode, path: Path
+    ) -> Iterator[dict[str, Any]]:
+        from agents.driving.episode import HalfWayPicture
+        from agents.reports.page import frame_png
 
         picture = HalfWayPicture()
         for step, info in enumerate(steps):
             picture.look(episode.env, step, info)
             yield info
-        write_bytes(self.picture, frame_png(picture.frame))
+        if picture.frame is not None:
+            write_bytes(path, frame_png(picture.frame))
 
-    def _record(self, steps: Iterator[dict[str, Any]], episode: Episode) -> None:
-        from agents.recording import VIDEO_FORMATS, record_video
+    def _record(self, steps: Iterator[dict[str, Any]], episode: Episode, path: Path) -> None:
+        import numpy as np
 
-        suffix = self.video.suffix.lower()
+        from agents.driving.recording import VIDEO_FORMATS, record_video
+
+        suffix = path.suffix.lower()
         if suffix not in VIDEO_FORMATS:
-            raise InvalidParameter(f"video must end in {' or '.join(VIDEO_FORMATS)}, got {self.video}")
+            raise InvalidParameter(f"video must end in {' or '.join(VIDEO_FORMATS)}, got {path}")
         every = _CONTROL_RATE // _FPS[suffix]
-        pictures = (episode.env.render() for step, _ in enumerate(steps) if step % every == 0)
+        pictures = (np.asarray(episode.env.render()) for step, _ in enumerate(steps) if step % every == 0)
         try:
-            self.video.parent.mkdir(parents=True, exist_ok=True)
-            record_video(pictures, self.video, _FPS[suffix])
+            path.parent.mkdir(parents=True, exist_ok=True)
+            record_video(pictures, path, _FPS[suffix])
         except OSError as error:
-            raise OutputError(f"cannot write {self.video}: {error.strerror or error}") from error
+            raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
 
     def _summary(self, episode: Episode) -> dict[str, Any]:
         import numpy as np
@@ -187,10 +195,10 @@ def _text(value: Any) -> str:
 
 
 def _load_policy(folder: Path, terrain_info: str | None) -> tuple[Agent, str]:
-    """The policy, and what it is told about the soil: by default what it was told in training."""
+    """The policy, and the terrain information it gets: by default that of its training."""
     import json
 
-    from agents.policies import KIND, load_policy
+    from agents.learning.policies import KIND, load_policy
 
     try:
         kind = json.loads((folder / KIND).read_text(encoding="utf-8"))

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from tyro.conf import Positional
 
-from agents.commands.output import Results, console, say, table, write_bytes
+from agents.reports.output import Results, console, say, table, write_bytes
 from offroad_env.errors import DataError, InvalidParameter
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from estimators.log_filters import LogEstimate
+    from estimators.log_estimation import LogEstimate
     from estimators.logs import Log, QualityReport
 
 __all__ = ["Estimate"]
@@ -26,14 +26,15 @@ class Estimate(Results):
     """Estimate the sinkage exponent from logs of drives.
 
     A log is a .csv, .parquet or ROS bag with a .yaml of the same name; docs/logs.md has the format.
-    Writes for each log estimate_LOG_FILTER.csv (t, n, sd, low, high, valid, nis; sd_in_doubt, trusted;
-    second_n, second_sd) and a figure. sd and valid hold given the model; the others doubt it.
-    parameter, joint and bank work on any drive; map_joint, map_bank and map_ekf on the paper's
-    half-car over a known ground.
+    Writes for each log estimate_LOG_FILTER.csv (t, n, sd, low, high, valid, nis; robust_sd, robust_valid;
+    evidence_n, evidence_sd) and a figure. sd and valid are stated by the filter, given its model; robust_sd
+    and robust_valid allow for errors of that model. Filters for any drive: online_parameter_ukf (parameter),
+    online_joint_ukf (joint), online_ukf_bank (bank); for the paper's half-car over a known ground:
+    map_joint_ukf (map_joint), map_ukf_bank (map_bank), map_ekf.
     """
 
     logs: Positional[tuple[Path, ...]]  #: one or more logs
-    filter: Literal["parameter", "joint", "bank", "map_joint", "map_bank", "map_ekf"] = "joint"  #: which
+    filter: str = "online_joint_ukf"  #: id or short name of a filter
     n_prior: float | None = None  #: mean of the prior [-]; default: n in the log's description
     sd: float = 0.2  #: standard deviation of the prior [-]
     accept: bool = False  #: go on where the checks of the data find a problem
@@ -44,8 +45,11 @@ class Estimate(Results):
             raise InvalidParameter("logs must name at least one file")
         if not 0.0 < self.sd <= 1.0:
             raise InvalidParameter(f"sd must be in (0, 1], got {self.sd:g}")
+        from estimators.filters.registry import filter_id
+        from estimators.log_estimation import LOG_FILTERS
         from estimators.logs import quality, read_logs
 
+        self.filter = filter_id(self.filter, LOG_FILTERS)
         logs = read_logs(self.logs)
         names = _distinct([log.name for log in logs])
         rows, numbers = [], []
@@ -59,16 +63,17 @@ class Estimate(Results):
         heading = (
             "log",
             "n at the end",
-            "vouched for",
-            "sd in doubt",
-            "trusted",
-            "second opinion",
+            "flag up",
+            "robust sd",
+            "robust flag up",
+            "evidence alone",
             "innov.²",
             "x real time",
             "truth",
         )
         console().print(table(f"filter {self.filter}", heading, rows))
-        say("in doubt, trusted, second opinion: where mass, moduli and sensors may be wrong (docs/logs.md)")
+        say("n, flag: stated by the filter, given its model")
+        say("robust: to errors of mass, moduli, sensors and steering in that model (docs/logs.md)")
         self.save_numbers({"filter": self.filter, "logs": numbers})
 
     def _show_quality(self, report: QualityReport) -> None:
@@ -86,7 +91,7 @@ class Estimate(Results):
     def _filter(self, log: Log) -> LogEstimate:
         from rich.progress import Progress
 
-        from estimators.log_filters import estimate_log
+        from estimators.log_estimation import estimate_log
 
         with Progress(console=console(), transient=True) as bar:
             task = bar.add_task(f"filtering {log.name}", total=None)
@@ -97,7 +102,7 @@ class Estimate(Results):
             return estimate_log(log, self.filter, n_prior=self.n_prior, sd=self.sd, progress=tell)
 
     def _write(self, result: LogEstimate, reference: np.ndarray | None, name: str) -> None:
-        from agents.figures.estimate_log import log_estimate_figure
+        from agents.reports.figures.estimate_log import log_estimate_figure
 
         say(f"table: {write_bytes(self.out / f'{name}.csv', result.csv().encode())}")
         self.save_figure(log_estimate_figure(result, reference), name)
@@ -126,13 +131,13 @@ def _row(result: LogEstimate, reference: np.ndarray | None) -> tuple[str, ...]:
     numbers = _numbers(result, reference)
     truth = numbers["truth_at_end"]
     return (
-        f"{result.n[-1]:.3f} ± {result.sd[-1]:.3f}",
+        f"{result.stated.n[-1]:.3f} ± {result.stated.sd[-1]:.3f}",
         f"{100.0 * numbers['valid_share']:.0f} %",
-        f"{result.sd_in_doubt[-1]:.3f}",
-        f"{100.0 * numbers['trusted_share']:.0f} %",
-        f"{result.second[-1, 0]:.3f} ± {result.second[-1, 1]:.3f}",
+        f"{result.robust.sd[-1]:.3f}",
+        f"{100.0 * numbers['robust_valid_share']:.0f} %",
+        f"{result.robust.posterior_n[-1]:.3f} ± {result.robust.posterior_sd[-1]:.3f}",
         "" if numbers["innovations"] is None else f"{numbers['innovations']:.2f}",
-        f"{result.real_time_factor:.0f}",
+        f"{result.stated.real_time_factor:.0f}",
         "" if truth is None else f"{truth:.3f}",
     )
 
@@ -140,28 +145,31 @@ def _row(result: LogEstimate, reference: np.ndarray | None) -> tuple[str, ...]:
 def _numbers(result: LogEstimate, reference: np.ndarray | None) -> dict[str, Any]:
     import numpy as np
 
-    updates = result.nis[~np.isnan(result.nis)]
-    known = reference is not None and len(reference) > 0
-    inside = None
-    if known:
-        low, high = (np.interp(reference[:, 0], result.t, side) for side in (result.low, result.high))
+    stated, robust = result.stated, result.robust
+    updates = stated.nis[~np.isnan(stated.nis)]
+    truth = inside = None
+    if reference is not None and len(reference) > 0:
+        truth = float(reference[-1, 1])
+        low, high = (np.interp(reference[:, 0], stated.t, side) for side in (stated.low, stated.high))
         inside = float(np.mean((reference[:, 1] >= low) & (reference[:, 1] <= high)))
     return {
         "log": result.log,
-        "n": float(result.n[-1]),
-        "sd": float(result.sd[-1]),
-        "low": float(result.low[-1]),
-        "high": float(result.high[-1]),
-        "valid": bool(result.valid[-1]),
-        "valid_share": float(result.valid.mean()),
-        "sd_in_doubt": float(result.sd_in_doubt[-1]),
-        "trusted": bool(result.trusted[-1]),
-        "second_opinion": result.second[-1].tolist(),
-        "trusted_share": float(result.trusted.mean()),
-        "innovations": float(np.mean(updates)) / result.channels if len(updates) else None,
-        "repairs": result.repairs,
-        "real_time_factor": result.real_time_factor,
+        "n": float(stated.n[-1]),
+        "sd": float(stated.sd[-1]),
+        "low": float(stated.low[-1]),
+        "high": float(stated.high[-1]),
+        "valid": bool(stated.flag[-1]),
+        "valid_share": float(stated.flag.mean()),
+        "robust_sd": float(robust.sd[-1]),
+        "robust_valid": bool(robust.valid[-1]),
+        "robust_valid_share": float(robust.valid.mean()),
+        "evidence": [float(robust.posterior_n[-1]), float(robust.posterior_sd[-1])],
+        "innovations": float(np.mean(updates)) / stated.channels
+        if len(updates) and stated.channels
+        else None,
+        "repairs": stated.repairs,
+        "real_time_factor": stated.real_time_factor,
         "n_range": result.n_range,
-        "truth_at_end": float(reference[-1, 1]) if known else None,
+        "truth_at_end": truth,
         "coverage": inside,
     }

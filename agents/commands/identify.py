@@ -1,4 +1,4 @@
-"""``offroad identify``: which soil parameters a drive can tell apart."""
+"""``offroad identify``: which soil parameters a drive distinguishes."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from tyro.conf import Positional
 
-from agents.commands.output import Results, console, say, table
+from agents.reports.output import Results, console, say, table
 from offroad_env.errors import InvalidParameter
 
 if TYPE_CHECKING:
-    from agents.studies.identify import Finding
+    from agents.studies.identifiability.study import Finding
 
 __all__ = ["Identify"]
 
 
 @dataclass(kw_only=True)
 class Identify(Results):
-    """What a drive can tell about n together with phi, k_phi or c, the vehicle's state being free.
+    """Information of a drive about n together with phi, k_phi or c, the vehicle's state being free.
 
-    Fisher information along the drive, which combination it reveals and which it hides, and
+    Fisher information along the drive, the best and the worst determined combination, and
     estimates over noise seeds beside the Cramer-Rao bound. Drives: straight, pulse, sine, circle,
     slalom (full model, level ground), row1 ... row8 of the paper's table, or files of logs. Writes the
     figure identify.png; identify.jsonl keeps what is done, so a second call goes on.
@@ -38,8 +38,8 @@ class Identify(Results):
 
     def run(self) -> None:
         """Work through drives and pairs, print, draw."""
-        from agents.figures.identify import identify_figure
-        from agents.studies.identify import identify
+        from agents.studies.identifiability.figure import identify_figure
+        from agents.studies.identifiability.study import Options, identify
 
         if not self.drives or not self.pairs:
             raise InvalidParameter("name at least one drive and one of --pairs phi k_phi c")
@@ -49,7 +49,7 @@ class Identify(Results):
             raise InvalidParameter(
                 f"seeds must be in [2, 10000] and jobs >= 1, got {self.seeds} and {self.jobs}"
             )
-        options = (self.soil, self.n, self.duration, self.seeds, self.seed, self.gnss)
+        options = Options(self.soil, self.n, self.duration, self.seeds, self.seed, self.gnss)
         drives, pairs = tuple(dict.fromkeys(self.drives)), tuple(dict.fromkeys(self.pairs))
         findings = identify(drives, pairs, self.out / "identify.jsonl", options, n_jobs=self.jobs)
         for pair in pairs:
@@ -58,7 +58,7 @@ class Identify(Results):
         self.save_numbers({"findings": [_numbers(finding) for finding in findings]})
 
     def _show(self, pair: str, findings: list[Finding]) -> None:
-        from estimators.identifiability import PARAMETERS
+        from estimators.experiments.fisher_information import PARAMETERS
 
         rows = []
         for finding in findings:

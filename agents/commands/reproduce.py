@@ -1,27 +1,83 @@
-"""``offroad reproduce STUDY``: the studies that stand behind the documentation's figures.
+"""``offroad reproduce STUDY``: the studies behind the documentation's figures.
 
 Nothing heavy is imported here: a study is imported only when it is called.
 """
 
 from __future__ import annotations
 
-__all__ = ["STUDIES"]
+__all__ = ["STUDIES", "STUDY_ALIASES"]
 
-#: Study -> (module of agents.studies with its argument class, name of that class, what it shows).
+#: Study -> (folder of agents.studies, name of its argument class, what it shows).
 STUDIES: dict[str, tuple[str, str, str]] = {
-    "table1": ("table1", "Table1", "the paper's table: error of n on eight rows, three sources of the state"),
-    "causes": ("causes", "Causes", "why the paper's filter fails where it does: four experiments"),
-    "filters": ("filters", "Filters", "all filters on the same twins: error, bound, coverage, cost"),
-    "gate": ("gate", "Gate", "an estimate holds and its sd grows while the motion says nothing of the soil"),
-    "headroom": ("headroom", "Headroom", "what knowing n is worth, over soils and widths of the prior"),
+    "table1": (
+        "paper_table",
+        "Table1",
+        "the paper's table: error of n on eight rows, three sources of the state",
+    ),
+    "paper_failures": (
+        "paper_failures",
+        "Causes",
+        "why the paper's filter fails where it does: four experiments",
+    ),
+    "filter_comparison": (
+        "filter_comparison",
+        "Filters",
+        "all filters on the same drives: error, bound, cost",
+    ),
+    "information_gate": (
+        "information_gate",
+        "Gate",
+        "estimate and sd while the motion tells nothing of the soil",
+    ),
+    "value_of_n": ("value_of_n", "ValueOfN", "what knowing n is worth, over soils and widths of the prior"),
     "learning": ("learning", "Learning", "trained policies with the estimate, without it, with memory"),
-    "passing": ("passing", "Passing", "PPO learns its way past pure pursuit: how soon, by seed"),
-    "changing": ("changing", "Changing", "n that changes on the way: how soon the filters answer"),
-    "promptness": ("promptness", "Promptness", "what it is worth to learn soon that the soil has changed"),
+    "ppo_learning_curve": (
+        "ppo_learning_curve",
+        "PPOLearningCurve",
+        "training time until PPO outdoes pure pursuit, by seed",
+    ),
+    "changing_soil": (
+        "changing_soil",
+        "Changing",
+        "n that changes on the way: delay and error of the filters",
+    ),
+    "detection_delay": (
+        "detection_delay",
+        "DetectionDelay",
+        "what it is worth to detect a change of the soil soon",
+    ),
     "prediction": ("prediction", "Prediction", "position error after 10 s with prior, estimated and true n"),
-    "carried": ("carried", "Carried", "the estimators that the environment can carry: error, band, cost"),
+    "online_filters": (
+        "online_filters",
+        "OnlineFilters",
+        "the online filters of the environment: error, interval, cost",
+    ),
     "sensors": ("sensors", "Sensors", "what wheel speeds and satellite fixes add to the inertial unit"),
-    "diagnosis": ("diagnosis", "DiagnosisStudy", "hide and find: false alarms, power, sets, wrong names"),
-    "rig": ("rig", "RigStudy", "hide and find on wheel rigs; the measured soil bin, angle by angle"),
-    "mismatch": ("mismatch", "Mismatches", "filters whose model is wrong: error, coverage, validity flag"),
+    "fault_detection": (
+        "fault_detection",
+        "FaultDetection",
+        "faults in simulated logs: false alarms, power, sets",
+    ),
+    "rig_fault_detection": (
+        "rig_fault_detection",
+        "RigFaultDetection",
+        "the same on wheel rigs; the measured soil bin",
+    ),
+    "model_mismatch": ("model_mismatch", "Mismatches", "filters whose model is wrong: error, coverage, flag"),
+}
+
+#: Shorter and former names of studies.
+STUDY_ALIASES: dict[str, str] = {
+    "paper_table": "table1",  # alias
+    "causes": "paper_failures",  # alias
+    "filters": "filter_comparison",  # alias
+    "gate": "information_gate",  # alias
+    "headroom": "value_of_n",  # alias
+    "passing": "ppo_learning_curve",  # alias
+    "changing": "changing_soil",  # alias
+    "promptness": "detection_delay",  # alias
+    "carried": "online_filters",  # alias
+    "diagnosis": "fault_detection",  # alias
+    "rig": "rig_fault_detection",  # alias
+    "mismatch": "model_mismatch",  # alias
 }

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from tyro.conf import Positional
 
-from agents.commands.output import Results, console, say, table
+from agents.reports.output import Results, console, say, table
+
+if TYPE_CHECKING:
+    from offroad_env.physics.records import Soil
+    from offroad_env.world.catalogue import Entry
 
 __all__ = ["SoilPlot"]
 
@@ -38,7 +42,7 @@ class SoilPlot(Results):
             self._draw()
 
     def _show_catalogue(self) -> None:
-        from offroad_env.soils import SOILS
+        from offroad_env.world.soils import SOILS
 
         sources = list(dict.fromkeys(SOILS.entry(name).source for name in SOILS))
         rows = []
@@ -55,10 +59,10 @@ class SoilPlot(Results):
         self.save_numbers({name: _describe(SOILS.entry(name)) for name in SOILS})
 
     def _draw(self) -> None:
-        from agents.figures.soil import soil_figure
-        from agents.soil_curves import soil_curves
-        from offroad_env.soils import SOILS, make_soil
-        from offroad_env.vehicles import make_wheel
+        from agents.reports.figures.soil import soil_figure
+        from agents.reports.soil_curves import soil_curves
+        from offroad_env.world.soils import SOILS, make_soil
+        from offroad_env.world.vehicles import make_wheel
 
         entry = SOILS.entry(self.name)
         soil = entry.record if self.n is None else make_soil(entry.record, n=self.n)
@@ -78,7 +82,7 @@ class SoilPlot(Results):
         self.save_numbers({"source": entry.source, "remark": entry.remark, "curves": curves})
 
 
-def _describe(entry) -> dict:
+def _describe(entry: Entry[Soil]) -> dict[str, Any]:
     return {
         "title": entry.title,
         "source": entry.source,

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from agents.commands.output import Results, console, say, table
+from agents.reports.output import Results, console, say, table
 
 if TYPE_CHECKING:
-    from agents.studies.speed import Fresh, Ratio, Speed
+    from agents.studies.speed.study import Fresh, Ratio, Speed
 
 __all__ = ["SpeedCommand"]
 
@@ -29,8 +29,8 @@ class SpeedCommand(Results):
         """Measure, print, draw."""
         from rich.progress import Progress
 
-        from agents.figures.speed import speed_figure
-        from agents.studies.speed import measure_speed
+        from agents.studies.speed.figure import speed_figure
+        from agents.studies.speed.study import measure_speed
         from offroad_env.errors import InvalidParameter
 
         if self.rounds < 1:

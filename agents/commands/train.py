@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from agents.commands.output import console, say, table, write_json
-from agents.train import TrainArgs, TrainResult, train
+from agents.learning.train import TrainArgs, TrainResult, train
+from agents.reports.output import console, say, table, write_json
+from offroad_env.environment.scenarios import MEASURES, find_scenario
 from offroad_env.errors import InvalidParameter
-from offroad_env.scenarios import MEASURES, find_scenario
 
 __all__ = ["Train"]
 

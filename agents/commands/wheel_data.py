@@ -8,7 +8,7 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-from agents.commands.output import Results, console, say, table
+from agents.reports.output import Results, console, say, table
 
 __all__ = ["WheelData"]
 
@@ -28,11 +28,12 @@ class WheelData(Results):
 
     def run(self) -> None:
         """Load, predict, draw, and print the errors by channel."""
-        from agents.figures.wheel_rig import wheel_rig_figure
-        from agents.sections.measured import score_table
-        from estimators.wheel_rig import CMU_WHEEL, compare, load_cmu_single_wheel
-        from offroad_env.datasets import DATASETS, locate
-        from offroad_env.soils import SOILS
+        from agents.demo.measured import score_table
+        from agents.reports.figures.wheel_rig import wheel_rig_figure
+        from estimators.rig.cmu_soil_bin import CMU_WHEEL, load_cmu_single_wheel
+        from estimators.rig.comparison import compare
+        from offroad_env.world.datasets import DATASETS, locate
+        from offroad_env.world.soils import SOILS
 
         path = locate("cmu_single_wheel") if self.path is None else self.path
         trials = load_cmu_single_wheel(path)

@@ -1,131 +1,42 @@
-"""The whole procedure on vehicle logs: from data quality to one verdict."""
+"""Diagnosis of vehicle logs: from the quality of the data to a result with its verdict."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
-import numpy as np
-
-from estimators.discrepancy.fit import Fit, fit_runs
-from estimators.discrepancy.gain import ChannelGain, Held, channel_gains, held_out
-from estimators.discrepancy.probe import Beside, Rest, beside_forces, probe
-from estimators.discrepancy.run_model import RunModel
-from estimators.discrepancy.search import Cause, Search, search
-from estimators.discrepancy.windows import FIT, REPORT, SELECT
+from estimators.discrepancy.checks.holdout_gain import channel_gains, held_out
+from estimators.discrepancy.checks.unmodelled_forces import sizes_with_unknown_inputs, unmodelled_forces
+from estimators.discrepancy.model.fit import fit_runs
+from estimators.discrepancy.model.fit_result import FitResult
+from estimators.discrepancy.model.run_model import RunModel
+from estimators.discrepancy.model.windows import FIT, REPORT, SELECT
+from estimators.discrepancy.search.result import Cause, SearchResult
+from estimators.discrepancy.search.stepwise import search
+from estimators.discrepancy.verdict import VehicleChecks, VehicleDiagnosis
 from estimators.logs.clocks import pose_age
 from estimators.logs.log import Log
-from estimators.logs.quality import Finding, quality
+from estimators.logs.quality import QualityReport, quality
+from estimators.logs.units import Finding
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 
-__all__ = ["OVERLAP", "VERDICTS", "Diagnosis", "diagnose", "overlap_of", "split_runs"]
+__all__ = ["SCREEN_RATE", "diagnose", "overlap_of", "split_runs"]
 
-VERDICTS = (
-    "DATA PROBLEM", "NUMERICS", "NOT TESTABLE", "UNEXPLAINED", "NAMED + UNEXPLAINED REST", "ONE OF", "NAMED",
-    "NO EFFECT",
-)  # fmt: skip
-
-#: Share of null logs in which the first screen may find something; the gate on other data lets through about
-#: one in four of these, so that with `REST_RATE` the whole stays near 3 %.
+#: False-alarm rate of the first score test. The hold-out test lets about one in four of these pass, so that
+#: with `REST_RATE` the whole diagnosis stays near 3 %.
 SCREEN_RATE = 0.06
-#: The same for the unknown force of one equation of motion.
-REST_RATE = 0.002
-#: A cause that is beyond chance beside forces without a name stands on its own if these leave it the first
-#: share of its information, or if it explains the second of what it and they explain together. Its size must
-#: be the same within its 95 % interval or the third share.
-_OWN, _MOST, _SAME, _Z = 0.5, 0.9, 0.5, 1.96
-#: Causes whose sizes hang together by more than this (correlation) may be one that the library lacks.
-OVERLAP = 0.2
-#: An error of the solver moves scores by less than this, absolutely or as a share of the largest.
-_SOLVER, _SOLVER_SHARE = 1.0, 0.1
-#: What sensors tell of the age of the pose, with which every fit begins: kind of a finding, and its channel.
+#: The age of the pose, which the sensors determine before any fit: kind of a finding, and its channel.
 _OLD_POSE = ("clock", "yaw")
-#: Effects that nobody can tell from what a log does not know.
-_UNJUDGED = {
+#: Effects that cannot be distinguished from what a log states as unknown.
+_NOT_JUDGED = {
     "imu.position": ("lever_arm_x", "lever_arm_z"),
     "gnss.position": ("antenna_x",),
-    # A payload shows by the springs, too: on hard ground, where tyres hold by load, by nothing else.
+    # A payload also acts by the springs: on hard ground, where tyres hold by load, by nothing else.
     "suspension": ("bump_stop", "coulomb_friction", "damper_nonlinear", "payload"),
     # Where wheels turn as measured, the noise of their sensors shakes the simulated body.
     "torque": ("bump_stop", "coulomb_friction", "damper_nonlinear", "payload", "lever_arm_z"),
 }
-#: A log can test the library if it would see this share of it at the largest plausible size.
-_TESTABLE = 0.5
-
-
-@dataclass(kw_only=True)
-class Diagnosis:
-    """Everything that was found; parts that were not reached are None or empty."""
-
-    verdict: str
-    causes: tuple[Cause, ...] = ()
-    rest: tuple[Rest, ...] = ()
-    beside: Beside | None = None  #: the causes with forces without a name beside them; where such are left
-    findings: tuple[Finding, ...] = ()
-    limits: dict[str, float] = field(default_factory=dict)  #: smallest size that would have been seen
-    not_testable: dict[str, float] = field(default_factory=dict)  #: the limits beyond all plausible sizes
-    missing: dict[str, str] = field(default_factory=dict)  #: effects that the log's channels cannot show
-    unjudged: dict[str, str] = field(default_factory=dict)  #: effects of what a log does not know
-    gains: tuple[ChannelGain, ...] = ()
-    checks: dict[str, object] = field(default_factory=dict)
-    search: Search | None = None
-    report: tuple[Held, Held] | None = None  #: nominal and extended model on the report split
-    logs: tuple[Log, ...] = ()
-
-    @property
-    def model(self) -> Fit | None:
-        """The fit with the causes that are named; the nominal one without; None where nothing was fitted."""
-        if self.search is None:
-            return None
-        # What the search found and the gate did not let through is no model.
-        return self.search.extended if self.causes else self.search.nominal
-
-    @property
-    def unexplained(self) -> tuple[Rest, ...]:
-        """Equations of motion in which a force without a name is left."""
-        return tuple(rest for rest in self.rest if rest.chance < REST_RATE)
-
-    @property
-    def stands(self) -> tuple[bool, ...]:
-        """Of every cause, whether it stands on its own when forces without a name are fitted beside it."""
-        if self.beside is None:
-            return (True,) * len(self.causes)
-        return tuple(bool(one) and not any(self.halves) for one in self._beyond_forces())
-
-    @property
-    def halves(self) -> tuple[bool, ...]:
-        """Of every cause, whether it and another that would stand may be halves of one that is not there."""
-        if self.beside is None:
-            return (False,) * len(self.causes)
-        own = self._beyond_forces()
-        return tuple((own & np.any(own & (self.beside.alike > OVERLAP), axis=1)).tolist())
-
-    def _beyond_forces(self) -> np.ndarray:
-        """Of every cause, whether it stays what it is beside forces without a name."""
-        own, sizes = self.beside, self.search.extended.sizes
-        strength = np.abs(own.sizes) / own.deviations
-        share = strength**2 / (strength**2 + self.left)
-        reach = np.maximum(_Z * own.deviations, _SAME * np.abs(sizes))
-        same = (strength > self.search.threshold) & (np.abs(own.sizes - sizes) <= reach)
-        return same & ((own.kept >= _OWN) | (share >= _MOST))
-
-    @property
-    def left(self) -> float:
-        """What the causes leave, in twice the log-likelihood: to forces, or to effects that are refused."""
-        forces = sum(rest.excess for rest in self.rest)
-        refused = float(np.max(self.search.last.z**2, initial=0.0)) if self.search.refused else 0.0
-        return max(forces, refused)
-
-    @property
-    def named(self) -> tuple[Cause, ...]:
-        """Causes that the verdict names: where a force without a name is left, those that stand alone."""
-        return tuple(cause for cause, stands in zip(self.causes, self.stands, strict=True) if stands)
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether something is left: a force, or what asks for effects that other windows refuse."""
-        return bool(self.unexplained) or (bool(self.causes) and self.search.refused)
 
 
 def diagnose(
@@ -134,15 +45,15 @@ def diagnose(
     library: Sequence[str] | None = None,
     white: bool = False,
     progress: Callable[[str], None] = lambda stage: None,
-) -> Diagnosis:
-    """Say what the simulation gets wrong in these runs of one vehicle on one soil.
+) -> VehicleDiagnosis:
+    """Find the errors of the model in these runs of one vehicle on one soil.
 
     Parameters
     ----------
     library
         Effects that may be named; default all.
     white
-        Take all noise for white: only to show what that does.
+        Take all noise for white: only to show the consequences.
     progress
         Called with the name of every stage that begins.
 
@@ -153,67 +64,68 @@ def diagnose(
     SolverFailure
         If the nominal model cannot be run.
     """
-    # Neither the order of files and effects nor a file's name may matter.
-    logs = sorted(logs, key=lambda log: log.hash)
+    # Neither the order of files and effects nor the name of a file may matter.
+    ordered = tuple(sorted(logs, key=lambda log: log.hash))
     progress("data quality")
-    checked = [quality(log) for log in logs]
-    problems = tuple(finding for report in checked for finding in report.problems)
+    reports = tuple(quality(log) for log in ordered)
+    problems = tuple(finding for report in reports for finding in report.problems)
     if problems:
-        return Diagnosis(verdict="DATA PROBLEM", findings=problems, logs=tuple(logs))
-    parts = split_runs(logs)
+        return VehicleDiagnosis(logs=ordered, quality=reports, findings=problems)
+    splits = split_runs(ordered)
     progress("nominal model")
-    nominal = fit_runs(parts[FIT], white=white)
-    unjudged = _unjudged(nominal)
-    library = [name for name in EFFECTS if (library is None or name in library) and name not in unjudged]
+    nominal = fit_runs(splits[FIT], white=white)
+    not_judged = _not_judged(nominal)
+    allowed = [name for name in EFFECTS if (library is None or name in library) and name not in not_judged]
     progress("search")
-    found = search(nominal, library, SCREEN_RATE, parts[SELECT], white=white)
+    found = search(nominal, allowed, SCREEN_RATE, splits[SELECT])
     progress("solver")
-    solver = found.solver_error()
-    progress("what is left")
-    rest = probe(found.extended)
+    solver_error = found.solver_error()
+    progress("unknown inputs")
+    unknown_inputs = unmodelled_forces(found.extended)
     limits = found.first.limits()
-    result = Diagnosis(
-        verdict="",
+    result = VehicleDiagnosis(
+        logs=ordered,
+        quality=reports,
+        findings=_pose_findings(reports),
+        search=found,
         causes=found.causes,
-        rest=rest,
+        unknown_inputs=unknown_inputs,
         limits=limits,
         not_testable=_not_testable(nominal, limits, found.causes),
-        missing=_missing(nominal, library),
-        unjudged=unjudged,
-        checks=_checks(found, solver, logs),
-        search=found,
-        logs=tuple(logs),
-        findings=tuple(f for report in checked for f in report.findings if (f.kind, f.channel) == _OLD_POSE),
+        missing=_missing(nominal, allowed),
+        not_judged=not_judged,
+        checks=_checks(found, solver_error, ordered),
     )
-    if result.causes and result.doubtful:
-        result.beside = beside_forces(found.extended)
-    result.verdict = _verdict(result, solver)
-    progress("gain")
-    if found.causes and parts[REPORT]:
-        _report(result, parts[REPORT])
-    return result
+    if result.causes and result.incomplete:
+        result = replace(result, joint=sizes_with_unknown_inputs(found.extended))
+    progress("test data")
+    return _on_test_data(result, found, splits[REPORT])
 
 
-def _unjudged(fit: Fit) -> dict[str, str]:
-    """Effects that nobody can tell from what some log does not know, and that."""
+def _pose_findings(reports: Sequence[QualityReport]) -> tuple[Finding, ...]:
+    found = (finding for report in reports for finding in report.findings)
+    return tuple(finding for finding in found if (finding.kind, finding.channel) == _OLD_POSE)
+
+
+def _not_judged(fit: FitResult) -> dict[str, str]:
+    """Effects that cannot be distinguished from what some log states as unknown, and that."""
     missing = {what for run in fit.runs for what in run.log.config.unknown}
     missing |= {"torque" for run in fit.runs if not run.driven}
-    return {effect: what for what, effects in _UNJUDGED.items() if what in missing for effect in effects}
+    return {effect: what for what, effects in _NOT_JUDGED.items() if what in missing for effect in effects}
 
 
-def _checks(found: Search, solver: float, logs: Sequence[Log]) -> dict[str, object]:
-    """What tells how far the verdict may be trusted, and what the fit makes of all that is no cause."""
-    return {
-        "solver": solver,
-        "gate": list(found.gate),
-        # A model that lacks much need not have a clean minimum: the one that is reported must.
-        "converged": found.extended.converged,
-        "threshold": found.threshold,
-        "overlap": overlap_of(found.extended),
-        "pose_age": [pose_age(log) for log in logs],
-        "unknowns": found.extended.unknowns(),
-        "nuisances": found.extended.healthy_values(),
-    }
+def _checks(found: SearchResult, solver_error: float, logs: Sequence[Log]) -> VehicleChecks:
+    return VehicleChecks(
+        solver=solver_error,
+        gate=tuple(found.holdout_gains),
+        # A nominal model with large errors need not have a clean minimum: the reported model must.
+        converged=found.extended.converged,
+        threshold=found.threshold,
+        overlap=overlap_of(found.extended),
+        pose_age=tuple(pose_age(log) for log in logs),
+        unknowns=found.extended.unknowns(),
+        nuisances=found.extended.nuisance_values(),
+    )
 
 
 def split_runs(logs: Sequence[Log]) -> dict[int, list[RunModel]]:
@@ -227,14 +139,13 @@ def split_runs(logs: Sequence[Log]) -> dict[int, list[RunModel]]:
 
 
 def _with_windows(runs: list[RunModel]) -> list[RunModel]:
-    kept = [run for run in runs if len(run.windows) and len(run.y)]
-    return kept
+    return [run for run in runs if len(run.windows) and len(run.y)]
 
 
-def _not_testable(fit: Fit, limits: dict[str, float], causes: Sequence[Cause]) -> dict[str, float]:
+def _not_testable(fit: FitResult, limits: Mapping[str, float], causes: Sequence[Cause]) -> dict[str, float]:
     vehicle = fit.runs[0].setup.plant.vehicle
-    # Limits are the nominal model's: what was found all the same was testable.
-    found = {rival.candidate.effect for cause in causes for rival in cause.rivals}
+    # Limits are those of the nominal model: an effect that was found all the same was testable.
+    found = {one.candidate.effect for cause in causes for one in cause.alternatives}
     return {
         name: limit
         for name, limit in limits.items()
@@ -242,13 +153,14 @@ def _not_testable(fit: Fit, limits: dict[str, float], causes: Sequence[Cause]) -
     }
 
 
-def overlap_of(fit: Fit) -> float:
+def overlap_of(fit: FitResult) -> float:
     """Largest correlation of the sizes of two effects in the model, from 0 to 1; 0 for fewer."""
-    return float(fit.shares.alike(len(fit.sizes)).max(initial=0.0))
+    return float(fit.normal_equations.correlations(len(fit.sizes)).max(initial=0.0))
 
 
-def _missing(fit: Fit, library: Sequence[str]) -> dict[str, str]:
-    channels = set().union(*(run.log.channels for run in fit.runs))
+def _missing(fit: FitResult, library: Sequence[str]) -> dict[str, str]:
+    """Effect -> the channels of which it needs one and the logs have none."""
+    channels: set[str] = set().union(*(run.log.channels for run in fit.runs))
     found = {}
     for name in library:
         for group in EFFECTS[name].needs:
@@ -257,29 +169,15 @@ def _missing(fit: Fit, library: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _verdict(result: Diagnosis, solver: float) -> str:
-    strongest = float(np.abs(result.search.first.z).max(initial=0.0))
-    if solver > max(_SOLVER, _SOLVER_SHARE * strongest) or not result.checks["converged"]:
-        return "NUMERICS"
-    if result.doubtful:
-        if not result.named:
-            return "UNEXPLAINED"
-        return "NAMED + UNEXPLAINED REST"
-    if result.causes:
-        sets = any(len(cause.rivals) > 1 for cause in result.causes)
-        return "ONE OF" if sets or result.checks["overlap"] > OVERLAP else "NAMED"
-    seen = len(result.limits) - len(result.not_testable)
-    if seen < _TESTABLE * (len(result.limits) + len(result.missing)):
-        return "NOT TESTABLE"
-    return "NO EFFECT"
-
-
-def _report(result: Diagnosis, runs: list[RunModel]) -> None:
-    """Open the report split: once, after everything is decided."""
+def _on_test_data(
+    result: VehicleDiagnosis, found: SearchResult, runs: Sequence[RunModel]
+) -> VehicleDiagnosis:
+    """The result with both models on the test data: used once, after everything is decided."""
+    if not found.causes or not runs:
+        return result
     try:
-        nominal = held_out(result.search.nominal, runs)
-        extended = held_out(result.search.extended, runs, nominal)
+        nominal = held_out(found.nominal, runs)
+        extended = held_out(found.extended, runs, nominal)
     except OffroadError:
-        return
-    result.report = nominal, extended
-    result.gains = channel_gains(nominal, extended)
+        return result
+    return replace(result, on_test_data=(nominal, extended), gains=channel_gains(nominal, extended))

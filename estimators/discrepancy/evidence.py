@@ -1,24 +1,24 @@
-"""All that a report shows besides the verdict, gathered once."""
+"""Checks of a finished diagnosis that only a report shows: forecasts, profiles, whiteness, misfit, advice."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
-from estimators.discrepancy.adviser import Advice, advise
-from estimators.discrepancy.diagnosis import Diagnosis, split_runs
-from estimators.discrepancy.misfit import Misfit, misfit_of
-from estimators.discrepancy.open_loop import Prediction, predictions
-from estimators.discrepancy.profiles import Profile, profiles_of
-from estimators.discrepancy.verdict import advice_of, isolability_of, scores_of
-from estimators.discrepancy.whiteness import LikelihoodGain, Whiteness, likelihood_gains, whiteness_of
-from estimators.discrepancy.windows import FIT, REPORT, SELECT
-from estimators.logs.quality import QualityReport, quality
+from estimators.discrepancy.checks.forecast import Prediction, predictions
+from estimators.discrepancy.checks.likelihood_profiles import Profile, profiles_of
+from estimators.discrepancy.checks.misfit import Misfit, misfit_of
+from estimators.discrepancy.checks.whiteness import LikelihoodGain, Whiteness, likelihood_gains, whiteness_of
+from estimators.discrepancy.diagnosis import split_runs
+from estimators.discrepancy.model.windows import FIT, REPORT, SELECT
+from estimators.discrepancy.next_experiment import Advice, advise
+from estimators.discrepancy.verdict import VehicleDiagnosis
+from estimators.logs.quality import QualityReport
 
-__all__ = ["SEED", "Evidence", "gather"]
+__all__ = ["SEED", "Evidence", "gather", "rounded"]
 
 #: Of the draws behind the intervals.
 SEED = 0
@@ -26,10 +26,10 @@ SEED = 0
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """What stands behind a verdict; parts that were not reached are None or empty."""
+    """Checks behind a verdict; parts that were not reached are None or empty."""
 
     quality: tuple[QualityReport, ...]
-    split: dict[str, float] = field(default_factory=dict)  #: use -> seconds of data
+    split: Mapping[str, float] = field(default_factory=dict)  #: use -> seconds of data
     misfit: Misfit | None = None
     whiteness: tuple[Whiteness, ...] = ()
     likelihood: tuple[LikelihoodGain, ...] = ()
@@ -37,58 +37,38 @@ class Evidence:
     profiles: tuple[Profile, ...] = ()
     advice: Advice | None = None
 
-    def to_dict(self, diagnosis: Diagnosis) -> dict[str, Any]:
-        """What the report shows besides the verdict's numbers, as JSON takes it."""
-        names, alike = isolability_of(diagnosis)
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON takes it; the advice is part of the summary."""
         return {
             "prediction": [asdict(one) for one in self.predictions],
             "likelihood_gain": [asdict(one) for one in self.likelihood],
-            "misfit": None if self.misfit is None else _rounded(asdict(self.misfit)),
-            "scores": _rounded([asdict(score) for score in scores_of(diagnosis)]),
-            "isolability": {"effects": names, "cosines": np.round(alike, 3).tolist()},
-            "profiles": _rounded([asdict(profile) for profile in self.profiles]),
-            "next_experiment": _next(diagnosis, self.advice),
+            "misfit": None if self.misfit is None else rounded(asdict(self.misfit)),
+            "profiles": rounded([asdict(profile) for profile in self.profiles]),
             "whiteness": [asdict(one) | {"white": one.white} for one in self.whiteness],
-            "split_seconds": self.split,
+            "split_seconds": dict(self.split),
             "seed": SEED,
             "quality": [report.to_dict() for report in self.quality],
         }
 
 
-def _next(diagnosis: Diagnosis, advice: Advice | None) -> dict[str, Any] | None:
-    """The experiment that would change the verdict."""
-    known = advice_of(diagnosis)
-    if advice is None or (known is not None and diagnosis.unexplained):
-        return None if known is None else {"sentence": known}
-    return {
-        "sentence": advice.sentence,
-        "question": advice.question,
-        "manoeuvre": advice.best.name,
-        "power": {"now": advice.power, "then": advice.best.power},
-        "limits": {"now": advice.limits, "then": advice.best.limits},
-        "also": known,
-        "menu": [asdict(trial) for trial in advice.trials],
-    }
-
-
-def _rounded(value: Any) -> Any:
+def rounded(value: Any) -> Any:
     """Numbers with six digits: enough for any figure, and half the size of the file."""
     if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items()}
+        return {key: rounded(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | list | tuple):
-        return [_rounded(item) for item in (value.tolist() if isinstance(value, np.ndarray) else value)]
+        return [rounded(item) for item in (value.tolist() if isinstance(value, np.ndarray) else value)]
     return float(f"{value:.6g}") if isinstance(value, float) else value
 
 
-def gather(diagnosis: Diagnosis, progress: Callable[[str], None] = lambda stage: None) -> Evidence:
-    """Everything for the report of a diagnosis.
+def gather(diagnosis: VehicleDiagnosis, progress: Callable[[str], None] = lambda stage: None) -> Evidence:
+    """All checks for the report of a diagnosis.
 
     ``progress`` is called with the name of every stage that begins.
     """
-    checked = tuple(quality(log) for log in diagnosis.logs)
-    if diagnosis.search is None:
-        return Evidence(quality=checked)
-    nominal, extended = diagnosis.search.nominal, diagnosis.model
+    extended = diagnosis.model
+    if diagnosis.search is None or extended is None:
+        return Evidence(quality=diagnosis.quality)
+    nominal = diagnosis.search.nominal
     parts = split_runs(diagnosis.logs)
     progress("forecasts")
     forecasts = predictions(nominal, extended, parts[REPORT], seed=SEED)
@@ -96,15 +76,16 @@ def gather(diagnosis: Diagnosis, progress: Callable[[str], None] = lambda stage:
     profiles = profiles_of(extended)
     progress("next experiment")
     advice = advise(diagnosis)
+    pair = diagnosis.on_test_data
     return Evidence(
-        quality=checked,
+        quality=diagnosis.quality,
         split={
             name: sum(float(run.windows.count.sum()) * run.step for run in parts[use])
             for name, use in (("search", FIT), ("gate", SELECT), ("report", REPORT))
         },
         misfit=misfit_of(nominal, extended),
         whiteness=whiteness_of(extended),
-        likelihood=likelihood_gains(*diagnosis.report, seed=SEED) if diagnosis.report else (),
+        likelihood=() if pair is None else likelihood_gains(*pair, seed=SEED),
         predictions=forecasts,
         profiles=profiles,
         advice=advice,

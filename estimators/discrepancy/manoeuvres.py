@@ -1,4 +1,4 @@
-"""What could be driven next: a menu of manoeuvres, and what the fitted model would do in each.
+"""Manoeuvres that could be driven next: a menu, and the fitted model in each.
 
 Speeds are multiples of the log's own, and steering is as sharp as a sideways acceleration allows, so that
 the menu suits a vehicle of a kilogram as well as one of a tonne.
@@ -9,22 +9,27 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from estimators.discrepancy.fit import Fit
-from estimators.discrepancy.run_model import RunModel
-from estimators.discrepancy.windows import FIT
+from estimators.discrepancy.model.fit import autoregressive, stretches_of
+from estimators.discrepancy.model.fit_result import FitResult
+from estimators.discrepancy.model.linearisation import Jacobian, Linearisation
+from estimators.discrepancy.model.problem import LeastSquaresProblem
+from estimators.discrepancy.model.run_model import RunModel, drives
+from estimators.discrepancy.model.windows import FIT
 from estimators.logs.config import StartSpec, TerrainSpec
 from estimators.logs.log import Log
 from offroad_env.effects import Setup
 from offroad_env.errors import SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics.contact import SUNK
-from offroad_env.physics.full_model import full_advance
+from offroad_env.physics.full_vehicle import full_advance
 from offroad_env.physics.numerics import GRAVITY
-from offroad_env.physics.paper_model import paper_advance
-from offroad_env.simulator import settled_state
+from offroad_env.physics.paper_vehicle import paper_advance
+from offroad_env.physics.records import Vehicle
+from offroad_env.simulation.simulator import settled_state
 
 __all__ = ["MENU", "Manoeuvre", "driven"]
 
@@ -32,14 +37,16 @@ __all__ = ["MENU", "Manoeuvre", "driven"]
 _SIDEWAYS, _SHARPEST = 2.0, 0.35
 #: Gain of the speed controller [1/s]; resistance that it counts on, as a share of the weight.
 _GAIN, _RESISTANCE = 1.5, 0.1
+#: Least speed for which the steering is computed [m/s].
+_SLOW = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Manoeuvre:
     """A drive of some seconds.
 
-    ``speed`` says the wanted speed as a multiple of the log's usual one at time t, None for rolling free;
-    ``steer`` the steering at time t as a multiple of the angle that gives the wanted sideways acceleration.
+    ``speed`` is the wanted speed as a multiple of the log's usual one at time t, None for rolling free;
+    ``steer`` is the steering at time t as a multiple of the angle for the wanted sideways acceleration.
     """
 
     name: str
@@ -127,10 +134,18 @@ MENU = (
 )
 
 
-def driven(fit: Fit, manoeuvre: Manoeuvre, *, usual: float) -> Fit:
+class _Drive(NamedTuple):
+    """A manoeuvre as the model drives it."""
+
+    commands: np.ndarray  #: (K, 3) as the model's kernels take them
+    states: np.ndarray  #: (K + 1, 15)
+    warm: np.ndarray  #: (2, 3) warm start of the settled vehicle
+
+
+def driven(fit: FitResult, manoeuvre: Manoeuvre, *, usual: float) -> FitResult:
     """The fitted model in a manoeuvre, with the sensors, rates and noise of its first log.
 
-    What the sensors would say is not needed, only what it hangs on: the data of the result are empty.
+    Only the derivatives of the predictions are needed, no data: those of the result are empty.
 
     Parameters
     ----------
@@ -142,9 +157,9 @@ def driven(fit: Fit, manoeuvre: Manoeuvre, *, usual: float) -> Fit:
     SolverFailure
         When the vehicle cannot drive this.
     """
-    source = fit.runs[0]
+    source = drives(fit.runs)[0]
     config = source.log.config
-    vehicle, load = config.vehicle, 1.0 + manoeuvre.load
+    vehicle, load = source.log.vehicle, 1.0 + manoeuvre.load
     config = replace(
         config,
         vehicle=vehicle._replace(m=load * vehicle.m, I_z=load * vehicle.I_z, I_y=load * vehicle.I_y),
@@ -153,26 +168,27 @@ def driven(fit: Fit, manoeuvre: Manoeuvre, *, usual: float) -> Fit:
         hold="zoh",
     )
     blank = replace(source.log, config=config)
-    setup = fit.setup(RunModel(blank, whole=FIT), fit.nuisances, fit.sizes)
-    commands, states, warm = _controlled(setup, source, manoeuvre, usual)
-    run = RunModel(_planned(blank, source, commands, states), whole=FIT)
-    other = Fit([run])
-    other.candidates, other.sizes, other.nuisances = fit.candidates, fit.sizes.copy(), fit.nuisances.copy()
-    other.starts = [states[run.windows.first]]
-    other.warm = [np.repeat(warm[None], len(run.windows), axis=0)]
-    other._centre = [start.copy() for start in other.starts]
-    known = fit.whitener.noise
-    other.whitener.noise = {name: known[name] for name in other.whitener.pieces if name in known}
-    for name in other.whitener.pieces.keys() - known.keys():
-        del other.whitener.pieces[name]
-    return other
+    setup = fit.problem.setup(RunModel(blank, whole=FIT), fit.point)
+    drive = _controlled(setup, source, manoeuvre, usual)
+    run = RunModel(_planned(blank, source, drive), whole=FIT)
+    problem = LeastSquaresProblem([run])
+    starts = (drive.states[run.windows.first],)
+    warm = (np.repeat(drive.warm[None], len(run.windows), axis=0),)
+    point = replace(fit.point, starts=starts, warm=warm, centre=starts)
+    return FitResult(
+        linearisation=Linearisation.at(problem, point),
+        jacobian=Jacobian(),
+        noise=autoregressive(fit).on(stretches_of(problem)),
+    )
 
 
-def _controlled(
-    setup: Setup, source: RunModel, manoeuvre: Manoeuvre, usual: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Commands (K, 3), states (K + 1, 15) and the warm start of the settled vehicle."""
-    plant = setup.plant if source.driven else setup.plant._replace(vehicle=source.log.config.vehicle)
+def _controlled(setup: Setup, source: RunModel, manoeuvre: Manoeuvre, usual: float) -> _Drive:
+    """Drive the manoeuvre under speed and steering control.
+
+    A loop of its own beside `offroad_env.simulation.drive.simulate_drive`: that one samples sensors and
+    has the full model only; here the driver sees the state, and either model is driven at the log's step.
+    """
+    plant = setup.plant if source.driven else setup.plant._replace(vehicle=source.log.vehicle)
     vehicle, full = plant.vehicle, setup.model == "full"
     x, warm = settled_state(plant, v_x=usual * (manoeuvre.speed(0.0) or 1.0))
     settled, readings = warm.copy(), np.zeros(at.READINGS_SIZE)
@@ -181,7 +197,7 @@ def _controlled(
     states[0] = x
     for k in range(count):
         t = k * source.step
-        command = _command(x, vehicle, manoeuvre, (t, usual))
+        command = _command(x, vehicle, manoeuvre, t, usual)
         if full:
             status = full_advance(x, warm, command, plant, source.dt, source.steps, readings)
         else:
@@ -191,13 +207,14 @@ def _controlled(
         if status >= SUNK:
             raise SolverFailure(f"the vehicle cannot drive {manoeuvre.name}: stuck at {t:.1f} s")
         commands[k], states[k + 1] = command, x
-    return commands, states, settled
+    return _Drive(commands, states, settled)
 
 
-def _command(x: np.ndarray, vehicle, manoeuvre: Manoeuvre, when: tuple[float, float]) -> tuple:
-    """Steering [rad], drive and brake torque [N m] at (time [s], usual speed [m/s])."""
-    t, usual = when
-    v = max(float(x[at.V_X]), 0.3)
+def _command(
+    x: np.ndarray, vehicle: Vehicle, manoeuvre: Manoeuvre, t: float, usual: float
+) -> tuple[float, float, float]:
+    """Steering [rad], drive and brake torque [N m] at time ``t`` [s], for a ``usual`` speed [m/s]."""
+    v = max(float(x[at.V_X]), _SLOW)
     angle = min(_SIDEWAYS * (vehicle.l_f + vehicle.l_r) / max(v, 0.5 * usual) ** 2, _SHARPEST)
     steer = min(max(manoeuvre.steer(t) * angle, -vehicle.steer_max), vehicle.steer_max)
     wanted = manoeuvre.speed(t)
@@ -209,9 +226,9 @@ def _command(x: np.ndarray, vehicle, manoeuvre: Manoeuvre, when: tuple[float, fl
     return steer, drive, min(max(-torque, 0.0), vehicle.brake_torque_max)
 
 
-def _planned(blank: Log, source: RunModel, commands: np.ndarray, states: np.ndarray) -> Log:
+def _planned(blank: Log, source: RunModel, drive: _Drive) -> Log:
     """A log of the manoeuvre: its inputs, and every sensor's stamps at its own rate."""
-    count = len(commands)
+    commands, states, count = drive.commands, drive.states, len(drive.commands)
     t, held = source.step * np.arange(count + 1), np.vstack([commands, commands[-1:]])
     channels = {}
     for name in source.log.channels:

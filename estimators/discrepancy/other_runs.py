@@ -1,13 +1,13 @@
-"""What an extended model gains on runs of which no part was used to find it."""
+"""Gain of an extended model on runs of which no part was used to find it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from estimators.discrepancy.diagnosis import Diagnosis
-from estimators.discrepancy.gain import ChannelGain, channel_gains, held_out
-from estimators.discrepancy.run_model import RunModel
-from estimators.discrepancy.windows import REPORT
+from estimators.discrepancy.checks.holdout_gain import ChannelGain, channel_gains, held_out
+from estimators.discrepancy.model.run_model import RunModel
+from estimators.discrepancy.model.windows import REPORT
+from estimators.discrepancy.verdict import Diagnosis
 from estimators.logs.log import Log
 
 __all__ = ["gains_on"]
@@ -22,10 +22,15 @@ def gains_on(diagnosis: Diagnosis, logs: Sequence[Log]) -> dict[str, tuple[Chann
         If a log is too short.
     SolverFailure
         When a model breaks down there.
+    ValueError
+        If nothing was fitted.
     """
-    search, found = diagnosis.search, {}
+    search = diagnosis.search
+    if search is None:
+        raise ValueError("the diagnosis ended before a model was fitted: there is nothing to compare")
+    found = {}
     for log in logs:
         run = RunModel(log, whole=REPORT)
-        pair = [held_out(fit, [run]) for fit in (search.nominal, search.extended)]
-        found[log.name] = channel_gains(*pair)
+        nominal, extended = (held_out(fit, [run]) for fit in (search.nominal, search.extended))
+        found[log.name] = channel_gains(nominal, extended)
     return found

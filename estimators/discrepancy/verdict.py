@@ -1,387 +1,270 @@
-"""A diagnosis in words and as plain numbers: what the terminal, the JSON file and the report say."""
+"""Result of a diagnosis, and the rules by which it becomes a verdict."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
-from estimators.discrepancy.diagnosis import OVERLAP, Diagnosis
-from estimators.discrepancy.rig import RigRest
-from estimators.discrepancy.search import Cause, Rival
-from offroad_env.effects import EFFECTS
-
-if TYPE_CHECKING:
-    from estimators.discrepancy.evidence import Evidence
-    from estimators.discrepancy.open_loop import Prediction
+from estimators.discrepancy.checks.holdout_gain import ChannelGain, Held
+from estimators.discrepancy.checks.unmodelled_forces import JointSizes, UnmodelledForce
+from estimators.discrepancy.model.fit_result import FitResult
+from estimators.discrepancy.search.result import Cause, SearchResult
+from estimators.logs.log import Log
+from estimators.logs.quality import QualityReport
+from estimators.logs.units import Finding
 
 __all__ = [
-    "Score", "advice_of", "amount", "extension_of", "ground_of", "isolability_of", "lines_of", "scores_of",
-    "sentence_of", "to_dict", "unknown_lines",
-]  # fmt: skip
+    "OVERLAP",
+    "REST_RATE",
+    "Diagnosis",
+    "FitChecks",
+    "RigChecks",
+    "RigDiagnosis",
+    "VehicleChecks",
+    "VehicleDiagnosis",
+    "Verdict",
+]
 
-_Z = 1.959964  #: of a 95 % interval
-#: How to vary what one cannot vary alone.
-_CHANGES = {
-    "time": "drive the same line again, later",
-    "position x": "drive the same ground the other way and at another speed",
-    "position y": "drive the same ground the other way and at another speed",
-}
-#: Lines for the terminal, besides the names of the files.
-_LINES = 21
+#: p-value below which an unknown input counts as present in one equation of motion.
+REST_RATE = 0.002
+#: Causes whose sizes are correlated by more than this may be one that the library lacks.
+OVERLAP = 0.2
+#: A cause is identifiable although unknown inputs are fitted jointly if they leave the first share of the
+#: information about its size, or if it explains the second share of what it and they explain together. Its
+#: size must then be the same within its 95 % interval or within the third share of itself.
+_OWN, _MOST, _SAME, _Z = 0.5, 0.9, 0.5, 1.96
+#: The error of the solver moves scores by less than this, absolutely or as a share of the largest.
+_SOLVER, _SOLVER_SHARE = 1.0, 0.1
+#: A log can test the library if it would show this share of it at the largest plausible size.
+_TESTABLE = 0.5
+#: Share of the excess of the nominal model that may remain if the causes are to count as an explanation.
+#: Repeats on a rig agree far better than any law of soil: more remains than in the log of a vehicle.
+_REMAINING = 1.0 / 3.0
+
+
+class Verdict(StrEnum):
+    """Outcome of a diagnosis."""
+
+    DATA_PROBLEM = "DATA PROBLEM"  #: the data must be corrected before any model is fitted
+    NUMERICS = "NUMERICS"  #: the fit or the solver is not accurate enough
+    NOT_TESTABLE = "NOT TESTABLE"  #: the data are not informative enough
+    UNEXPLAINED = "UNEXPLAINED"  #: a model error that no effect of the library explains
+    NAMED_WITH_REST = "NAMED + UNEXPLAINED REST"  #: causes, and a discrepancy that they do not explain
+    ONE_OF = "ONE OF"  #: causes, at least one of which has an alternative
+    NAMED = "NAMED"  #: causes without alternative
+    NO_EFFECT = "NO EFFECT"  #: no model error is detected
 
 
 @dataclass(frozen=True, kw_only=True)
-class Score:
-    """How strongly the nominal model's residuals ask for an effect."""
+class FitChecks:
+    """Numerical checks of a search."""
 
-    effect: str
-    z: float  #: standard deviations, over all its places
-    limit: float  #: smallest size that would have been seen; infinite where nothing would
-    reason: str  #: why these data cannot test it; empty where they can
+    solver: float  #: largest change of a score by a finer solver [standard deviations]
+    gate: tuple[float, ...]  #: gains of the models tried in the hold-out test, in the log-likelihood
+    converged: bool
+    threshold: float  #: of the first score test
 
-
-def _interval(rival: Rival) -> tuple[float, float]:
-    return rival.size - _Z * rival.deviation, rival.size + _Z * rival.deviation
-
-
-def amount(effect: str, size: float) -> str:
-    """A size of an effect with its unit."""
-    return f"{size:.3g} {EFFECTS[effect].size.unit}".removesuffix(" -")
-
-
-def _phrase(rival: Rival) -> str:
-    effect = EFFECTS[rival.candidate.effect]
-    low, high = _interval(rival)
-    return f"{effect.describe(rival.size)} (95 %: {low:.3g} to {amount(effect.id, high)})"
-
-
-def _doubt_phrase(diagnosis: Diagnosis) -> str:
-    """Causes that do not stand on their own, after what is left; or nothing."""
-    names = [" or ".join(rival.candidate.effect for rival in cause.rivals) for cause in diagnosis.causes]
-    halves = [name for name, half in zip(names, diagnosis.halves, strict=True) if half]
-    others = [
-        name
-        for name, half, stands in zip(names, diagnosis.halves, diagnosis.stands, strict=True)
-        if not half and not stands
-    ]
-    phrase = f", which may also stand behind {', '.join(others)}" if others else ""
-    if halves:
-        phrase += f"; {', '.join(halves)} may be one cause that the library lacks: their sizes hang together"
-    return phrase
-
-
-def _cause_phrase(diagnosis: Diagnosis, cause: Cause) -> str:
-    """A cause that the verdict names; where something is left, with its size beside unknown forces, too."""
-    own = _beside_dict(diagnosis, diagnosis.causes.index(cause))
-    first, *others = (_phrase(rival) for rival in cause.rivals)
-    if own is not None:
-        high = amount(cause.best.candidate.effect, own["high"])
-        first += f", {own['low']:.3g} to {high} beside unknown forces"
-    return "one of: " + "; or ".join([first, *others]) if others else first
-
-
-def sentence_of(diagnosis: Diagnosis) -> str:
-    """The verdict in one plain sentence."""
-    verdict = diagnosis.verdict
-    if verdict == "DATA PROBLEM":
-        return f"The data must be mended first: {diagnosis.findings[0].sentence}."
-    if verdict == "NUMERICS" and not diagnosis.checks.get("converged", True):
-        return "The fit found no clean minimum: drive faster, or log positions."
-    if verdict == "NUMERICS":
-        return "The solver's own error is as large as what could be found: refine the step first."
-    if verdict == "NOT TESTABLE":
-        unseen = len(diagnosis.not_testable) + len(diagnosis.missing)
-        total = len(diagnosis.limits) + len(diagnosis.missing)
-        return f"These data cannot tell: {unseen} of {total} effects would stay unseen at any plausible size."
-    if verdict == "NO EFFECT":
-        seen = len(diagnosis.limits) - len(diagnosis.not_testable)
-        return f"Nothing is wrong that these data could show; {seen} effects were tested."
-    if verdict == "UNEXPLAINED":
-        rest = f"{_rest_phrase(diagnosis)}{_doubt_phrase(diagnosis)}"
-        return f"Something is wrong that no effect of the library explains: {rest}."
-    causes = "; and ".join(_cause_phrase(diagnosis, cause) for cause in diagnosis.named)
-    sentence = causes[0].upper() + causes[1:]
-    if verdict == "NAMED + UNEXPLAINED REST":
-        sentence += f"; and something is left: {_rest_phrase(diagnosis)}{_doubt_phrase(diagnosis)}"
-    elif diagnosis.checks.get("overlap", 0.0) > OVERLAP:
-        sentence += "; or one cause behind these, which the library lacks: their traces overlap"
-    return sentence + "."
-
-
-def _rest_phrase(diagnosis: Diagnosis) -> str:
-    if not diagnosis.unexplained:
-        return "what would explain it in one part of the run makes another part worse"
-    rest = max(diagnosis.unexplained, key=lambda one: one.excess)
-    size = float(np.sqrt(max(np.average(rest.force**2, weights=1.0 / rest.deviation**2), 0.0)))
-    if isinstance(rest, RigRest):
-        phrase = f"about {size:.3g} {rest.unit} of the {rest.equation.replace('_', ' ')}"
-    else:
-        unit = "N m" if rest.equation == "yaw" else "N"
-        phrase = f"a force of about {size:.3g} {unit} in the {rest.equation} equation"
-    if rest.shapes and abs(rest.shapes[0].correlation) > 0.5:
-        shape = rest.shapes[0]
-        phrase += f" that follows the {shape.quantity.split(' [')[0]} (correlation {shape.correlation:.2f})"
-    return phrase
-
-
-def advice_of(diagnosis: Diagnosis) -> str | None:
-    """What to do next, from what the library knows of its effects; what is unexplained comes first."""
-    if diagnosis.unexplained:
-        rest = max(diagnosis.unexplained, key=lambda one: one.excess)
-        if rest.shapes:
-            quantity = rest.shapes[0].quantity.split(" [")[0]
-            how = _CHANGES.get(quantity, f"vary the {quantity} alone")
-            return f"to learn what is left: {how}; the unnamed force follows the {quantity} most"
-    for cause in diagnosis.causes:
-        if len(cause.rivals) > 1:
-            names = " from ".join(rival.candidate.effect for rival in cause.rivals[:2])
-            advice = [EFFECTS[rival.candidate.effect].separated_by for rival in cause.rivals]
-            return f"to tell {names}: {next((text for text in advice if text), 'another manoeuvre')}"
-    if diagnosis.verdict == "NOT TESTABLE":
-        return "drive with steering, acceleration and braking, and log position or speed over ground"
-    return None
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def _beside_dict(diagnosis: Diagnosis, k: int) -> dict[str, float] | None:
-    """What becomes of a cause when forces without a name are fitted beside it."""
-    if diagnosis.beside is None:
-        return None
-    own = diagnosis.beside
-    size, reach = float(own.sizes[k]), _Z * float(own.deviations[k])
-    return {
-        "value": size,
-        "low": size - reach,
-        "high": size + reach,
-        "kept": float(own.kept[k]),
-        "alike": float(own.alike[k].max()),
-    }
-
-
-def _cause_dict(diagnosis: Diagnosis, k: int) -> dict[str, Any]:
-    cause = diagnosis.causes[k]
-    best = cause.best
-    effect = EFFECTS[best.candidate.effect]
-    low, high = _interval(best)
-    parameters = {effect.size.name: {"value": best.size, "low": low, "high": high, "unit": effect.size.unit}}
-    for other in effect.others:
-        value = best.candidate.place[other.name]
-        parameters[other.name] = {"value": value, "low": None, "high": None, "unit": other.unit}
-    return {
-        "set": [rival.candidate.effect for rival in cause.rivals],
-        "parameters": parameters,
-        "p": cause.chance,
-        "delta_loglik": 0.5 * cause.delta,
-        "named": cause in diagnosis.named,
-        "beside_unknown_forces": _beside_dict(diagnosis, k),
-        "members": [
-            {
-                "effect": rival.candidate.effect,
-                "size": rival.size,
-                "deviation": rival.deviation,
-                "lacks_loglik": 0.5 * rival.loss,
-                "sentence": EFFECTS[rival.candidate.effect].describe(rival.size),
-            }
-            for rival in cause.rivals
-        ],
-    }
-
-
-def scores_of(diagnosis: Diagnosis) -> list[Score]:
-    """All effects that were looked for, strongest first, then those that these data cannot test."""
-    if diagnosis.search is None:
-        return []
-    first, vehicle = diagnosis.search.first, diagnosis.search.nominal.runs[0].setup.plant.vehicle
-    strongest: dict[str, float] = {}
-    for candidate, z in zip(first.candidates, np.abs(first.z), strict=True):
-        strongest[candidate.effect] = max(strongest.get(candidate.effect, 0.0), float(z))
-    found = []
-    for name, z in strongest.items():
-        limit, reason = diagnosis.limits[name], ""
-        if not math.isfinite(limit):
-            reason = "these drives do not excite it"
-        elif name in diagnosis.not_testable:
-            most = amount(name, EFFECTS[name].plausible(vehicle))
-            reason = f"would show from {amount(name, limit)} on only; more than {most} is not plausible"
-        found.append(Score(effect=name, z=z, limit=limit, reason=reason))
-    for name, channels in diagnosis.missing.items():
-        found.append(Score(effect=name, z=0.0, limit=math.inf, reason=f"the log has no {channels}"))
-    for name, what in diagnosis.unjudged.items():
-        found.append(Score(effect=name, z=0.0, limit=math.inf, reason=f"the log does not know {what}"))
-    return sorted(found, key=lambda score: (score.reason != "", -score.z))
-
-
-def isolability_of(diagnosis: Diagnosis) -> tuple[list[str], np.ndarray]:
-    """Effects that the data see, and how alike each two look (E, E): cosines of their whitened traces."""
-    if diagnosis.search is None:
-        return [], np.empty((0, 0))
-    return diagnosis.search.first.by_effect()
-
-
-def _ground_entry(value: float, deviation: float) -> dict[str, float]:
-    low, high = value - _Z * deviation, value + _Z * deviation
-    return {"value": float(value), "deviation": float(deviation), "low": float(low), "high": float(high)}
-
-
-def ground_of(diagnosis: Diagnosis) -> dict[str, Any] | None:
-    """n of the soil before and after, under every member of every set; None on hard ground.
-
-    ``single`` is the one value that may be quoted: None where a cause that explains the data as well puts n
-    outside the interval that the best gives.
-    """
-    if diagnosis.search is None:
-        return None
-    nominal = diagnosis.search.nominal
-    soil = nominal.runs[0].setup.plant.soil
-    if soil.rigid > 0.5:
-        return None
-    after = {
-        rival.candidate.effect: _ground_entry(soil.n + rival.ground, rival.ground_deviation)
-        for cause in diagnosis.causes
-        for rival in cause.rivals
-    }
-    before = _ground_entry(soil.n + nominal.nuisances[0], nominal.deviations()[0])
-    best = after[diagnosis.causes[0].best.candidate.effect] if diagnosis.causes else before
-    agreed = all(best["low"] <= entry["value"] <= best["high"] for entry in after.values())
-    return {
-        "prior": float(soil.n),
-        "before": before,
-        "after": after,
-        "single": best if agreed and not diagnosis.doubtful else None,
-    }
-
-
-def to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The verdict and its numbers as JSON takes them."""
-    advice = advice_of(diagnosis)
-    rest = [
-        {
-            "equation": one.equation,
-            "p": one.chance,
-            "shape": [
-                {"quantity": s.quantity, "correlation": s.correlation, "slope": s.slope}
-                for s in one.shapes[:3]
-            ],
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON takes it."""
+        return {
+            "solver": self.solver,
+            "gate": list(self.gate),
+            "converged": self.converged,
+            "threshold": self.threshold,
         }
-        for one in diagnosis.unexplained
-    ]
-    return {
-        "verdict": diagnosis.verdict,
-        "sentence": sentence_of(diagnosis),
-        "causes": [_cause_dict(diagnosis, k) for k in range(len(diagnosis.causes))],
-        "unexplained": rest or None,
-        "not_testable": {name: _finite(limit) for name, limit in diagnosis.not_testable.items()},
-        "missing_channels": diagnosis.missing,
-        "not_judged": diagnosis.unjudged,
-        "limits": {name: _finite(limit) for name, limit in diagnosis.limits.items()},
-        "gain": {
-            gain.channel: {
-                "nominal": gain.nominal,
-                "extended": gain.extended,
-                "low": gain.low,
-                "high": gain.high,
-            }
-            for gain in diagnosis.gains
-        },
-        "n": ground_of(diagnosis),
-        "next_experiment": None if advice is None else {"sentence": advice},
-        "checks": {
-            **diagnosis.checks,
-            "noise_memory": _memory(diagnosis),
-            "findings": [finding.sentence for finding in diagnosis.findings],
-            "logs": {log.name: log.hash for log in diagnosis.logs},
-        },
-    }
 
 
-def _memory(diagnosis: Diagnosis) -> dict[str, int] | None:
-    """How many samples the noise of each channel remembers."""
-    if diagnosis.search is None:
-        return None
-    return {name: noise.order for name, noise in diagnosis.model.whitener.noise.items()}
+@dataclass(frozen=True, kw_only=True)
+class VehicleChecks(FitChecks):
+    """Checks of a diagnosis of vehicle logs, with the fitted parameters that are not causes."""
+
+    overlap: float  #: largest correlation of two sizes in the extended model
+    pose_age: tuple[float, ...]  #: by log [s]
+    unknowns: Mapping[
+        str, Mapping[str, float | str]
+    ]  #: what the logs state as unknown: value, deviation, unit
+    nuisances: Mapping[str, float]  #: by name, in the unit of each
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON takes it."""
+        return super().to_dict() | {
+            "overlap": self.overlap,
+            "pose_age": list(self.pose_age),
+            "unknowns": {name: dict(entry) for name, entry in self.unknowns.items()},
+            "nuisances": dict(self.nuisances),
+        }
 
 
-def lines_of(diagnosis: Diagnosis, evidence: Evidence | None = None) -> list[str]:
-    """The summary for a terminal: with the names of the files that follow it, at most 25 lines."""
-    lines = [f"{diagnosis.verdict}: {sentence_of(diagnosis)}"]
-    for cause in diagnosis.causes:
-        what = "cause" if cause in diagnosis.named else "no name yet, something unknown may stand behind it"
-        lines.append(
-            f"{what}, gains {0.5 * cause.delta:.0f} in the log-likelihood, chance {cause.chance:.1g}:"
-        )
-        lines += [f"  {rival.candidate.effect}: {_phrase(rival)}" for rival in cause.rivals[:4]]
-    lines += _ground_lines(diagnosis)
-    gains = sorted(diagnosis.gains, key=lambda gain: -(1.0 - gain.extended / max(gain.nominal, 1e-300)))
-    for gain in gains[:4]:
-        lines.append(
-            f"on unseen data {gain.channel}: {gain.nominal:.3g} -> {gain.extended:.3g} "
-            f"({100.0 * gain.low:.0f} to {100.0 * gain.high:.0f} % less)"
-        )
-    advice = advice_of(diagnosis)
-    if evidence is not None:
-        lines += _prediction_lines(evidence, causes=bool(diagnosis.causes))
-        if evidence.advice is not None and (advice is None or not diagnosis.unexplained):
-            advice = evidence.advice.sentence
-    lines += [f"finding: {finding.sentence}" for finding in diagnosis.findings[:6]]
-    if diagnosis.not_testable:
-        lines.append(f"not testable with these data: {', '.join(diagnosis.not_testable)}")
-    if diagnosis.missing:
-        lines.append(f"no channel for: {', '.join(diagnosis.missing)}")
-    lines += unknown_lines(diagnosis)
-    last = [] if advice is None else [f"next experiment: {advice}"]
-    return [*lines[: _LINES - len(last)], *last]
+@dataclass(frozen=True, kw_only=True)
+class RigChecks(FitChecks):
+    """Checks of a diagnosis of rig trials."""
+
+    trials: int
+    left_out: int  #: trials that could not be used
+    conditions: Mapping[str, int]  #: by use: "search", "gate" (hold-out test), "report" (test data)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON takes it."""
+        return super().to_dict() | {
+            "trials": {"used": self.trials, "left_out": self.left_out},
+            "conditions": dict(self.conditions),
+        }
 
 
-def unknown_lines(diagnosis: Diagnosis) -> list[str]:
-    """What the log does not know: effects that are not judged, and what was fitted instead."""
-    lines = []
-    if diagnosis.unjudged:
-        lines.append(f"not judged, since the log knows too little: {', '.join(diagnosis.unjudged)}")
-    fitted = diagnosis.checks.get("unknowns", {})
-    if fitted:
-        parts = [
-            f"{name} {of['value']:.3f} ± {of['deviation']:.3f} {of['unit']}" for name, of in fitted.items()
-        ]
-        lines.append(f"fitted instead: {', '.join(parts)}")
-    return lines
+@dataclass(frozen=True, kw_only=True)
+class Diagnosis(ABC):
+    """Result of a diagnosis; parts that were not reached are None or empty."""
+
+    logs: tuple[Log, ...] = ()
+    quality: tuple[QualityReport, ...] = ()  #: by log
+    findings: tuple[Finding, ...] = ()  #: problems of the data, or else what a fit takes from the sensors
+    search: SearchResult | None = None
+    causes: tuple[Cause, ...] = ()
+    unknown_inputs: tuple[UnmodelledForce, ...] = ()  #: by equation, beyond the causes
+    joint: JointSizes | None = None  #: the causes with unknown inputs fitted jointly, where such are present
+    limits: Mapping[str, float] = field(default_factory=dict)  #: smallest detectable size by effect
+    not_testable: Mapping[str, float] = field(default_factory=dict)  #: limits beyond all plausible sizes
+    missing: Mapping[str, str] = field(default_factory=dict)  #: effect -> channels that the log lacks
+    not_judged: Mapping[str, str] = field(default_factory=dict)  #: effect -> what the log states as unknown
+    gains: tuple[ChannelGain, ...] = ()
+    checks: FitChecks | None = None
+    on_test_data: tuple[Held, Held] | None = None  #: nominal and extended model on windows that no fit uses
+
+    @property
+    @abstractmethod
+    def verdict(self) -> Verdict:
+        """Outcome by the rules of this kind of log."""
+
+    @property
+    def model(self) -> FitResult | None:
+        """The fit with the causes, or the nominal one without any; None where nothing was fitted."""
+        if self.search is None:
+            return None
+        # A larger model that the hold-out test refused is not used.
+        return self.search.extended if self.causes else self.search.nominal
+
+    @property
+    def unexplained(self) -> tuple[UnmodelledForce, ...]:
+        """Unknown inputs that are significant."""
+        return tuple(rest for rest in self.unknown_inputs if rest.p_value < REST_RATE)
+
+    @property
+    def identifiable(self) -> tuple[bool, ...]:
+        """Of every cause, whether it may be named although unknown inputs are fitted jointly."""
+        if self.joint is None:
+            return (True,) * len(self.causes)
+        # Two that may be one missing cause make every name uncertain, also those of the others.
+        certain = not any(self.confounded)
+        return tuple(bool(stable) and certain for stable in self._stable(self.joint))
+
+    @property
+    def confounded(self) -> tuple[bool, ...]:
+        """Of every cause, whether it and another identifiable one may be a single cause that is missing."""
+        if self.joint is None:
+            return (False,) * len(self.causes)
+        stable = self._stable(self.joint)
+        correlated = np.any(stable & (self.joint.correlations > OVERLAP), axis=1)
+        return tuple(bool(one) for one in stable & correlated)
+
+    def _stable(self, joint: JointSizes) -> np.ndarray:
+        """Of every cause, whether unknown inputs leave its size and most of its information, (E,) bool."""
+        if self.search is None:
+            return np.zeros(0, dtype=bool)
+        sizes = self.search.extended.sizes
+        strength = np.abs(joint.sizes) / joint.deviations
+        share = strength**2 / (strength**2 + self.remaining)
+        reach = np.maximum(_Z * joint.deviations, _SAME * np.abs(sizes))
+        same = (strength > self.search.threshold) & (np.abs(joint.sizes - sizes) <= reach)
+        stable: np.ndarray = same & ((joint.kept >= _OWN) | (share >= _MOST))
+        return stable
+
+    @property
+    def remaining(self) -> float:
+        """Twice the log-likelihood that the causes leave to unknown inputs, or to refused effects."""
+        inputs = sum(rest.excess for rest in self.unknown_inputs)
+        refused = 0.0
+        if self.search is not None and self.search.refused:
+            refused = float(np.max(self.search.last.z**2, initial=0.0))
+        return max(inputs, refused)
+
+    @property
+    def named(self) -> tuple[Cause, ...]:
+        """Causes that the verdict names."""
+        pairs = zip(self.causes, self.identifiable, strict=True)
+        return tuple(cause for cause, identifiable in pairs if identifiable)
+
+    @property
+    def incomplete(self) -> bool:
+        """Whether a discrepancy remains: an unknown input, or effects that the hold-out test refuses."""
+        refused = self.search is not None and self.search.refused
+        return bool(self.unexplained) or (bool(self.causes) and refused)
+
+    @property
+    def inaccurate(self) -> bool:
+        """Whether the fit has not converged, or the solver is not accurate enough for the scores."""
+        if self.search is None or self.checks is None:
+            return False
+        strongest = float(np.abs(self.search.first.z).max(initial=0.0))
+        limit = max(_SOLVER, _SOLVER_SHARE * strongest)
+        return self.checks.solver > limit or not self.checks.converged
+
+    def _without_causes(self, asked: int) -> Verdict:
+        """The verdict where nothing was found, by how many of the effects asked for were testable."""
+        testable = len(self.limits) - len(self.not_testable)
+        return Verdict.NOT_TESTABLE if testable < _TESTABLE * asked else Verdict.NO_EFFECT
+
+    def _with_alternatives(self) -> bool:
+        return any(len(cause.alternatives) > 1 for cause in self.causes)
 
 
-def _ground_lines(diagnosis: Diagnosis) -> list[str]:
-    ground = ground_of(diagnosis)
-    if ground is None or not diagnosis.causes:
-        return []
-    after = ", ".join(f"{entry['value']:.3f} with {name}" for name, entry in ground["after"].items())
-    lines = [f"n: {ground['prior']:.3f} stated, {ground['before']['value']:.3f} before; {after}"]
-    if ground["single"] is None:
-        lines.append("n: no single value can be quoted, the explanations differ")
-    return lines
+@dataclass(frozen=True, kw_only=True)
+class VehicleDiagnosis(Diagnosis):
+    """Result of a diagnosis of vehicle logs."""
+
+    checks: VehicleChecks | None = None
+
+    @property
+    def overlapping(self) -> bool:
+        """Whether the sizes of two causes are so correlated that they may be one that is missing."""
+        return self.checks is not None and self.checks.overlap > OVERLAP
+
+    @property
+    def verdict(self) -> Verdict:
+        """Outcome; the data come first, then the numerics, then what remains unexplained."""
+        if self.search is None:
+            return Verdict.DATA_PROBLEM
+        if self.inaccurate:
+            return Verdict.NUMERICS
+        if self.incomplete:
+            return Verdict.NAMED_WITH_REST if self.named else Verdict.UNEXPLAINED
+        if self.causes:
+            return Verdict.ONE_OF if self._with_alternatives() or self.overlapping else Verdict.NAMED
+        return self._without_causes(len(self.limits) + len(self.missing))
 
 
-def _prediction_lines(evidence: Evidence, *, causes: bool) -> list[str]:
-    """The longest forecasts of every quantity in one line."""
-    longest: dict[str, Prediction] = {}
-    for one in evidence.predictions:
-        longest[one.quantity] = one
-    parts = [
-        f"{one.quantity} {one.nominal:.3g}{f' -> {one.extended:.3g}' if causes else ''} {one.unit}"
-        for one in longest.values()
-    ]
-    if not parts:
-        return []
-    horizon = next(iter(longest.values())).horizon
-    return [f"error after {horizon:.0f} s alone: {', '.join(parts)}"]
+@dataclass(frozen=True, kw_only=True)
+class RigDiagnosis(Diagnosis):
+    """Result of a diagnosis of rig trials; unknown inputs are what the means of the conditions leave."""
 
+    checks: RigChecks | None = None
+    nominal_excess: float = 0.0  #: excess of the nominal model, as `UnmodelledForce.excess`
 
-def extension_of(diagnosis: Diagnosis) -> list[tuple[str, dict[str, float]]]:
-    """Effects of the extended model with their parameters, as `offroad_env.effects.apply` takes them."""
-    if not diagnosis.causes:
-        return []
-    fit = diagnosis.model
-    pairs = zip(fit.candidates, fit.sizes, strict=True)
-    return [(candidate.effect, candidate.values(float(size))) for candidate, size in pairs]
+    @property
+    def verdict(self) -> Verdict:
+        """Outcome; causes count as an explanation if they remove most of what the nominal model leaves."""
+        if self.search is None:
+            return Verdict.DATA_PROBLEM
+        if self.inaccurate:
+            return Verdict.NUMERICS
+        if self.unexplained:
+            excess = sum(rest.excess for rest in self.unknown_inputs)
+            explains = bool(self.causes) and excess <= _REMAINING * self.nominal_excess
+            return Verdict.NAMED_WITH_REST if explains else Verdict.UNEXPLAINED
+        if self.causes:
+            return Verdict.ONE_OF if self._with_alternatives() else Verdict.NAMED
+        return self._without_causes(len(self.limits))

@@ -1,9 +1,9 @@
 """Measured and simulated logs: one format, read strictly, written whole, checked before use.
 
 A log is a CSV or Parquet file with a YAML of the same name, or a ROS bag with such a YAML.
-`read_log` refuses what cannot be right in one sentence; `quality` reports what can be read and is
-still doubtful; `plant_of`, `start_of` and `commands_at` are what a simulation needs; `Recorder` and
-`log_from_run` make logs of simulated runs in the same format.
+`read_log` refuses impossible files in one sentence; `quality` reports on data that can be read but may
+still be wrong; `plant_of`, `start_of` and `commands_at` give what a simulation needs; `Recorder`,
+`log_from_run` and `log_of_drive` make logs of simulated runs in the same format.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from estimators.logs.runs import (
     config_of,
     held,
     log_from_run,
+    log_of_drive,
     plant_of,
     start_of,
     truth_of,
@@ -43,6 +44,7 @@ __all__ = [
     "f1tenth_log",
     "held",
     "log_from_run",
+    "log_of_drive",
     "plant_of",
     "quality",
     "read_log",

@@ -1,4 +1,4 @@
-"""ROS 1 and ROS 2 bags as tables: which field of which topic is which column is said in the YAML.
+"""ROS 1 and ROS 2 bags as tables: the YAML maps fields of topics to columns.
 
     topics:
       imu: /imu/data                                   # sensor_msgs/Imu: six columns, signs included
@@ -19,13 +19,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from estimators.logs.config import Section
 from estimators.logs.schema import REFERENCE, VEHICLE_COLUMNS, nearest
 from estimators.logs.tables import Table, read_bytes
+from estimators.logs.yaml_sections import Section
 from offroad_env.errors import DataError
 
 __all__ = ["BAG_EXTRA", "Topics", "is_ros2_bag", "parse_topics", "read_bag"]
@@ -54,6 +54,16 @@ _CLOCKS = ("header", "bag")
 _INDEXED = re.compile(r"(?P<field>[\w.]+)\[(?P<index>\d+)\]")
 
 
+class Digest(Protocol):
+    """A hash that can take more bytes."""
+
+    def update(self, data: bytes, /) -> None:
+        """Add bytes."""
+
+    def hexdigest(self) -> str:
+        """The hash of all bytes so far."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Source:
     """Where a column comes from."""
@@ -66,7 +76,7 @@ class _Source:
 
 @dataclass(frozen=True, kw_only=True)
 class Topics:
-    """What the YAML of a bag says about its topics."""
+    """Sources of the columns, from the YAML of a bag."""
 
     sources: tuple[_Source, ...]
     clock: str  #: "header" or "bag"
@@ -121,7 +131,7 @@ def _sources(section: Section, key: str, value: Any) -> Iterable[_Source]:
     )
 
 
-def read_bag(path: Path, topics: Topics) -> tuple[Table, hashlib._Hash]:
+def read_bag(path: Path, topics: Topics) -> tuple[Table, Digest]:
     """All mapped columns of a bag, and the hash of its files so far.
 
     Raises
@@ -187,7 +197,7 @@ def _check_topics(reader: Any, wanted: Iterable[str], path: Path, section: Secti
 
 
 def _stamp(message: Any, received: int, clock: str) -> int:
-    """When the message was measured [ns]: its header says so, or else when it arrived."""
+    """When the message was measured [ns]: the stamp of its header, or else its time of arrival."""
     header = getattr(message, "header", None)
     if clock == "bag" or header is None:
         return received

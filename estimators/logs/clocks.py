@@ -10,25 +10,26 @@ from estimators.logs.units import Finding
 
 __all__ = ["clock_findings", "pose_age"]
 
-#: Offsets between two clocks that are too small to tell [s].
-_TOLD = 0.015
+#: Least offset between two clocks that is reported [s].
+_LEAST = 0.015
 
 _Series = tuple[np.ndarray, np.ndarray]
 
 
-def _apart(found: Offset | None) -> bool:
-    return found is not None and found.sure and abs(found.delay) >= _TOLD
+def _significant(found: Offset | None) -> Offset | None:
+    """The offset, if it is certain and not negligible."""
+    return found if found is not None and found.sure and abs(found.delay) >= _LEAST else None
 
 
 def pose_age(log: Log) -> float:
-    """By how much a heading, and so the position that comes with it, is older than it says [s].
+    """Age of a heading, and so of the position that comes with it, beyond its stamp [s].
 
-    The heading is the integral of the yaw rate, whatever the vehicle: sensors alone tell this, before any
-    model. Zero where they do not; a heading that seems to come too soon is a gyro that is late, and stays.
+    The heading is the integral of the yaw rate, whatever the vehicle, so the sensors
+    determine the age without any model. Zero where they do not; a heading that seems early is a late gyro.
     """
     turns = _turns(log)
-    found = None if turns is None else offset(*turns)
-    return max(found.delay, 0.0) if _apart(found) else 0.0
+    found = None if turns is None else _significant(offset(*turns))
+    return 0.0 if found is None else max(found.delay, 0.0)
 
 
 def _turns(log: Log) -> tuple[_Series, _Series] | None:
@@ -43,8 +44,8 @@ def clock_findings(log: Log, untrusted: set[str]) -> list[Finding]:
     """Channels that show one motion at different times."""
     findings = []
     for first, second, pair in _clock_pairs(log, untrusted):
-        found = offset(*pair)
-        if not _apart(found):
+        found = _significant(offset(*pair))
+        if found is None:
             continue
         late = f"{abs(found.delay):.3f} s {'after' if found.delay > 0.0 else 'before'}"
         response = first == "steer"
@@ -54,7 +55,7 @@ def clock_findings(log: Log, untrusted: set[str]) -> list[Finding]:
             else "two clocks, or a filter that delays"
         )
         if second == "yaw" and found.delay > 0.0:
-            cause += "; a diagnosis takes the pose for so old"
+            cause += "; a diagnosis corrects the pose for it"
         findings.append(
             Finding(
                 kind="clock",
@@ -77,7 +78,7 @@ def _clock_pairs(log: Log, untrusted: set[str]) -> list[tuple[str, str, tuple[_S
         pairs.append(
             (speed, "a_x", ((0.5 * (t[1:] + t[:-1]), np.diff(values) / np.diff(t)), log.samples("a_x")))
         )
-    # Wheel speed is good enough for the size of the turn, but not for a_x: spin comes before thrust.
+    # Wheel speed is accurate enough for the rate of turn, but not for a_x: a wheel spins up before it pulls.
     wheel = next((name for name in ("omega_r", "omega_f") if name in log.channels), None)
     if wheel is None:
         return pairs

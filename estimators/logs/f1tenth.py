@@ -19,8 +19,8 @@ from estimators.logs.schema import unit_factor
 from estimators.logs.tables import parse_csv, read_bytes
 from estimators.logs.writing import content_hash
 from offroad_env.physics.records import Vehicle
-from offroad_env.soils import make_soil
-from offroad_env.vehicles import VEHICLES, make_vehicle
+from offroad_env.world.soils import make_soil
+from offroad_env.world.vehicles import VEHICLES, make_vehicle
 
 __all__ = ["f1tenth_log"]
 
@@ -31,7 +31,7 @@ class _Source:
     sign: float = 1.0
 
 
-#: The header taken at its word: axes forward, left, up; a gyro about "left" reads -pitch_rate.
+#: The header taken literally: axes forward, left, up; a gyro about "left" reads -pitch_rate.
 _AS_PUBLISHED = {
     "a_x": _Source(column="acc_x_m_s2"),
     "a_y": _Source(column="acc_y_m_s2"),
@@ -40,7 +40,7 @@ _AS_PUBLISHED = {
     "pitch_rate": _Source(column="gyro_y_rad_s", sign=-1.0),
     "yaw_rate": _Source(column="gyro_z_rad_s"),
 }
-#: As the data say the IMU sits: its x axis points left and its y axis backwards.
+#: Mounting of the IMU according to the data: its x axis points left and its y axis backwards.
 _AS_MOUNTED = {
     "a_x": _Source(column="acc_y_m_s2", sign=-1.0),
     "a_y": _Source(column="acc_x_m_s2"),

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.logs.config import LogConfig
+from estimators.logs.config import ImuSpec, LogConfig
 from offroad_env.errors import DataError
+from offroad_env.physics.records import Vehicle, Wheel
 
 __all__ = ["Log"]
 
@@ -23,14 +24,42 @@ class Log:
     name: str  #: file name without ending
     t: np.ndarray | None  #: (T,) time, strictly increasing [s]; None in a wheel-rig log
     channels: dict[str, np.ndarray]  #: (T,) each, by column name
-    references: dict[str, np.ndarray]  #: ``ref_*`` columns, as they stand: for people, not for a finder
-    config: LogConfig  #: what the YAML says
+    references: dict[str, np.ndarray]  #: ``ref_*`` columns as they are: for people; no estimate uses them
+    config: LogConfig  #: content of the YAML
     hash: str  #: SHA-256 of both files
 
     @property
     def rig(self) -> bool:
         """Whether this is a wheel-rig log."""
         return self.t is None
+
+    @property
+    def times(self) -> np.ndarray:
+        """Time of every row, (T,) [s]; `DataError` for a wheel-rig log."""
+        if self.t is None:
+            raise DataError(f"{self.name}: a wheel-rig log has no time")
+        return self.t
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle of the run; `DataError` for a wheel-rig log."""
+        if self.config.vehicle is None:
+            raise DataError(f"{self.name}: is a wheel-rig log: it has no vehicle")
+        return self.config.vehicle
+
+    @property
+    def imu(self) -> ImuSpec:
+        """Noise and place of the IMU; `DataError` for a wheel-rig log."""
+        if self.config.imu is None:
+            raise DataError(f"{self.name}: is a wheel-rig log: it has no IMU")
+        return self.config.imu
+
+    @property
+    def wheel(self) -> Wheel:
+        """The wheel of a rig; `DataError` for a vehicle log."""
+        if self.config.wheel is None:
+            raise DataError(f"{self.name}: is a vehicle log: it has no single wheel")
+        return self.config.wheel
 
     @property
     def duration(self) -> float:
@@ -48,10 +77,9 @@ class Log:
         DataError
             If the log has no such channel, or no time.
         """
-        if self.t is None:
-            raise DataError(f"{self.name}: a wheel-rig log has no time")
+        t = self.times
         if name not in self.channels:
             raise DataError(f"{self.name}: no column {name!r}; there are {', '.join(self.channels)}")
         values = self.channels[name]
         present = ~np.isnan(values)
-        return self.t[present], values[present]
+        return t[present], values[present]

@@ -1,4 +1,4 @@
-"""The first answer to any log: how good the data are, before any model is blamed."""
+"""Quality of the data of a log, checked before any model is fitted to them."""
 
 from __future__ import annotations
 
@@ -69,18 +69,18 @@ class ChannelQuality:
 
 @dataclass(frozen=True, kw_only=True)
 class QualityReport:
-    """What the data of one log are worth."""
+    """Quality of the data of one log."""
 
     name: str
     rows: int
     duration: float  #: [s]
     channels: tuple[ChannelQuality, ...]
     findings: tuple[Finding, ...]  #: worst first
-    checks: tuple[Check, ...]  #: the laws by which units were weighed
+    checks: tuple[Check, ...]  #: the laws by which units were judged
 
     @property
     def problems(self) -> tuple[Finding, ...]:
-        """Findings after which no model should be blamed."""
+        """Findings after which no model should be fitted."""
         return tuple(finding for finding in self.findings if finding.severity == "problem")
 
     @property
@@ -94,7 +94,7 @@ class QualityReport:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as JSON takes it: NaN becomes null."""
-        return _plain(
+        plain: dict[str, Any] = _plain(
             {
                 "name": self.name,
                 "rows": self.rows,
@@ -105,6 +105,7 @@ class QualityReport:
                 "suspected_units": self.suspected_units,
             }
         )
+        return plain
 
     def __str__(self) -> str:
         head, rows = self.table()
@@ -140,7 +141,7 @@ def quality(log: Log) -> QualityReport:
         findings = _rig_findings(log)
     else:
         findings, checks = suspicions(log)
-        findings += _timing_findings("t", timing(log.t), 0.5)
+        findings += _timing_findings("t", timing(log.times), 0.5)
         findings += clock_findings(log, {f.channel for f in findings if f.kind in ("axes", "sign")})
         findings += _excitation_findings(log)
         findings += _jump_findings(log)
@@ -182,8 +183,8 @@ def _measure(log: Log, name: str, findings: list[Finding]) -> dict[str, Any]:
     saturated = 0.0 if log.rig else _saturated(name, values)
     stuck = 0.0 if log.rig else _stuck(name, t, values)
     if not log.rig:
-        # A silence of the whole log is told once, not for every channel.
-        findings += _timing_findings(name, when, max(0.5, 1.1 * timing(log.t).longest_gap))
+        # A silence of the whole log is reported once, not for every channel.
+        findings += _timing_findings(name, when, max(0.5, 1.1 * timing(log.times).longest_gap))
         findings += _end_findings(log, name, saturated, stuck)
         if not any(f.kind == "unit" and f.channel == name for f in findings):
             findings += _noise_findings(log, name, noise)
@@ -225,7 +226,7 @@ def _timing_findings(name: str, when: ChannelTiming, allowed: float) -> list[Fin
 
 
 def _saturated(name: str, values: np.ndarray) -> float:
-    """Share of the samples at the largest or smallest value, if they are more than chance puts there.
+    """Share of the samples at the largest or smallest value, if they are too many to be a coincidence.
 
     Numbers with a step repeat too, but fewer times towards the end of the range, or 2.4 times as
     often as next to it where a sine turns.
@@ -288,7 +289,7 @@ def _noise_findings(log: Log, name: str, noise: float) -> list[Finding]:
     """Whether the YAML's noise is of the order of the noise in the channel."""
     if name not in (*IMU, "roll_rate") or not noise > 0.0:
         return []
-    stated = log.config.imu.sd_a if name in _ACCELEROMETERS else log.config.imu.sd_rate
+    stated = log.imu.sd_a if name in _ACCELEROMETERS else log.imu.sd_rate
     ratio = noise / stated
     if 1.0 / 3.0 <= ratio <= 3.0:
         return []
@@ -326,12 +327,12 @@ def _jump_findings(log: Log) -> list[Finding]:
 
 
 def _excitation_findings(log: Log) -> list[Finding]:
-    """What the run does not exercise, and so cannot tell about."""
+    """Motions that the run does not excite."""
     findings = []
     steer = log.samples("steer")[1]
     if np.ptp(steer) < 0.02 and np.max(np.abs(steer)) < 0.02:
         findings.append(
-            _dull("steer", "never moves: nothing lateral can be learned from this run", np.ptp(steer))
+            _unexcited("steer", "never moves: nothing lateral can be learned from this run", np.ptp(steer))
         )
     for name in ("omega_r", "omega_f", "v_x", "speed"):
         if name not in log.channels:
@@ -340,13 +341,13 @@ def _excitation_findings(log: Log) -> list[Finding]:
         low, high = np.quantile(values, [0.05, 0.95])
         if high - low < 0.1 * max(abs(low), abs(high), 1e-9):
             findings.append(
-                _dull(name, "varies by less than 10 %: nothing that grows with speed shows", high - low)
+                _unexcited(name, "varies by less than 10 %: nothing that grows with speed shows", high - low)
             )
         break
     return findings
 
 
-def _dull(channel: str, sentence: str, spread: float) -> Finding:
+def _unexcited(channel: str, sentence: str, spread: float) -> Finding:
     return Finding(
         kind="excitation",
         channel=channel,
@@ -361,7 +362,7 @@ def _dull(channel: str, sentence: str, spread: float) -> Finding:
 
 def _rig_findings(log: Log) -> list[Finding]:
     findings = []
-    r = log.config.wheel.r
+    r = log.wheel.r
     # One trial may plough deeper than the wheel's radius; half of all trials cannot.
     usual = float(np.nanmedian(log.channels.get("sinkage", np.zeros(1))))
     if usual > r:
@@ -380,7 +381,7 @@ def _rig_findings(log: Log) -> list[Finding]:
     slip = log.channels["slip"]
     if np.nanmax(slip) - np.nanmin(slip) < 0.1:
         findings.append(
-            _dull(
+            _unexcited(
                 "slip",
                 "spans less than 0.1: nothing that grows with slip shows",
                 np.nanmax(slip) - np.nanmin(slip),

@@ -1,9 +1,9 @@
-"""From files to logs: what is missing, impossible or misspelt is refused in one sentence."""
+"""From files to logs: whatever is missing, impossible or misspelt is refused in one sentence."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from estimators.logs import bags
-from estimators.logs.config import LogConfig, Section, parse_config, parse_yaml
+from estimators.logs.config import LogConfig
+from estimators.logs.config_parsing import parse_config
 from estimators.logs.log import Log
 from estimators.logs.schema import (
     DRIVE,
@@ -26,6 +27,7 @@ from estimators.logs.schema import (
     unit_factor,
 )
 from estimators.logs.tables import Table, parse_csv, parse_parquet, read_bytes
+from estimators.logs.yaml_sections import Section, parse_yaml
 from offroad_env.errors import DataError
 
 __all__ = ["read_log", "read_logs"]
@@ -59,6 +61,7 @@ def read_log(path: str | PathLike[str]) -> Log:
     _check_path(path)
     settings = _find_yaml(path)
     file = str(settings)
+    digest: bags.Digest
     description = read_bytes(settings)
     try:
         text = description.decode("utf-8-sig")
@@ -70,7 +73,8 @@ def read_log(path: str | PathLike[str]) -> Log:
     else:
         content = read_bytes(path)
         parse = parse_parquet if path.suffix.lower() == ".parquet" else parse_csv
-        table, digest = parse(content, str(path)), hashlib.sha256(content)
+        table = parse(content, str(path))
+        digest = hashlib.sha256(content)
         top = Section(*parse_yaml(text, file), file)
     digest.update(b"\0" + description)
     return _assemble(table, top, path.stem, digest.hexdigest())
@@ -188,26 +192,26 @@ def _is_rig(table: Table) -> bool:
     return bool(rig) and not vehicle
 
 
-def _check_names(table: Table, known: dict[str, Column], rig: bool) -> None:
+def _check_names(table: Table, known: Mapping[str, Column], rig: bool) -> None:
     names = [name for name in table.columns if not name.startswith(REFERENCE)]
-    strangers = [name for name in names if name not in known]
+    unknown = [name for name in names if name not in known]
     for wanted in ("slip", "load") if rig else ("t", "steer", *IMU):
         if wanted not in names:
-            near = next((name for name in strangers if nearest(name, [wanted])), None)
+            near = next((name for name in unknown if nearest(name, [wanted])), None)
             hint = f" - is it {near!r}?" if near else ""
             raise table.error(f"the column is missing{hint}", column=wanted)
     group, title = (_RIG_RESULTS, "results") if rig else (DRIVE, "drive inputs")
     if not set(group) & set(names):
         raise table.error(f"needs one of the columns {', '.join(group)} ({title}), has none")
-    if strangers:
-        near = nearest(strangers[0], known)
+    if unknown:
+        near = nearest(unknown[0], known)
         hint = (
-            f"did you mean {near!r}?" if near else f"name it {REFERENCE}{strangers[0]} to keep it for looking"
+            f"did you mean {near!r}?" if near else f"name it {REFERENCE}{unknown[0]} to keep it for looking"
         )
-        raise table.error(f"a log has no such column - {hint}", column=strangers[0])
+        raise table.error(f"a log has no such column - {hint}", column=unknown[0])
 
 
-def _factors(table: Table, known: dict[str, Column], config: LogConfig, top: Section) -> dict[str, float]:
+def _factors(table: Table, known: Mapping[str, Column], config: LogConfig, top: Section) -> dict[str, float]:
     """What each column named under ``units`` is multiplied by; SI columns stay bit for bit."""
     factors = {}
     for column, unit in config.units:
@@ -283,11 +287,12 @@ def _check_drive(table: Table, channels: dict[str, np.ndarray], config: LogConfi
 def _with_drive_share(config: LogConfig, channels: dict[str, np.ndarray], top: Section) -> LogConfig:
     """The front share of the measured torque, where the YAML does not name it."""
     both = "torque_f" in channels and "torque_r" in channels
-    if not both or top.given("vehicle.drive_front"):
+    vehicle = config.vehicle
+    if vehicle is None or not both or top.given("vehicle.drive_front"):
         return config
     front, rear = (float(np.nansum(np.abs(channels[name]))) for name in ("torque_f", "torque_r"))
     if front + rear <= 0.0:
         return config
     share = front / (front + rear)
-    brake = config.vehicle.brake_front if top.given("vehicle.brake_front") else share
-    return replace(config, vehicle=config.vehicle._replace(drive_front=share, brake_front=brake))
+    brake = vehicle.brake_front if top.given("vehicle.brake_front") else share
+    return replace(config, vehicle=vehicle._replace(drive_front=share, brake_front=brake))

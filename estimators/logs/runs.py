@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from estimators.logs.config import STATE_KEYS, GnssSpec, ImuSpec, LogConfig, StartSpec, TerrainSpec
+from estimators.logs.config import STATE_KEYS, GnssSpec, ImuSpec, LogConfig, StartSpec, TerrainSpec, Wave
 from estimators.logs.log import Log
 from estimators.logs.writing import content_hash
 from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.physics import state as at
+from offroad_env.physics.imu import CHANNELS, GNSS, IMU, WHEEL
 from offroad_env.physics.records import Ground
-from offroad_env.physics.sensor_kernels import CHANNELS, GNSS, IMU, WHEEL
-from offroad_env.sensors import SensorSuite
-from offroad_env.simulator import Plant, Trajectory, make_plant, plant_model, settled_state
-from offroad_env.terrain import paper_terrain
+from offroad_env.simulation.drive import DriveRecord
+from offroad_env.simulation.sensors import SensorSuite
+from offroad_env.simulation.simulator import Plant, Trajectory, make_plant, plant_model, settled_state
+from offroad_env.world.terrain import paper_terrain
 
 __all__ = [
     "Recorder",
@@ -24,9 +26,11 @@ __all__ = [
     "config_of",
     "held",
     "log_from_run",
+    "log_of_drive",
     "plant_of",
     "start_of",
     "truth_of",
+    "wave_rows",
 ]
 
 
@@ -41,9 +45,9 @@ def plant_of(log: Log, *, vehicle_model: str = "half_car") -> Plant:
     DataError
         For a wheel-rig log.
     """
-    config = _vehicle_config(log)
+    config = log.config
     return make_plant(
-        config.vehicle,
+        log.vehicle,
         config.soil,
         config.terrain.ground(),
         model=config.model,
@@ -67,7 +71,7 @@ def start_of(log: Log, plant: Plant | None = None) -> tuple[np.ndarray, np.ndarr
     SolverFailure
         If the soil does not carry the vehicle.
     """
-    start = _vehicle_config(log).start
+    start = log.config.start
     plant = plant_of(log) if plant is None else plant
     state, warm = settled_state(plant, x=start.x, y=start.y, yaw=start.yaw, v_x=start.v_x)
     for name, value in start.state:
@@ -76,7 +80,7 @@ def start_of(log: Log, plant: Plant | None = None) -> tuple[np.ndarray, np.ndarr
 
 
 def held(log: Log, name: str, times: np.ndarray) -> np.ndarray:
-    """Input ``name`` at ``times`` [s] as the YAML says: held from its stamp, or straight between stamps.
+    """Input ``name`` at ``times`` [s], by ``inputs.hold``: held from its stamp, or linear between stamps.
 
     Before its first sample an input has the value of that sample.
 
@@ -88,7 +92,8 @@ def held(log: Log, name: str, times: np.ndarray) -> np.ndarray:
     t, values = log.samples(name)
     times = np.asarray(times, dtype=np.float64)
     if log.config.hold == "linear":
-        return np.interp(times, t, values)
+        between: np.ndarray = np.interp(times, t, values)
+        return between
     return values[np.maximum(np.searchsorted(t, times, side="right") - 1, 0)]
 
 
@@ -103,21 +108,14 @@ def commands_at(log: Log, times: np.ndarray) -> np.ndarray:
     DataError
         If the log holds neither torque nor force (only wheel speeds, say).
     """
-    config = _vehicle_config(log)
     steer = held(log, "steer", times)
-    if config.drivetrain == "force":
+    if log.config.drivetrain == "force":
         return np.column_stack([steer, held(log, "drive_force", times), np.full(len(steer), math.nan)])
     axles = [name for name in ("torque_f", "torque_r") if name in log.channels]
     if not axles:
         raise DataError(f"{log.name}: has no torque_f or torque_r, so the drive is not known")
     total = np.sum([held(log, name, times) for name in axles], axis=0)
     return np.column_stack([steer, np.maximum(total, 0.0), np.maximum(-total, 0.0)])
-
-
-def _vehicle_config(log: Log) -> LogConfig:
-    if log.config.vehicle is None:
-        raise DataError(f"{log.name}: is a wheel-rig log: it has no vehicle")
-    return log.config
 
 
 # ------------------------------------------------------------------ to a log
@@ -168,12 +166,16 @@ def _terrain_of(ground: Ground) -> TerrainSpec:
         for H_0 in (height, -height):
             if abs(H_0) <= 2.0 and np.array_equal(paper_terrain(H_0).waves, ground.waves):
                 return TerrainSpec(kind="paper", H_0=H_0)
-    rows = tuple(tuple(float(value) for value in row) for row in ground.waves)
-    return TerrainSpec(kind="waves", plane=plane, waves=rows)
+    return TerrainSpec(kind="waves", plane=plane, waves=wave_rows(ground))
+
+
+def wave_rows(ground: Ground) -> tuple[Wave, ...]:
+    """The waves of a ground as rows of plain numbers, for `TerrainSpec`."""
+    return tuple((float(a), float(p), float(q), float(phase)) for a, p, q, phase in ground.waves)
 
 
 def truth_of(state: np.ndarray, readings: np.ndarray) -> dict[str, float]:
-    """What a simulated run knows and a measured one does not, for the ``ref_*`` columns."""
+    """True quantities of a simulated run, for the ``ref_*`` columns."""
     front, rear = readings[: at.AXLE], readings[at.AXLE : at.MOTION]
     truth = {
         "ref_x": state[at.X],
@@ -210,19 +212,21 @@ class Recorder:
     Raises
     ------
     InvalidParameter
-        For a period that is not positive, or calls in another order.
+        For a period that is not positive, a description without a vehicle, or calls in another order.
     """
 
     def __init__(self, config: LogConfig, *, period: float) -> None:
+        if config.vehicle is None:
+            raise InvalidParameter("config must describe a vehicle, got a wheel rig: see config_of")
         if not period > 0.0:
             raise InvalidParameter(f"period must be > 0 s, got {period}")
-        self._config, self._period = config, float(period)
+        self._config, self._vehicle, self._period = config, config.vehicle, float(period)
         self._samples: list[np.ndarray] = []
         self._commands: dict[int, tuple[float, ...]] = {}
         self._truth: dict[int, Mapping[str, float]] = {}
 
     def start(self, sample: np.ndarray, truth: Mapping[str, float] | None = None) -> None:
-        """The sample (CHANNELS,) at t = 0, and what `truth_of` says of that moment."""
+        """The sample (CHANNELS,) at t = 0, and the `truth_of` that moment."""
         if self._samples:
             raise InvalidParameter("the recording has started: use a new Recorder for every run")
         self._append(sample, truth)
@@ -262,25 +266,30 @@ class Recorder:
         channels = {**self._inputs(count), **self._sensed(np.array(self._samples))}
         channels = {key: values for key, values in channels.items() if not np.isnan(values).all()}
         names = next(iter(self._truth.values()), {})
-        references = {key: self._column(count, self._truth, key) for key in names}
+        references = {
+            key: self._column(count, {row: truth[key] for row, truth in self._truth.items()}) for key in names
+        }
         arrays = (t := self._period * np.arange(count), *channels.values(), *references.values())
         for array in arrays:
             array.flags.writeable = False
-        parts = {"t": t, "channels": channels, "references": references, "config": self._config}
-        return Log(name=name, **parts, hash=content_hash(Log(name=name, **parts, hash="")))
+        log = Log(name=name, t=t, channels=channels, references=references, config=self._config, hash="")
+        return replace(log, hash=content_hash(log))
 
     @staticmethod
-    def _column(count: int, rows: Mapping[int, Mapping], key: str | int) -> np.ndarray:
-        values = np.full(count, math.nan)
-        for i, row in rows.items():
-            values[i] = row[key]
-        return values
+    def _column(count: int, values: Mapping[int, float]) -> np.ndarray:
+        """A column (count,) from its values by row; NaN elsewhere."""
+        column = np.full(count, math.nan)
+        column[list(values)] = list(values.values())
+        return column
+
+    def _commanded(self, count: int, i: int) -> np.ndarray:
+        return self._column(count, {row: command[i] for row, command in self._commands.items()})
 
     def _inputs(self, count: int) -> dict[str, np.ndarray]:
-        steer, first = (self._column(count, self._commands, i) for i in range(2))
+        steer, first = (self._commanded(count, i) for i in range(2))
         if self._config.drivetrain == "force":
             return {"steer": steer, "drive_force": first}
-        brake, vehicle = self._column(count, self._commands, 2), self._config.vehicle
+        brake, vehicle = self._commanded(count, 2), self._vehicle
         return {
             "steer": steer,
             "torque_f": vehicle.drive_front * first - vehicle.brake_front * brake,
@@ -289,10 +298,42 @@ class Recorder:
 
     def _sensed(self, samples: np.ndarray) -> dict[str, np.ndarray]:
         imu, wheel, gnss = samples[:, IMU].T, samples[:, WHEEL].T, samples[:, GNSS].T
-        sensed = {"omega_f": wheel[0] / self._config.vehicle.r, "omega_r": wheel[1] / self._config.vehicle.r}
+        sensed = {"omega_f": wheel[0] / self._vehicle.r, "omega_r": wheel[1] / self._vehicle.r}
         sensed |= dict(zip(("a_x", "a_y", "a_z", "pitch_rate", "yaw_rate"), imu, strict=True))
         sensed |= dict(zip(("x", "y", "speed", "course"), gnss, strict=True))
         return {key: np.ascontiguousarray(values) for key, values in sensed.items()}
+
+
+def log_of_drive(drive: DriveRecord, config: LogConfig, name: str, *, references: bool = False) -> Log:
+    """The log of a simulated drive.
+
+    Parameters
+    ----------
+    drive
+        From `simulate_drive`.
+    config
+        What may be known of it, from `config_of`.
+    references
+        Whether the truth goes into the ``ref_*`` columns.
+
+    Raises
+    ------
+    InvalidParameter
+        For a drive of a single sample.
+    """
+    timing, count = drive.timing, len(drive.samples)
+    truth = (
+        [truth_of(state, readings) for state, readings in zip(drive.states, drive.readings, strict=True)]
+        if references
+        else [None] * count
+    )
+    recorder = Recorder(config, period=timing.period)
+    recorder.start(drive.samples[0], truth[0])
+    held_for = max(timing.command_ticks // timing.sample_ticks, 1)
+    for first in range(1, count, held_for):
+        last = min(first + held_for, count)
+        recorder.hold(drive.commands[first].tolist(), drive.samples[first:last], truth[last - 1])
+    return recorder.log(name)
 
 
 def log_from_run(
@@ -320,7 +361,7 @@ def log_from_run(
     sensors, rng
         The sensors, and where their errors are drawn from.
     belief
-        What the YAML says, where that is less than the truth: another n, say. Default: ``plant``.
+        The plant that the YAML describes, where it is not the true one: another n, say. Default: ``plant``.
     hold
         "zoh", or "linear" for inputs that were functions of time.
 
@@ -347,7 +388,7 @@ def log_from_run(
     )
     sensors.reset(rng)
     for i, (state, readings) in enumerate(zip(trajectory.states, trajectory.readings, strict=True)):
-        sample = np.concatenate(sensors.sample(state, readings)[:3])
+        sample = sensors.sample(state, readings).channels
         if i == 0:
             recorder.start(sample, truth_of(state, readings))
         else:

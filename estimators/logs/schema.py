@@ -1,4 +1,4 @@
-"""Columns of a log, their units, and what a value can be at all."""
+"""Columns of a log, their units, and the range of possible values."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = [
     "unit_factor",
 ]
 
-REFERENCE = "ref_"  #: columns of this prefix are for people; no filter and no finder sees them
+REFERENCE = "ref_"  #: columns of this prefix are for people; no filter and no diagnosis uses them
 
 
 class Column(NamedTuple):
@@ -86,8 +86,8 @@ def _table(rows: Iterable[tuple[str, str, float, str, str]]) -> MappingProxyType
     return MappingProxyType({row[0]: Column(*row) for row in rows})
 
 
-#: Columns of a vehicle log. `speed` and `course` are what a satellite receiver measures: the velocity
-#: over ground, whose direction is not the heading.
+#: Columns of a vehicle log. A satellite receiver measures `speed` and `course`: the velocity over
+#: ground, whose direction is not the heading.
 VEHICLE_COLUMNS = _table(
     (
         ("t", "time", 1e12, "", "time"),

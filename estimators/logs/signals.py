@@ -1,4 +1,4 @@
-"""Channels over common windows of time: what irregular, multi-rate channels are compared by.
+"""Irregular, multi-rate channels over common windows of time, so that they can be compared.
 
 Nothing here is handed to a filter: interpolation serves the quality checks only.
 """
@@ -28,10 +28,12 @@ __all__ = [
     "unwrapped",
 ]
 
-#: Speed from positions: over how long, on which grid, and what surrounds it [s].
-_SPAN, _GRID, _AROUND = 0.2, 0.05, 0.5
+#: Speed from positions: over how long, and what surrounds it [s].
+_SPAN, _AROUND = 0.2, 0.5
 #: No wheeled vehicle is so much faster than half a second before and after: 1 g over that time [m/s].
 _JUMP = 5.0
+#: Grid on which positions and offsets are interpolated [s].
+_GRID = 0.02
 _LONGEST_GAP = 0.25  # a window with a longer silence than this (or 3 steps) is left out [s]
 
 
@@ -137,7 +139,7 @@ class Windows:
 
     def __init__(self, log: Log, length: float = 1.0) -> None:
         self.log, self.length = log, length
-        t = log.t
+        t = log.times
         self.starts = np.arange(t[0], t[-1] - length, 0.5 * length)
 
     def _series(self, name: str) -> tuple[np.ndarray, np.ndarray] | None:
@@ -210,7 +212,7 @@ class Windows:
 
 
 class Likeness(NamedTuple):
-    """How one signal follows another."""
+    """Agreement of two signals."""
 
     factor: float  #: first over second, with sign
     correlation: float
@@ -249,7 +251,8 @@ class Offset(NamedTuple):
     sure: bool  #: whether the blocks agree that it is not zero
 
 
-_GRID, _REACH, _BLOCKS = 0.02, 0.6, 5
+#: Largest delay that is sought [s], and blocks of a log.
+_REACH, _BLOCKS = 0.6, 5
 
 
 def offset(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray]) -> Offset | None:

@@ -11,8 +11,8 @@ from estimators.logs.signals import longest_run, noise_sd, resolution
 
 __all__ = ["stuck_while_moving"]
 
-#: Samples repeat, by the habit of a channel, as long as this in so small a share of logs.
-_CHANCE = 1e-6
+#: Share of logs in which samples of a sound channel repeat for as long as a stuck one.
+_FALSE_ALARM = 1e-6
 #: A vehicle that is faster shakes and turns its sensors [m/s].
 _MOVING = 0.5
 #: What a speed must change by elsewhere, and a heading by the gyro besides its bias [m/s, rad, rad/s].
@@ -43,7 +43,7 @@ def _unusual(outside: np.ndarray, length: int) -> bool:
         return False
     longest = longest_run(outside)[1]
     again = (float(np.sum(np.diff(outside) == 0.0)) + 1.0) / (count + 1.0)
-    rare = math.log(count) + (length - 1) * math.log(again) < math.log(_CHANCE)
+    rare = math.log(count) + (length - 1) * math.log(again) < math.log(_FALSE_ALARM)
     return rare and length > 5 * longest
 
 
@@ -78,7 +78,7 @@ def _speed(log: Log, name: str, span: tuple[float, float]) -> tuple[float, float
     speeds = []
     for other in _SPEEDS:
         if other != name and other in log.channels:
-            scale = log.config.vehicle.r if other in _RIMS else 1.0
+            scale = log.vehicle.r if other in _RIMS else 1.0
             speeds.append(scale * _within(log, other, span))
     low = [float(np.median(np.abs(values))) for values in speeds]
     change = [float(np.diff(np.quantile(values, [0.05, 0.95]))[0]) for values in speeds]

@@ -217,7 +217,8 @@ def parse_parquet(content: bytes, file: str) -> Table:
 def _arrow_numbers(table: Table, name: str, column: Any, pyarrow: Any) -> np.ndarray:
     kind = column.type
     if pyarrow.types.is_floating(kind) or pyarrow.types.is_integer(kind) or pyarrow.types.is_null(kind):
-        return column.cast(pyarrow.float64(), safe=False).to_numpy().copy()
+        numbers: np.ndarray = column.cast(pyarrow.float64(), safe=False).to_numpy().copy()
+        return numbers
     values = column.to_pylist()
     if pyarrow.types.is_string(kind) or pyarrow.types.is_large_string(kind):
         return _numbers(table, name, ("" if value is None else value for value in values))

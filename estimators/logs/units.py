@@ -1,8 +1,8 @@
-"""Units, axes and signs that physics contradicts: the same motion seen by two channels.
+"""Wrong units, axes and signs, found where two channels disagree about the same motion.
 
-A yaw rate must integrate to the change of heading, an accelerometer at rest must feel 9.81 m/s^2,
-a car in a bend must feel speed times yaw rate. Where the factor between the two sides is that of
-another unit, the channel is suspected of it.
+A yaw rate integrates to the change of heading, an accelerometer at rest measures 9.81 m/s^2, and in
+a bend the lateral acceleration is speed times yaw rate. Where the factor between the two sides is that
+of another unit, the channel is probably in that unit.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ class Finding:
 
 
 class Check(NamedTuple):
-    """A comparison of two sides of one law."""
+    """A comparison of the two sides of a law."""
 
     name: str
     factor: float  #: measured over expected
     correlation: float
     windows: int
-    verdict: str  #: "agrees", "no opinion", or what is suspected
+    verdict: str  #: "agrees", "undecided", or what is suspected
 
 
 class _Candidate(NamedTuple):
@@ -55,7 +55,7 @@ class _Candidate(NamedTuple):
 
 class _Law(NamedTuple):
     name: str  #: "yaw_rate against the change of yaw"
-    channel: str  #: whose sign is questioned
+    channel: str  #: the channel whose sign the law decides
     seen: Likeness | None
     candidates: tuple[_Candidate, ...]
     tolerance: float = math.log(2.0)  #: of the logarithm of the factor
@@ -98,7 +98,7 @@ class _Judge:
         """Judge a law; returns the candidate that it names."""
         if law.seen is None:
             return None
-        seen, found, verdict = law.seen, None, "no opinion"
+        seen, found, verdict = law.seen, None, "undecided"
         if abs(seen.correlation) >= _CLEAR:
             named = _nearest((_Candidate(1.0, "", ""), *law.candidates), abs(seen.factor), law.tolerance)
             if named is not None:
@@ -106,10 +106,10 @@ class _Judge:
                 verdict = f"{named.channel} in {named.unit}" if found else "agrees"
             if seen.factor < 0.0 and named is not None:
                 verdict += ", sign reversed"
-                self.add(_reversed(law))
+                self.add(_reversed(law, seen))
         self.checks.append(Check(law.name, seen.factor, seen.correlation, seen.windows, verdict))
         if found is not None:
-            self.add(_unit_finding(law, found))
+            self.add(_unit_finding(law, seen, found))
         return found
 
 
@@ -123,21 +123,21 @@ def _numbers(seen: Likeness) -> dict[str, float]:
     return {"factor": seen.factor, "correlation": seen.correlation, "windows": float(seen.windows)}
 
 
-def _reversed(law: _Law) -> Finding:
-    sentence = f"{law.name}: factor {law.seen.factor:.3g}: the sign of {law.channel} is reversed"
+def _reversed(law: _Law, seen: Likeness) -> Finding:
+    sentence = f"{law.name}: factor {seen.factor:.3g}: the sign of {law.channel} is reversed"
     return Finding(
         kind="sign",
         channel=law.channel,
         severity="problem",
         sentence=sentence,
-        numbers=_numbers(law.seen),
+        numbers=_numbers(seen),
     )
 
 
-def _unit_finding(law: _Law, candidate: _Candidate) -> Finding:
+def _unit_finding(law: _Law, seen: Likeness, candidate: _Candidate) -> Finding:
     sentence = (
-        f"{law.name}: factor {law.seen.factor:.3g} where 1 is expected and {candidate.factor:.3g} would mean "
-        f"{candidate.unit} (correlation {law.seen.correlation:.2f}, {law.seen.windows} windows): "
+        f"{law.name}: factor {seen.factor:.3g} where 1 is expected and {candidate.factor:.3g} would mean "
+        f"{candidate.unit} (correlation {seen.correlation:.2f}, {seen.windows} windows): "
         f"{candidate.channel} is in {candidate.unit}"
     )
     return Finding(
@@ -146,7 +146,7 @@ def _unit_finding(law: _Law, candidate: _Candidate) -> Finding:
         severity="problem",
         sentence=sentence,
         suspected_unit=candidate.unit,
-        numbers=_numbers(law.seen) | {"expected_for_unit": candidate.factor},
+        numbers=_numbers(seen) | {"expected_for_unit": candidate.factor},
     )
 
 
@@ -164,7 +164,7 @@ def _speed(windows: Windows) -> np.ndarray | None:
     for name, factor in (("v_x", 1.0), ("speed", 1.0), ("omega_r", 0.0), ("omega_f", 0.0)):
         mean = windows.mean(name)
         if mean is not None:
-            return mean * (factor or windows.log.config.vehicle.r)
+            return mean * (factor or windows.log.vehicle.r)
     velocity = windows.displacement()
     return None if velocity is None else np.hypot(*velocity)
 
@@ -174,7 +174,7 @@ def _speed_change(windows: Windows) -> np.ndarray | None:
     for name, factor in (("v_x", 1.0), ("speed", 1.0), ("omega_r", 0.0), ("omega_f", 0.0)):
         slope = windows.slope(name)
         if slope is not None:
-            return slope * (factor or windows.log.config.vehicle.r)
+            return slope * (factor or windows.log.vehicle.r)
     return None
 
 
@@ -197,7 +197,7 @@ def _heading_laws(windows: Windows, speed: np.ndarray | None, judge: _Judge) -> 
         ),
     ]
     if speed is not None and steer is not None:
-        vehicle = windows.log.config.vehicle
+        vehicle = windows.log.vehicle
         steered = speed * steer / (vehicle.l_f + vehicle.l_r)
         small = (fast, _Candidate(1.0 / _DEGREES, "steer", "deg"))
         laws.append(
@@ -247,7 +247,7 @@ def _largest_swing(t: np.ndarray, rate: np.ndarray, length: float = 20.0) -> flo
         if inside.sum() < 10:
             continue
         own, values = t[inside], rate[inside] - np.median(rate[inside])
-        step = np.minimum(np.diff(own), 0.2)  # a gap tells nothing
+        step = np.minimum(np.diff(own), 0.2)  # nothing is known within a gap
         angle = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * step)])
         angle -= np.linspace(0.0, angle[-1], len(angle))  # what a bias adds
         swing = max(swing, float(np.ptp(angle)))
@@ -260,17 +260,17 @@ def _speed_laws(windows: Windows, judge: _Judge) -> None:
     path_speed = None if velocity is None else np.hypot(*velocity)
     for name in ("v_x", "speed"):
         mean = windows.mean(name)
-        candidates = (
+        candidates: list[_Candidate] = [
             _Candidate(3.6, name, "km/h"),
             _Candidate(2.237, name, "mph"),
             _Candidate(1000.0, name, "mm/s"),
             _Candidate(1e-3, "x", "mm"),
             _Candidate(1e-2, "x", "cm"),
-        )
+        ]
         seen = None if mean is None else _compare(np.abs(mean), path_speed)
-        judge.weigh(_Law(f"{name} against the path x, y", name, seen, candidates, math.log(1.25)))
+        judge.weigh(_Law(f"{name} against the path x, y", name, seen, tuple(candidates), math.log(1.25)))
     forward = next((m for m in map(windows.mean, ("v_x", "speed")) if m is not None), path_speed)
-    r = windows.log.config.vehicle.r
+    r = windows.log.vehicle.r
     for name in ("omega_f", "omega_r"):
         mean = windows.mean(name)
         if mean is None or judge.suspects("v_x") or judge.suspects("speed") or judge.suspects("x"):
@@ -287,7 +287,7 @@ def _gravity(log: Log, judge: _Judge) -> str | None:
     """Mean of a_z against what an accelerometer must feel; returns the unit that it points to."""
     _, values = log.samples("a_z")
     mean = float(np.median(values))
-    kinematic = log.config.imu.kinematic
+    kinematic = log.imu.kinematic
     expected = 0.0 if kinematic else GRAVITY
     units = {"g": 1.0, "mg": 1000.0, "cm/s^2": 100.0 * GRAVITY, "ft/s^2": GRAVITY / 0.3048}
     unit = next((name for name, one in units.items() if abs(mean - one) < 0.15 * one), None)
@@ -341,7 +341,7 @@ def _acceleration_laws(
         and abs(other.correlation) >= _CLEAR > 1.6 * abs(own.correlation)
     )
     names = {"lateral": "a_x" if turned else "a_y", "longitudinal": "a_y" if turned else "a_x"}
-    if turned:
+    if own is not None and other is not None and turned:
         judge.add(_turned(own, other))
     for side, signal, title in (
         ("lateral", lateral, "speed x yaw_rate"),

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from estimators.logs.config_writing import config_yaml
 from estimators.logs.log import Log
 from estimators.logs.tables import csv_text, parquet_bytes
 from offroad_env.errors import DataError
@@ -41,14 +42,14 @@ def write_log(path: str | PathLike[str], log: Log) -> Path:
     columns = _columns(log)
     content = parquet_bytes(columns) if suffix == ".parquet" else csv_text(columns).encode()
     # The description first: whoever sees the data file sees a whole log.
-    _replace_both(((path.with_suffix(".yaml"), log.config.to_yaml().encode()), (path, content)))
+    _replace_both(((path.with_suffix(".yaml"), config_yaml(log.config).encode()), (path, content)))
     return path
 
 
 def content_hash(log: Log) -> str:
     """SHA-256 that `read_log` gives to the log after it is written as CSV."""
     digest = hashlib.sha256(csv_text(_columns(log)).encode())
-    digest.update(b"\0" + log.config.to_yaml().encode())
+    digest.update(b"\0" + config_yaml(log.config).encode())
     return digest.hexdigest()
 
 

@@ -1,18 +1,20 @@
-"""Extensions of the model: what may be wrong with it, one file each, found by the finder and used by all.
+"""Effects: the ways in which the model may be wrong, for diagnosis, environment and filters.
 
-An effect that is off is not composed at all. `apply` puts effects on a `Setup`; `Extension` is the file
-that carries them from a diagnosis to the environment.
+Compiled laws have a file each; shifts of a parameter, a sensor or an input are rows of the tables. An
+effect that is off is not composed at all. `apply` puts effects on a `Setup`; `Extension` is the file that
+brings them from a diagnosis to the environment.
 """
 
 from __future__ import annotations
 
 from offroad_env.effects.extension import Extension, read_extension
-from offroad_env.effects.library import EFFECTS, apply, find_effect
+from offroad_env.effects.library import EFFECTS, FORMER_IDS, apply, find_effect
 from offroad_env.effects.protocol import Effect, Inputs, Parameter, SensorErrors, Setup
 from offroad_env.effects.rig_setup import RigErrors, RigSetup
 
 __all__ = [
     "EFFECTS",
+    "FORMER_IDS",
     "Effect",
     "Extension",
     "Inputs",

@@ -1,20 +1,23 @@
-"""The file that carries an extended model from a diagnosis to the environment and the filters."""
+"""The file that brings an extended model from a diagnosis to the environment and the filters."""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from offroad_env.effects.library import find_effect
+from offroad_env.effects.library import FORMER_IDS, find_effect
 from offroad_env.errors import DataError, InvalidParameter
-from offroad_env.simulator import MODELS
+from offroad_env.simulation.simulator import MODELS
 
 __all__ = ["Extension", "read_extension"]
 
-_FORMAT = "offroad-extension-1"
+_FORMAT = "offroad-extension-2"
+#: Written before 0.1.0 was released; `slip_sinkage` names another law there than today.
+_OLDER_FORMAT = "offroad-extension-1"
 #: What an extended model can be of: a preset of the vehicle, or the wheel of a rig.
 _MODELS = (*MODELS, "rig")
 
@@ -27,7 +30,7 @@ class Extension:
     effects: tuple[tuple[str, dict[str, float]], ...]  #: (effect, its parameters)
 
     def to_dict(self) -> dict[str, Any]:
-        """What the file holds."""
+        """The content of the file."""
         return {
             "format": _FORMAT,
             "model": self.model,
@@ -36,7 +39,7 @@ class Extension:
 
 
 def read_extension(path: str | Path) -> Extension:
-    """Read and check a file that `offroad diagnose` has written.
+    """Read and check a file that `offroad diagnose` has written, now or with former ids of effects.
 
     Raises
     ------
@@ -49,19 +52,21 @@ def read_extension(path: str | Path) -> Extension:
         raise DataError(f"{path}: cannot be read: {error.strerror or error}") from None
     except ValueError as error:
         raise DataError(f"{path}: is not JSON: {error}") from None
-    if not isinstance(content, dict) or content.get("format") != _FORMAT:
+    if not isinstance(content, dict) or content.get("format") not in (_FORMAT, _OLDER_FORMAT):
         raise DataError(f"{path}: is no extended model; its format must be {_FORMAT!r}")
+    ids = FORMER_IDS if content["format"] == _OLDER_FORMAT else {}
     if content.get("model") not in _MODELS:
         raise DataError(f"{path}: model must be one of {', '.join(_MODELS)}, got {content.get('model')!r}")
     try:
-        effects = tuple(_effect(entry) for entry in content["effects"])
+        effects = tuple(_effect(entry, ids) for entry in content["effects"])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise DataError(f"{path}: effects must be a list of id and parameters: {error}") from None
     return Extension(model=content["model"], effects=effects)
 
 
-def _effect(entry: dict[str, Any]) -> tuple[str, dict[str, float]]:
-    effect = find_effect(entry["id"])
+def _effect(entry: dict[str, Any], ids: Mapping[str, str]) -> tuple[str, dict[str, float]]:
+    """Effect and parameters of an entry; ``ids`` leads from an id in the file to the one of today."""
+    effect = find_effect(ids.get(entry["id"], entry["id"]))
     values = {str(name): float(value) for name, value in entry["parameters"].items()}
     names = {parameter.name for parameter in effect.parameters}
     if set(values) != names or not all(map(math.isfinite, values.values())):

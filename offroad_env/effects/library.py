@@ -1,6 +1,7 @@
 """All effects, found by their files, and the compiled laws of all of them in one.
 
-Every module of this package that holds an ``EFFECT`` is part of the library: a new effect is a new file.
+Every module below this package that holds an ``EFFECT``, or a ``TABLE`` of them, is part of the library: a
+new law is a new file, a new shift of a number is a new row.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import pkgutil
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar
 
 import numba
 import numpy as np
@@ -17,48 +20,78 @@ import numpy as np
 from offroad_env.effects.protocol import Effect, Setup, Values
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import hooks
+from offroad_env.physics.records import FloatArray
 
-__all__ = ["EFFECTS", "apply", "find_effect"]
+__all__ = ["EFFECTS", "FORMER_IDS", "apply", "find_effect"]
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = "offroad_env.effects"
 #: Hook of an effect -> argument of `hooks.install`.
 _HOOKS = {"soil state": "soil", "wheel force": "wheel", "suspension": "load", "body force": "body"}
 
 
+def _effects_of(module: ModuleType) -> tuple[Effect, ...]:
+    """Effects that a module defines.
+
+    Raises
+    ------
+    InvalidParameter
+        If a file with one law does not have the name of its effect.
+    """
+    effect: Effect | None = getattr(module, "EFFECT", None)
+    if effect is None:
+        return getattr(module, "TABLE", ())
+    if effect.id != module.__name__.rpartition(".")[2]:
+        raise InvalidParameter(f"effect {effect.id!r} must stand in the file {effect.id}.py")
+    return (effect,)
+
+
+def _first_id(effect: Effect) -> str:
+    """The id under which an effect entered the library."""
+    return effect.former_ids[0] if effect.former_ids else effect.id
+
+
 def _find() -> dict[str, Effect]:
-    found = {}
-    for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
-        effect = getattr(importlib.import_module(f"{_PACKAGE}.{module.name}"), "EFFECT", None)
-        if effect is not None:
-            if effect.id != module.name:
-                raise InvalidParameter(f"effect {effect.id!r} must stand in the file {effect.id}.py")
-            found[effect.id] = effect
+    """Effects by id, in the order of their first ids: rows of laws and ties of a search depend on it."""
+    modules = pkgutil.walk_packages([str(Path(__file__).parent)], f"{_PACKAGE}.")
+    names = [module.name for module in modules if not module.ispkg]
+    effects = [effect for name in names for effect in _effects_of(importlib.import_module(name))]
+    found: dict[str, Effect] = {}
+    for effect in sorted(effects, key=_first_id):
+        if effect.id in found:
+            raise InvalidParameter(f"two effects have the id {effect.id!r}")
+        found[effect.id] = effect
     return found
 
 
 #: The library by id.
 EFFECTS: dict[str, Effect] = _find()
 
+#: Id in files of older versions -> id today. A former id may name another law today (`slip_sinkage`).
+FORMER_IDS: dict[str, str] = {
+    former: name for name, effect in EFFECTS.items() for former in effect.former_ids
+}
+
 _ROWS = {name: row for row, name in enumerate(name for name, e in EFFECTS.items() if e.law is not None)}
 
 
-def _compiled(function: Callable) -> Callable:
+def _compiled(function: F) -> F:
     """Inlined and not cached by itself: the models that it becomes part of are."""
     if numba.config.DISABLE_JIT:
         return function
-    return numba.njit(function, forceinline=True, error_model="numpy", fastmath={"contract"})
+    compiled: F = numba.njit(function, forceinline=True, error_model="numpy", fastmath={"contract"})
+    return compiled
 
 
-def _nothing_two(effects, passed, a, b):
+def _unchanged(effects: FloatArray, passed: Any, a: Any, b: Any) -> Any:
     return passed
 
 
-def _nothing_three(effects, passed, a, b, c):
-    return passed
+def _chained(before: Callable[..., Any], law: Callable[..., Any], row: int) -> Callable[..., Any]:
+    """The laws before, and then this one where its row is active."""
 
-
-def _chain_two(before: Callable, law: Callable, row: int) -> Callable:
-    def chained(effects, passed, a, b):
+    def chained(effects: FloatArray, passed: Any, a: Any, b: Any) -> Any:
         result = before(effects, passed, a, b)
         if effects[row, 0] > 0.5:
             result = law(result, effects[row, 1:], a, b)
@@ -67,22 +100,13 @@ def _chain_two(before: Callable, law: Callable, row: int) -> Callable:
     return _compiled(chained)
 
 
-def _chain_three(before: Callable, law: Callable, row: int) -> Callable:
-    def chained(effects, passed, a, b, c):
-        result = before(effects, passed, a, b, c)
-        if effects[row, 0] > 0.5:
-            result = law(result, effects[row, 1:], a, b, c)
-        return result
-
-    return _compiled(chained)
-
-
-def _composed(hook: str) -> Callable:
-    wheel = hook == "wheel force"
-    laws = _compiled(_nothing_three if wheel else _nothing_two)
+def _composed(hook: str) -> Callable[..., Any]:
+    """All laws of a hook, one after the other."""
+    laws = _compiled(_unchanged)
     for name, row in _ROWS.items():
-        if EFFECTS[name].hook == hook:
-            laws = (_chain_three if wheel else _chain_two)(laws, EFFECTS[name].law, row)
+        law = EFFECTS[name].law
+        if law is not None and EFFECTS[name].hook == hook:
+            laws = _chained(laws, law, row)
     return laws
 
 
@@ -90,16 +114,17 @@ hooks.install(**{name: _composed(hook) for hook, name in _HOOKS.items()})
 
 
 def find_effect(name: str) -> Effect:
-    """The effect of this id.
+    """The effect of this id, or of this former id where no effect has it today.
 
     Raises
     ------
     InvalidParameter
         If there is none.
     """
-    if name not in EFFECTS:
+    known = name if name in EFFECTS else FORMER_IDS.get(name)
+    if known is None:
         raise InvalidParameter(f"no effect {name!r}; known: {', '.join(EFFECTS)}")
-    return EFFECTS[name]
+    return EFFECTS[known]
 
 
 def apply(setup: Setup, effects: Iterable[tuple[str, Values]]) -> Setup:
@@ -114,16 +139,18 @@ def apply(setup: Setup, effects: Iterable[tuple[str, Values]]) -> Setup:
     for name, values in effects:
         effect = find_effect(name)
         _check(effect, setup, values)
-        if values[effect.size.name] == effect.size.off:
-            continue
-        setup = _with_law(setup, effect, values) if effect.law is not None else effect.change(setup, values)
+        size = values[effect.size.name]
+        if size != effect.size.off:
+            setup = _with_law(setup, effect, values) if effect.change is None else effect.change(setup, size)
     return setup
 
 
 def _check(effect: Effect, setup: Setup, values: Values) -> None:
     names = [parameter.name for parameter in effect.parameters]
     if set(values) != set(names):
-        raise InvalidParameter(f"effect {effect.id} takes {', '.join(names)}, got {', '.join(values)}")
+        former = EFFECTS.get(FORMER_IDS.get(effect.id, ""))
+        hint = f" - {former.id} had this id before" if former and former.size.name in values else ""
+        raise InvalidParameter(f"effect {effect.id} takes {', '.join(names)}, got {', '.join(values)}{hint}")
     for parameter in effect.parameters:
         value = values[parameter.name]
         if not parameter.low <= value <= parameter.high:

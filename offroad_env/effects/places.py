@@ -1,4 +1,4 @@
-"""Where along a route an effect may begin: what a finder tries."""
+"""Where along a route an effect may begin: the places that a search tries."""
 
 from __future__ import annotations
 

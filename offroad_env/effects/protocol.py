@@ -1,19 +1,30 @@
-"""What an effect is, and what it may change."""
+"""What an effect is, and what it may change: inputs, sensors, parameters, or the compiled model at a hook."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from offroad_env.errors import InvalidParameter
-from offroad_env.physics.records import Ground, Vehicle
-from offroad_env.physics.sensor_kernels import ImuMount
-from offroad_env.simulator import Plant, plant_model
+from offroad_env.physics.imu import ImuMount
+from offroad_env.physics.records import (
+    AxleContact,
+    AxleForces,
+    AxlePlace,
+    AxleSpring,
+    BodyForces,
+    FloatArray,
+    Ground,
+    Soil,
+    SpringState,
+    Vehicle,
+    WheelMotion,
+)
+from offroad_env.simulation.simulator import Plant, plant_model
 
-__all__ = ["Effect", "Inputs", "Parameter", "SensorErrors", "Setup", "Values", "rotated"]
+__all__ = ["Change", "Effect", "Inputs", "Parameter", "SensorErrors", "Setup", "Values", "rotated"]
 
 #: Parameter name -> value.
 Values = Mapping[str, float]
@@ -24,7 +35,7 @@ HOOKS = ("actuator", "sensor", "parameter", "soil state", "wheel force", "suspen
 
 @dataclass(frozen=True, kw_only=True)
 class Inputs:
-    """What becomes of a command on its way to the vehicle; the defaults change nothing."""
+    """Delays, scales and offsets of a command on its way to the vehicle; the defaults change nothing."""
 
     delay: float = 0.0  #: of all inputs against the sensors' clock [s]
     steer_delay: float = 0.0  #: of the steering alone [s]
@@ -36,13 +47,13 @@ class Inputs:
 
 @dataclass(frozen=True, kw_only=True)
 class SensorErrors:
-    """What a sensor adds to what it should read; the defaults change nothing."""
+    """What a sensor adds to the quantity that it measures; the defaults change nothing."""
 
     offset: tuple[float, ...] = (0.0,) * 5  #: of a_x, a_y, a_z [m/s^2], pitch_rate, yaw_rate [rad/s]
     accel_scale: float = 1.0  #: of the three accelerometers [-]
-    lean: float = 0.0  #: share of itself that a_y reads too much, since the body leans out of the turn [-]
+    lean: float = 0.0  #: share by which a_y reads too much, since the body leans out of the turn [-]
     wheel_scale: float = 1.0  #: of the wheel speeds [-]
-    wheel_split: float = 0.0  #: what the front wheel speeds have more of it, and the rear ones less [-]
+    wheel_split: float = 0.0  #: added to the scale of the front wheel speeds, taken from the rear ones' [-]
     wheel_delay: float = 0.0  #: age of the wheel speeds [s]
     pose_delay: float = 0.0  #: age of position, heading, speed over ground and course [s]
     antenna: float = 0.0  #: where position, speed and course are measured, ahead of the centre [m]
@@ -91,31 +102,50 @@ def rotated(mount: ImuMount, roll: float, pitch: float) -> ImuMount:
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """One number of an effect."""
+    """One number of an effect: its size, or a place or direction."""
 
     name: str
     unit: str
     off: float = 0.0  #: the value that means "not there"; meaningless for a place or direction
-    low: float = -np.inf  #: smallest value that the model bears
+    low: float = -np.inf  #: smallest value at which the model can be computed
     high: float = np.inf  #: largest
+
+
+#: Acts on a setup, with the size of the effect: its inputs, sensors or parameters.
+Change = Callable[[Setup, float], Setup]
+
+#: Laws at the hooks of `offroad_env.physics.hooks`: the quantity that the hook passes on, the row of the
+#: effect's parameters with the size first, and the further arguments of the hook.
+SoilLaw = Callable[[Soil, FloatArray, WheelMotion, AxlePlace], Soil]
+WheelLaw = Callable[[AxleForces, FloatArray, WheelMotion, AxleContact], AxleForces]
+LoadLaw = Callable[[float, FloatArray, SpringState, AxleSpring], float]
+BodyLaw = Callable[[BodyForces, FloatArray, FloatArray, Vehicle], BodyForces]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """One way in which the model may be wrong.
+    """One way in which the model may be wrong; one id names one law.
 
     Either ``change`` acts on the setup (inputs, sensors, parameters of the records), or ``law`` is a
     compiled function at one of the model's hooks: soil state, wheel force, suspension or body force.
-    ``law`` takes (what the hook passes on, row of parameters, ...); the row holds the size first.
+
+    Raises
+    ------
+    InvalidParameter
+        If the fields contradict each other, or the source is missing.
     """
 
     id: str
+    former_ids: tuple[str, ...] = ()  #: earlier ids, the first one first; files of older versions have them
     family: str  #: one of `FAMILIES`
     hook: str  #: one of `HOOKS`
     size: Parameter  #: how large it is; at ``size.off`` the effect is not composed at all
     others: tuple[Parameter, ...] = ()  #: where or in which direction: not sizes, at most two
     plausible: Callable[[Vehicle], float]  #: largest believable departure from ``off``, in the size's unit
     sentence: str  #: what it is, with {size} for the number and its unit
+    #: Where the law comes from: the literature, "definition: ..." for a shift of a stated number, or
+    #: "assumption of this project: ..." for a form of our own.
+    source: str
     needs: tuple[tuple[str, ...], ...] = ()  #: for each entry the log must hold one of its channels
     look_alikes: tuple[str, ...] = ()  #: effects that a log can hardly tell from this one
     separated_by: str = ""  #: the experiment that can
@@ -123,9 +153,9 @@ class Effect:
     soil_only: bool = False  #: means nothing on hard ground
     hard_only: bool = False  #: means nothing on soil
     sensors_only: bool = False  #: changes sensors alone: the vehicle's motion stays
-    searched: bool = True  #: a cause that a finder may name; else only a probe
-    change: Callable[[Setup, Values], Setup] | None = None
-    law: Callable[..., Any] | None = None
+    searched: bool = True  #: a cause that a diagnosis may name; else a probe or a nuisance parameter
+    change: Change | None = None
+    law: SoilLaw | WheelLaw | LoadLaw | BodyLaw | None = None
     places: Callable[[np.ndarray], list[dict[str, float]]] | None = None  #: values of ``others`` for a route
 
     def __post_init__(self) -> None:
@@ -133,8 +163,14 @@ class Effect:
             raise InvalidParameter(f"effect {self.id}: unknown family {self.family!r} or hook {self.hook!r}")
         if (self.change is None) == (self.law is None):
             raise InvalidParameter(f"effect {self.id}: needs either a change or a law")
+        if self.others and self.law is None:
+            raise InvalidParameter(f"effect {self.id}: a change has a size alone; places need a law")
         if bool(self.others) != (self.places is not None) or len(self.others) > 2:
             raise InvalidParameter(f"effect {self.id}: up to two other parameters, with their places")
+        if not self.source.strip():
+            raise InvalidParameter(
+                f"effect {self.id}: needs a source: the literature, a definition or an assumption"
+            )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -1,8 +1,8 @@
-"""What a wheel rig adds to a setup: its own measurement errors."""
+"""Setup of a wheel rig: a wheel, its soil, and the measurement errors of the gauges."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from offroad_env.effects.protocol import Setup
 
@@ -11,7 +11,7 @@ __all__ = ["RigErrors", "RigSetup"]
 
 @dataclass(frozen=True, kw_only=True)
 class RigErrors:
-    """What a rig's gauges add to what they should read; the defaults change nothing."""
+    """What a rig's gauges add to the quantities that they measure; the defaults change nothing."""
 
     sinkage: float = 0.0  #: zero of the sinkage gauge [m]
     drawbar: float = 0.0  #: force along the wheel that is not the soil's [N]
@@ -29,7 +29,3 @@ class RigSetup(Setup):
     def model(self) -> str:
         """ "rig", whichever preset's wheel it is."""
         return "rig"
-
-    def with_rig(self, **changes: float) -> RigSetup:
-        """The same with other measurement errors."""
-        return replace(self, rig=replace(self.rig, **changes))

@@ -14,7 +14,7 @@ import os
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numba
 
@@ -22,7 +22,7 @@ from offroad_env.physics._staged import Kernel
 
 __all__ = ["cache_folder", "inline_kernel", "kernel", "merged_kernel"]
 
-F = TypeVar("F", bound=Callable)
+F = TypeVar("F", bound=Callable[..., Any])
 
 _ROOT = Path(__file__).resolve().parents[2]
 _PACKAGES = ("offroad_env", "estimators", "agents")
@@ -38,19 +38,29 @@ def _source(module: str) -> Path | None:
     return next((file for file in (stem.with_suffix(".py"), stem / "__init__.py") if file.is_file()), None)
 
 
+def _text(module: str) -> bytes:
+    """Source of one of our modules."""
+    file = _source(module)
+    if file is None:
+        raise ModuleNotFoundError(f"{module} is no module of {', '.join(_PACKAGES)}")
+    return file.read_bytes()
+
+
 @cache
 def _imports(module: str) -> frozenset[str]:
     """Our modules whose code ``module`` may call: imported at its top level, or named in `LATE`."""
     found: set[str] = set()
-    for node in ast.parse(_source(module).read_bytes()).body:
+    for node in ast.parse(_text(module)).body:
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
             found.update((node.module, *(f"{node.module}.{alias.name}" for alias in node.names)))
         elif isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == LATE:
             for package in ast.literal_eval(node.value):
-                folder = _source(package).parent
-                found.update((package, *(f"{package}.{file.stem}" for file in folder.glob("*.py"))))
+                files = _ROOT.joinpath(*package.split(".")).rglob("*.py")
+                found.update(
+                    (package, *(".".join(f.relative_to(_ROOT).with_suffix("").parts) for f in files))
+                )
     return frozenset(name for name in found if _source(name))
 
 
@@ -64,7 +74,7 @@ def _digest(module: str) -> str:
     text = hashlib.sha256(numba.__version__.encode())
     for name in sorted(reached):
         text.update(name.encode())
-        text.update(_source(name).read_bytes())
+        text.update(_text(name))
     return text.hexdigest()[:16]
 
 
@@ -77,11 +87,11 @@ def cache_folder(module: str) -> Path:
     base = os.environ.get("OFFROAD_CACHE") or os.path.join(
         os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "offroad-bekker"
     )
-    ours = module if _source(module) else "offroad_env.physics.full_model"
+    ours = module if _source(module) else "offroad_env.physics.full_vehicle"
     return Path(base) / "kernels" / _digest(ours)
 
 
-def _compile(function: F, **options) -> F:
+def _compile(function: F, **options: Any) -> F:
     if numba.config.DISABLE_JIT:
         return function
     options |= {"nopython": True, "error_model": "numpy", "nogil": True, "fastmath": {"contract"}}

@@ -10,7 +10,7 @@ Python calls, each as a whole.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numba.core.caching
@@ -23,14 +23,23 @@ import numba.core.typed_passes
 from numba import types
 from numba.core.compiler_machinery import register_pass
 
-__all__ = ["Kernel"]
+__all__ = ["Kernel", "hands_on"]
+
+
+#: Functions known to the compiler that return no other arrays than they were given.
+_HANDING_ON: set[Callable[..., Any]] = set()
+
+
+def hands_on(function: Callable[..., Any]) -> None:
+    """State that a function which numba compiles by itself returns no arrays but those it was given."""
+    _HANDING_ON.add(function)
 
 
 #: In the metadata of a translation: whether it counts references to arrays.
 _COUNTS = "counts_references"
 
 
-class _Translation(numba.core.codegen.JITCodeLibrary):
+class _Translation(numba.core.codegen.JITCodeLibrary):  # type: ignore[misc]  # numba has no types
     """Code that waits for a caller: linked with what it calls, neither optimised nor made machine code."""
 
     def _optimize_final_module(self) -> None:
@@ -50,7 +59,7 @@ class _Translation(numba.core.codegen.JITCodeLibrary):
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
-class _Translate(numba.core.typed_passes.NativeLowering):
+class _Translate(numba.core.typed_passes.NativeLowering):  # type: ignore[misc]  # likewise
     """Lowering into a `_Translation`."""
 
     _name = "translate"
@@ -102,10 +111,13 @@ def _is_borrowed(step: Any, signature: Any, typemap: dict[str, types.Type]) -> b
     if isinstance(called, types.Dispatcher):
         return not called.dispatcher.overloads[signature.args].metadata[_COUNTS]
     if isinstance(called, types.BoundFunction):
-        return called.template.key == "array.reshape"
+        return bool(called.template.key == "array.reshape")
     # A record of arrays, or an intrinsic: those of this project give room in the caller's own frame.
-    return isinstance(called, types.NamedTupleClass) or isinstance(
-        getattr(called, "typing_key", None), numba.core.extending._Intrinsic
+    key = getattr(called, "typing_key", None)
+    return (
+        isinstance(called, types.NamedTupleClass)
+        or isinstance(key, numba.core.extending._Intrinsic)
+        or key in _HANDING_ON
     )
 
 
@@ -119,10 +131,10 @@ class _Entry:
     """By this a caller finds the code; nobody can call it."""
 
 
-class _Compiler(numba.core.compiler.CompilerBase):
+class _Compiler(numba.core.compiler.CompilerBase):  # type: ignore[misc]  # likewise
     """Numba's own stages but for the last."""
 
-    def define_pipelines(self) -> list:
+    def define_pipelines(self) -> list[Any]:
         pm = numba.core.compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
         pm.passes = [
             (_Translate, text) if step is numba.core.typed_passes.NativeLowering else (step, text)
@@ -132,30 +144,42 @@ class _Compiler(numba.core.compiler.CompilerBase):
         return [pm]
 
 
-class _CacheImpl(numba.core.caching.CompileResultCacheImpl):
+class _Stored(NamedTuple):
+    """A translation as it lies on disk."""
+
+    name: str
+    bitcode: bytes
+    fndesc: Any
+    environment: Any
+    signature: Any
+    counts: bool
+
+
+class _CacheImpl(numba.core.caching.CompileResultCacheImpl):  # type: ignore[misc]  # likewise
     """A translation on disk: types and bitcode."""
 
     def get_filename_base(self, fullname: str, abiflags: str) -> str:
-        return "inner-" + super().get_filename_base(fullname, abiflags)
+        return f"inner-{super().get_filename_base(fullname, abiflags)}"
 
-    def reduce(self, cres: Any) -> tuple:
+    def reduce(self, cres: Any) -> _Stored:
         cres.fndesc.typemap = cres.fndesc.calltypes = None
         library = cres.library
         bitcode = library._get_module_for_linking().as_bitcode()
-        return library.name, bitcode, cres.fndesc, cres.environment, cres.signature, cres.metadata[_COUNTS]
+        counts = cres.metadata[_COUNTS]
+        return _Stored(library.name, bitcode, cres.fndesc, cres.environment, cres.signature, counts)
 
-    def rebuild(self, target_context: Any, payload: tuple) -> Any:
-        name, bitcode, fndesc, environment, signature, counts = payload
-        library, entry = _Translation.of_bitcode(target_context.codegen(), name, bitcode), _Entry()
+    def rebuild(self, target_context: Any, payload: _Stored) -> Any:
+        codegen, entry = target_context.codegen(), _Entry()
+        library = _Translation.of_bitcode(codegen, payload.name, payload.bitcode)
         return numba.core.compiler.compile_result(
             typing_context=target_context.typing_context,
             target_context=target_context,
             library=library,
-            environment=environment,
+            environment=payload.environment,
             entry_point=entry,
-            fndesc=fndesc,
-            signature=signature,
-            metadata={_COUNTS: counts},
+            fndesc=payload.fndesc,
+            signature=payload.signature,
+            metadata={_COUNTS: payload.counts},
             objectmode=False,
             lifted=(),
             reload_init=[],
@@ -163,11 +187,11 @@ class _CacheImpl(numba.core.caching.CompileResultCacheImpl):
         )
 
 
-class _Cache(numba.core.caching.FunctionCache):
+class _Cache(numba.core.caching.FunctionCache):  # type: ignore[misc]  # likewise
     _impl_class = _CacheImpl
 
 
-class _Inner(numba.core.registry.CPUDispatcher):
+class _Inner(numba.core.registry.CPUDispatcher):  # type: ignore[misc]  # likewise
     """The edition for callers that are kernels."""
 
     def add_overload(self, cres: Any) -> None:
@@ -177,10 +201,12 @@ class _Inner(numba.core.registry.CPUDispatcher):
         self._cache = _Cache(self.py_func)
 
 
-class Kernel(numba.core.registry.CPUDispatcher):
+class Kernel(numba.core.registry.CPUDispatcher):  # type: ignore[misc]  # likewise
     """The edition for Python; a kernel that calls it finds the other one."""
 
-    def __init__(self, py_func: Callable, locals: dict, targetoptions: dict[str, Any]) -> None:
+    def __init__(
+        self, py_func: Callable[..., Any], locals: dict[str, Any], targetoptions: dict[str, Any]
+    ) -> None:
         super().__init__(py_func, locals, targetoptions)
         self._folder: str | None = None
         self._inner: _Inner | None = None

@@ -12,16 +12,24 @@ import numpy as np
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.contact import NO_ROOT, SUNK
-from offroad_env.physics.full_model import WORK_ROWS, full_continue, full_derivative
+from offroad_env.physics.full_vehicle import WORK_ROWS, full_continue, full_derivative
 from offroad_env.physics.numerics import all_finite, copy_into
 from offroad_env.physics.packing import PackedPlant, unpack
-from offroad_env.physics.paper_model import paper_derivative, paper_step
+from offroad_env.physics.paper_vehicle import paper_derivative, paper_step
+from offroad_env.physics.records import FloatArray
 
 __all__ = ["full_rows", "paper_rows"]
 
 
 @kernel
-def full_rows(fleet, start, commands, timing, rows, found):
+def full_rows(
+    fleet: PackedPlant,
+    start: tuple[FloatArray, FloatArray],
+    commands: FloatArray,
+    timing: tuple[float, int],
+    rows: tuple[int, int],
+    found: tuple[FloatArray, FloatArray, FloatArray],
+) -> None:
     """Full model: rows ``first`` ... ``last - 1`` of a fleet under held commands.
 
     Parameters
@@ -60,7 +68,14 @@ def full_rows(fleet, start, commands, timing, rows, found):
 
 
 @kernel
-def paper_rows(fleet, start, inputs, dt, rows, found):
+def paper_rows(
+    fleet: PackedPlant,
+    start: tuple[FloatArray, FloatArray],
+    inputs: FloatArray,
+    dt: float,
+    rows: tuple[int, int],
+    found: tuple[FloatArray, FloatArray, FloatArray],
+) -> None:
     """`full_rows` for the paper's model: ``inputs`` (N or 1, 2 T + 1, 3) at every half step of ``dt`` [s]."""
     states, warms = start
     kept, readings, outcome = found

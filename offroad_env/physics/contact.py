@@ -8,12 +8,26 @@ wheel, which relieves the spring). V grows with h and the right side falls, so t
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from offroad_env.physics._jit import inline_kernel, kernel
+from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
+from offroad_env.physics.hard_ground import hard_ground_forces
 from offroad_env.physics.numerics import fast_exp, fast_log
-from offroad_env.physics.wheel_soil import directed_reaction, rigid_forces, soil_constants, wheel_pattern
+from offroad_env.physics.records import ContactOptions, FloatArray, Soil, Wheel, WheelMotion, WheelReaction
+from offroad_env.physics.soil_constants import soil_constants
+from offroad_env.physics.wheel_soil import directed_reaction, wheel_pattern
 
-__all__ = ["AIRBORNE", "CONTACT", "NO_ROOT", "SUNK", "slope_frame", "solve_contact"]
+__all__ = [
+    "AIRBORNE",
+    "CONTACT",
+    "NO_ROOT",
+    "SUNK",
+    "ContactFrame",
+    "ContactSolution",
+    "Support",
+    "slope_frame",
+    "solve_contact",
+]
 
 # Status of a contact: what the caller should know, worst last.
 CONTACT, AIRBORNE, SUNK, NO_ROOT = 0.0, 1.0, 2.0, 3.0
@@ -26,18 +40,48 @@ _TOLERANCE = 1e-11
 #: gets wrong of the forces is a fraction of it.
 _SAME = 5e-8
 _ITERATIONS = 60
+#: Columns of a warm start.
+_SINKAGE, _EXPONENT, _FORCE = range(3)
+
+
+class ContactFrame(NamedTuple):
+    """Unit vectors of a contact in the wheel's horizontal axes: tangent (l_x, 0, l_z), side c, normal n."""
+
+    l_x: float
+    l_z: float
+    c_x: float
+    c_y: float
+    c_z: float
+    n_x: float
+    n_y: float
+    n_z: float
+
+
+class Support(NamedTuple):
+    """What presses an axle on the ground."""
+
+    N_0: float  #: its load on ground that does not yield [N]
+    k: float  #: how much less it is per sinkage [N/m]
+    wheels: float  #: wheels of the axle [-]
+
+
+class ContactSolution(NamedTuple):
+    """Forces on an axle in the contact's own axes; all wheels together."""
+
+    status: float  #: `CONTACT`, `AIRBORNE`, `SUNK` or `NO_ROOT`
+    F_l: float  #: along the wheel [N]
+    F_c: float  #: across it, to the left [N]
+    F_n: float  #: along the normal [N]
+    torque: float  #: against the wheels' rotation [N m]
+    sinkage: float  #: [m]
 
 
 @inline_kernel
-def slope_frame(g_l, g_c):
-    """Unit vectors of the contact on ground with slopes ``g_l`` (along the wheel) and ``g_c`` (to its left).
-
-    Returns ``(l_x, l_z, c_x, c_y, c_z, n_x, n_y, n_z)``: tangent t_l = (l_x, 0, l_z), side
-    t_c = n x t_l, normal n, all in the wheel's horizontal axes.
-    """
+def slope_frame(g_l: float, g_c: float) -> ContactFrame:
+    """Contact on ground with slopes ``g_l`` (along the wheel) and ``g_c`` (to its left); t_c = n x t_l."""
     q_l = 1.0 / math.sqrt(1.0 + g_l * g_l)
     q = 1.0 / math.sqrt(1.0 + g_l * g_l + g_c * g_c)
-    return (
+    return ContactFrame(
         q_l,
         g_l * q_l,
         -g_c * g_l * q * q_l,
@@ -50,7 +94,7 @@ def slope_frame(g_l, g_c):
 
 
 @inline_kernel
-def _predict(h, exponent, force, N_0, k):
+def _predict(h: float, exponent: float, force: float, N_0: float, k: float) -> float:
     """Root of force (x/h)^exponent = N_0 - k x: the last solution carried to the new load.
 
     One step of Halley's method in ln x, of order 3: half a percent of change leaves 1e-8.
@@ -68,63 +112,93 @@ def _predict(h, exponent, force, N_0, k):
 
 
 @inline_kernel
-def _log_step(h, V, target, exponent, k):
+def _log_step(h: float, V: float, target: float, exponent: float, k: float) -> float:
     """Newton step for ln V(h) = ln target(h), whose left side is close to a straight line in ln h."""
     step = fast_log(target / V) / (exponent + k * h / target)
     return h * fast_exp(min(max(step, -3.0), 3.0))
 
 
-@kernel
-def _rigid_contact(soil, r, motion, v_eps, frame, support):
-    """(F_l, F_c, F_n, T) of an axle on hard ground: every force is proportional to the normal load."""
-    _, l_z, _, _, c_z, _, _, n_z = frame
-    f_x, f_y, t = rigid_forces(soil, r, 1.0, motion, v_eps)
-    F_n = support[0] / (n_z + f_x * l_z + f_y * c_z)
-    return f_x * F_n, f_y * F_n, F_n, t * F_n
+@inline_kernel
+def _next_sinkage(h: float, V: float, target: float, step: float, exponent: float, k: float) -> float:
+    """Sinkage to try next: by ``step``, or by a Newton step in ln h where that is a large one."""
+    if abs(step) > 0.05 * h and V > 0.0 and target > 0.0:
+        return _log_step(h, V, target, exponent, k)
+    return h + step
+
+
+@inline_kernel
+def _beyond(forces: WheelReaction, before: WheelReaction, share: float) -> WheelReaction:
+    """Forces beyond ``forces`` by a ``share`` of their change from ``before``."""
+    return WheelReaction(
+        forces.F_x + share * (forces.F_x - before.F_x),
+        forces.F_y + share * (forces.F_y - before.F_y),
+        forces.F_z + share * (forces.F_z - before.F_z),
+        forces.torque + share * (forces.torque - before.torque),
+    )
+
+
+@inline_kernel
+def _scaled(forces: WheelReaction, factor: float) -> WheelReaction:
+    """``factor`` times the forces."""
+    return WheelReaction(
+        factor * forces.F_x, factor * forces.F_y, factor * forces.F_z, factor * forces.torque
+    )
 
 
 @kernel
-def solve_contact(soil, wheel, motion, frame, support, warm, options):
-    """Forces of an axle: ``(status, F_l, F_c, F_n, torque, sinkage)`` in the contact's own axes.
+def _hard_ground_contact(
+    soil: Soil, r: float, motion: WheelMotion, v_eps: float, frame: ContactFrame, support: Support
+) -> ContactSolution:
+    """An axle on hard ground: every force is proportional to the normal load."""
+    unit = hard_ground_forces(soil, r, 1.0, motion, v_eps)
+    F_n = support.N_0 / (frame.n_z + unit.F_x * frame.l_z + unit.F_y * frame.c_z)
+    return ContactSolution(CONTACT, unit.F_x * F_n, unit.F_y * F_n, F_n, unit.torque * F_n, 0.0)
 
-    Parameters
-    ----------
-    motion : (r omega, v_l, v_c) [m/s]
-    frame : see `slope_frame`
-    support : (N_0 [N], k [N/m], wheels_per_axle)
-    warm : array (3,), the last solution (sinkage, exponent, vertical force); updated
-    options : (v_eps [m/s], resultant 0/1, fine)
 
-    Chord iteration on a remembered exponent: a power law models V(h) so well that one or two force
-    evaluations usually do. The last correction, below the tolerance, is applied to the forces by
-    their secant, or while there is none by the exponent, instead of another evaluation.
-    """
-    N_0, k, wheels = support
-    v_eps, resultant, fine = options
-    _, l_z, _, _, c_z, _, _, n_z = frame
-    if not N_0 > 0.0:
-        warm[0] = 0.0
-        return (AIRBORNE if N_0 <= 0.0 else NO_ROOT), 0.0, 0.0, 0.0, 0.0, 0.0
-    if soil.rigid > 0.5:
-        F_x, F_y, F_z, T = _rigid_contact(soil, wheel.r, motion, v_eps, frame, support)
-        return CONTACT, F_x, F_y, F_z, T, 0.0
-
-    constants = soil_constants(soil, wheel)
-    pattern = wheel_pattern(soil, motion, v_eps)
-    law = (resultant, fine)
-    low, high = 0.0, _DEEPEST * wheel.r
-    h, exponent = warm[0], warm[1]
+@merged_kernel
+def _first_sinkage(soil: Soil, r: float, support: Support, warm: FloatArray) -> tuple[float, float]:
+    """(sinkage [m], local exponent d ln V / d ln h) to begin with."""
+    h, exponent = warm[_SINKAGE], warm[_EXPONENT]
     if h > 0.0:
-        h = _predict(h, exponent, warm[2], N_0, k)
+        h = _predict(h, exponent, warm[_FORCE], support.N_0, support.k)
     else:
-        h, exponent = 0.1 * wheel.r, soil.n + 0.5
-    h = min(h, 0.999 * high)
-    h_old = V_old = 0.0
-    G_x = G_y = G_z = G_t = 0.0
+        # Pressure grows like h^n, the length of the patch like the root of h.
+        h, exponent = 0.1 * r, soil.n + 0.5
+    return min(h, 0.999 * (_DEEPEST * r)), exponent
+
+
+@inline_kernel
+def _measured_exponent(ratio_V: float, ratio_h: float) -> float:
+    """Local exponent d ln V / d ln h of two evaluations, within what any soil has."""
+    return min(max(fast_log(ratio_V) / fast_log(ratio_h), 0.02), 6.0)
+
+
+@merged_kernel
+def _soil_contact(
+    soil: Soil,
+    wheel: Wheel,
+    motion: WheelMotion,
+    frame: ContactFrame,
+    support: Support,
+    warm: FloatArray,
+    options: ContactOptions,
+) -> ContactSolution:
+    """An axle on soil: chord iteration on a remembered exponent.
+
+    A power law models V(h) so well that one or two force evaluations usually do. The last
+    correction, below the tolerance, is applied to the forces by their secant, or while there is none
+    by the exponent, instead of another evaluation.
+    """
+    constants = soil_constants(soil, wheel)
+    pattern = wheel_pattern(soil, motion, options.v_eps)
+    N_0, k, wheels = support
+    low, high = 0.0, _DEEPEST * wheel.r
+    h, exponent = _first_sinkage(soil, wheel.r, support, warm)
+    h_old, V_old, before = 0.0, 0.0, WheelReaction(0.0, 0.0, 0.0, 0.0)
     status = NO_ROOT
     for i in range(_ITERATIONS):
-        F_x, F_y, F_z, T = directed_reaction(constants, h, pattern, law)
-        V = wheels * (F_x * l_z + F_y * c_z + F_z * n_z)
+        forces = directed_reaction(constants, h, pattern, options)
+        V = wheels * (forces.F_x * frame.l_z + forces.F_y * frame.c_z + forces.F_z * frame.n_z)
         target = N_0 - k * h
         if target < V:
             high = h
@@ -135,33 +209,42 @@ def solve_contact(soil, wheel, motion, frame, support, warm, options):
         # A remembered exponent proves nothing about the last step, so that one must itself be small.
         measured = i > 0 and abs(change) > 1e-8 * h and V > 0.0 and V_old > 0.0
         if measured:
-            exponent = min(max(fast_log(V / V_old) / fast_log(h / h_old), 0.02), 6.0)
+            exponent = _measured_exponent(V / V_old, h / h_old)
         step = (target - V) / (exponent * abs(V) / h + k)
         if measured and abs(step) * abs(change) <= _TOLERANCE * h * h and abs(step) <= 1e-4 * h:
-            status = CONTACT
-            share = step / change
-            F_x += share * (F_x - G_x)
-            F_y += share * (F_y - G_y)
-            F_z += share * (F_z - G_z)
-            T += share * (T - G_t)
+            status, forces = CONTACT, _beyond(forces, before, step / change)
             h += step
             break
         if abs(step) <= (_SAME if i == 0 else _TOLERANCE) * h:
-            status = CONTACT
-            growth = 1.0 + exponent * step / h
-            F_x, F_y, F_z, T = growth * F_x, growth * F_y, growth * F_z, growth * T
+            status, forces = CONTACT, _scaled(forces, 1.0 + exponent * step / h)
             h += step
             break
         if high - low <= 1e-13 * high:
             status = SUNK if h > 0.9 * _DEEPEST * wheel.r else CONTACT
             break
-        h_old, V_old = h, V
-        G_x, G_y, G_z, G_t = F_x, F_y, F_z, T
-        if abs(step) > 0.05 * h and V > 0.0 and target > 0.0:
-            h = _log_step(h, V, target, exponent, k)
-        else:
-            h += step
+        h_old, V_old, before = h, V, forces
+        h = _next_sinkage(h, V, target, step, exponent, k)
         if not low < h < high:
             h = 0.5 * (low + high)
-    warm[0], warm[1], warm[2] = h, exponent, N_0 - k * h
-    return status, wheels * F_x, wheels * F_y, wheels * F_z, wheels * T, h
+    warm[_SINKAGE], warm[_EXPONENT], warm[_FORCE] = h, exponent, N_0 - k * h
+    forces = _scaled(forces, wheels)
+    return ContactSolution(status, forces.F_x, forces.F_y, forces.F_z, forces.torque, h)
+
+
+@kernel
+def solve_contact(
+    soil: Soil,
+    wheel: Wheel,
+    motion: WheelMotion,
+    frame: ContactFrame,
+    support: Support,
+    warm: FloatArray,
+    options: ContactOptions,
+) -> ContactSolution:
+    """Sinkage and forces of an axle; ``warm`` (3,) is its last solution, see `state`, and is updated."""
+    if not support.N_0 > 0.0:
+        warm[_SINKAGE] = 0.0
+        return ContactSolution(AIRBORNE if support.N_0 <= 0.0 else NO_ROOT, 0.0, 0.0, 0.0, 0.0, 0.0)
+    if soil.rigid > 0.5:
+        return _hard_ground_contact(soil, wheel.r, motion, options.v_eps, frame, support)
+    return _soil_contact(soil, wheel, motion, frame, support, warm, options)

@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.numerics import LANES, lane_rows, lane_sum, sin_cos, smooth_step
+from offroad_env.physics.records import FloatArray, Ground, SoilMap
 
-__all__ = ["ground_height", "ground_heights", "ground_readings", "sinkage_exponent"]
+__all__ = ["GroundShape", "ground_height", "ground_heights", "ground_readings", "sinkage_exponent"]
+
+
+class GroundShape(NamedTuple):
+    """The undeformed ground at a point."""
+
+    H: float  #: height [m]
+    H_X: float  #: slope dH/dX [-]
+    H_Y: float  #: slope dH/dY [-]
+    H_XX: float  #: curvature d2H/dX2 [1/m]
+    H_XY: float  #: mixed derivative [1/m]
+    H_YY: float  #: curvature d2H/dY2 [1/m]
 
 
 @kernel
-def _wave_sums(waves, X, Y):
+def _wave_sums(waves: FloatArray, X: float, Y: float) -> GroundShape:
     """Height, gradient and Hessian of all waves at (X, Y).
 
     Blocks of waves side by side, each lane with its own sums: straight vector code, and the same
@@ -35,7 +48,7 @@ def _wave_sums(waves, X, Y):
             rows[3, i] -= s * p * p
             rows[4, i] -= s * p * q
             rows[5, i] -= s * q * q
-    return (
+    return GroundShape(
         lane_sum(rows[0]),
         lane_sum(rows[1]),
         lane_sum(rows[2]),
@@ -46,33 +59,23 @@ def _wave_sums(waves, X, Y):
 
 
 @kernel
-def ground_readings(ground, X, Y):
-    """Height, gradient and Hessian of the undeformed ground, all exact.
-
-    Parameters
-    ----------
-    ground : records.Ground
-    X, Y : position [m]
-
-    Returns
-    -------
-    (H, H_X, H_Y, H_XX, H_XY, H_YY): height [m], slopes [-], curvatures [1/m].
-    """
+def ground_readings(ground: Ground, X: float, Y: float) -> GroundShape:
+    """Height, gradient and Hessian of the undeformed ground at (X, Y) [m], all exact."""
     H = H_X = H_Y = H_XX = H_XY = H_YY = 0.0
     if ground.waves.shape[0] > 0:
         H, H_X, H_Y, H_XX, H_XY, H_YY = _wave_sums(ground.waves, X, Y)
     plane = ground.H_0 + ground.S_x * X + ground.S_y * Y
-    return H + plane, H_X + ground.S_x, H_Y + ground.S_y, H_XX, H_XY, H_YY
+    return GroundShape(H + plane, H_X + ground.S_x, H_Y + ground.S_y, H_XX, H_XY, H_YY)
 
 
 @kernel
-def ground_height(ground, X, Y):
+def ground_height(ground: Ground, X: float, Y: float) -> float:
     """Height of the undeformed ground H(X, Y) [m]."""
-    return ground_readings(ground, X, Y)[0]
+    return ground_readings(ground, X, Y).H
 
 
 @kernel
-def sinkage_exponent(soil_map, n_base, X, Y):
+def sinkage_exponent(soil_map: SoilMap, n_base: float, X: float, Y: float) -> float:
     """Sinkage exponent n at (X, Y) [-]: the base soil's outside every patch.
 
     Across the edge of a patch, from ``radius - edge/2`` to ``radius + edge/2`` from its centre, n
@@ -90,7 +93,7 @@ def sinkage_exponent(soil_map, n_base, X, Y):
 
 
 @kernel
-def ground_heights(ground, X, Y, out):
+def ground_heights(ground: Ground, X: FloatArray, Y: FloatArray, out: FloatArray) -> None:
     """``ground_height`` at every point of the flat arrays ``X, Y`` [m] into ``out`` [m]."""
     for i in range(out.shape[0]):
         out[i] = ground_height(ground, X[i], Y[i])

@@ -12,6 +12,18 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from offroad_env.physics._jit import inline_kernel
+from offroad_env.physics.records import (
+    AxleContact,
+    AxleForces,
+    AxlePlace,
+    AxleSpring,
+    BodyForces,
+    FloatArray,
+    Soil,
+    SpringState,
+    Vehicle,
+    WheelMotion,
+)
 
 __all__ = ["ROW", "change_body_forces", "change_load", "change_soil", "change_wheel_forces", "install"]
 
@@ -21,49 +33,55 @@ LATE_IMPORTS = ("offroad_env.effects",)
 #: Numbers in a row: whether it acts, and its parameters.
 ROW = 4
 
-_soil_laws: Callable | None = None
-_wheel_laws: Callable | None = None
-_load_laws: Callable | None = None
-_body_laws: Callable | None = None
+_soil_laws: Callable[..., Soil]
+_wheel_laws: Callable[..., AxleForces]
+_load_laws: Callable[..., float]
+_body_laws: Callable[..., BodyForces]
 
 
-def install(*, soil: Callable, wheel: Callable, load: Callable, body: Callable) -> None:
+def install(
+    *,
+    soil: Callable[..., Soil],
+    wheel: Callable[..., AxleForces],
+    load: Callable[..., float],
+    body: Callable[..., BodyForces],
+) -> None:
     """Set what the hooks call where a plant has effects; once, before anything with effects runs."""
     global _soil_laws, _wheel_laws, _load_laws, _body_laws
     _soil_laws, _wheel_laws, _load_laws, _body_laws = soil, wheel, load, body
 
 
 @inline_kernel
-def change_soil(effects, soil, motion, where):
-    """The soil under an axle; ``motion`` = (r omega, v_l, v_c) [m/s], ``where`` = (x, y, arm, v_eps)."""
+def change_soil(effects: FloatArray | None, soil: Soil, motion: WheelMotion, place: AxlePlace) -> Soil:
+    """The soil under an axle."""
     if effects is None:
         return soil
-    return _soil_laws(effects, soil, motion, where)
+    return _soil_laws(effects, soil, motion, place)
 
 
 @inline_kernel
-def change_wheel_forces(effects, forces, motion, contact, vehicle):
-    """(F_x, F_y, torque) of an axle in the contact's axes; ``contact`` = (F_n, sinkage, arm, v_eps)."""
+def change_wheel_forces(
+    effects: FloatArray | None, forces: AxleForces, motion: WheelMotion, contact: AxleContact
+) -> AxleForces:
+    """Forces of the soil on an axle, in the contact's axes."""
     if effects is None:
         return forces
-    return _wheel_laws(effects, forces, motion, contact, vehicle)
+    return _wheel_laws(effects, forces, motion, contact)
 
 
 @inline_kernel
-def change_load(effects, N_0, spring, axle):
-    """Load of an axle on ground that does not yield [N].
-
-    ``spring`` = (height [m], its rate [m/s]) of the axle over the ground, from static equilibrium;
-    ``axle`` = (static load [N], k, c).
-    """
+def change_load(effects: FloatArray | None, N_0: float, state: SpringState, spring: AxleSpring) -> float:
+    """Load of an axle on ground that does not yield [N]."""
     if effects is None:
         return N_0
-    return _load_laws(effects, N_0, spring, axle)
+    return _load_laws(effects, N_0, state, spring)
 
 
 @inline_kernel
-def change_body_forces(effects, forces, x, vehicle):
-    """(forward force [N], left force [N], yaw moment [N m]) on the vehicle in heading axes."""
+def change_body_forces(
+    effects: FloatArray | None, forces: BodyForces, x: FloatArray, vehicle: Vehicle
+) -> BodyForces:
+    """Horizontal forces on the vehicle in heading axes; ``x`` is the state of the vehicle."""
     if effects is None:
         return forces
     return _body_laws(effects, forces, x, vehicle)

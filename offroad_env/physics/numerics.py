@@ -6,12 +6,10 @@ import math
 
 import numba
 import numpy as np
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
-from numba.np.arrayobj import populate_array
 
+from offroad_env.physics._intrinsics import LANES, ROWS, bits_of_float, float_of_bits, stacked_rows
 from offroad_env.physics._jit import inline_kernel, kernel
+from offroad_env.physics.records import FloatArray
 
 __all__ = [
     "AIR_DENSITY",
@@ -32,18 +30,12 @@ __all__ = [
 GRAVITY = 9.80665  #: standard gravity [m/s^2]
 AIR_DENSITY = 1.225  #: air density at sea level, 15 degrees Celsius [kg/m^3]
 
-#: Loops over nodes and waves run in blocks of this many: a fixed count becomes vector instructions
-#: without a remainder, on any register width up to 512 bits.
-LANES = 8
-_ROWS = 8
-
-
 #: 1.5 * 2^52: adding it leaves the nearest integer in the low bits; adding and subtracting it rounds.
 _ROUNDER = 6755399441055744.0
 
 
 @kernel
-def smooth_clamp(x, low, high, width):
+def smooth_clamp(x: float, low: float, high: float, width: float) -> float:
     """``x`` held between ``low`` and ``high``: the identity further than ``width`` inside, C2 everywhere."""
     if x > high - width:
         return high - width + width * math.tanh((x - high + width) / width)
@@ -53,7 +45,7 @@ def smooth_clamp(x, low, high, width):
 
 
 @kernel
-def smooth_step(x):
+def smooth_step(x: float) -> float:
     """C2 step from 0 (x <= 0) to 1 (x >= 1): 6 x^5 - 15 x^4 + 10 x^3."""
     if x <= 0.0:
         return 0.0
@@ -76,7 +68,7 @@ _C1, _C2, _C3, _C4, _C5, _C6, _C7 = (
 
 
 @inline_kernel
-def all_finite(x):
+def all_finite(x: FloatArray) -> bool:
     """Whether every number of ``x`` is finite; ``np.isfinite(x).all()`` without its array."""
     total = 0.0
     for i in range(x.shape[0]):
@@ -85,14 +77,14 @@ def all_finite(x):
 
 
 @inline_kernel
-def copy_into(target, source):
+def copy_into(target: FloatArray, source: FloatArray) -> None:
     """``target[:] = source`` for (N,) arrays: without a check of shapes, which takes seconds to compile."""
     for i in range(target.shape[0]):
         target[i] = source[i]
 
 
 @inline_kernel
-def half_angle(d):
+def half_angle(d: float) -> tuple[float, float]:
     """``(sin d, 1 - cos d)`` for ``|d| <= 2.6`` rad, to 2e-14 relative, without cancellation at small d.
 
     Polynomials for sin(d/2) and cos(d/2): straight-line code that a compiler can vectorise,
@@ -105,26 +97,6 @@ def half_angle(d):
     c = _C1 + q * (_C2 + q * (_C3 + q * (_C4 + q * (_C5 + q * (_C6 + q * _C7)))))
     twice = s + s
     return twice + twice * q * c, twice * s
-
-
-@intrinsic
-def _bits(_context, _x):
-    """The 64 bits of a float as an int."""
-
-    def generate(context, builder, _signature, arguments):
-        return builder.bitcast(arguments[0], context.get_value_type(types.int64))
-
-    return types.int64(types.float64), generate
-
-
-@intrinsic
-def _float(_context, _i):
-    """The float that these 64 bits are."""
-
-    def generate(context, builder, _signature, arguments):
-        return builder.bitcast(arguments[0], context.get_value_type(types.float64))
-
-    return types.float64(types.int64), generate
 
 
 # ln 2 in two parts, the first exact in 33 bits (W. J. Cody & W. Waite, 1980).
@@ -142,21 +114,24 @@ _L1, _L2, _L3, _L4, _L5, _L6 = (
 )  # fmt: skip
 
 
-def _straight_exp(x):
+def _straight_exp(x: float) -> float:
+    """exp(x): two to the nearest whole power, times a polynomial of the rest."""
     t = x * _PER_LN2 + _ROUNDER
     k = t - _ROUNDER
     r = (x - k * _LN2_HIGH) - k * _LN2_LOW
     p = _E7 + r * (_E8 + r * (_E9 + r * _E10))
     p = _E2 + r * (_E3 + r * (_E4 + r * (_E5 + r * (_E6 + r * p))))
     p = 1.0 + (r + r * r * p)
-    return p * _float((_bits(t) << 52) + 0x3FF0000000000000)
+    power: float = float_of_bits((bits_of_float(t) << 52) + 0x3FF0000000000000)
+    return p * power
 
 
-def _straight_log(x):
-    bits = _bits(x)
+def _straight_log(x: float) -> float:
+    """ln(x): exponent and mantissa apart, the mantissa by its artanh series."""
+    bits = bits_of_float(x)
     exponent = (bits - 0x3FE6A09E667F3BCD) >> 52
-    k = _float(exponent + 0x4338000000000000) - _ROUNDER
-    m = _float(bits - (exponent << 52))
+    k: float = float_of_bits(exponent + 0x4338000000000000) - _ROUNDER
+    m: float = float_of_bits(bits - (exponent << 52))
     z = (m - 1.0) / (m + 1.0)
     q = z * z
     p = _L1 + q * (_L2 + q * (_L3 + q * (_L4 + q * (_L5 + q * _L6))))
@@ -190,7 +165,7 @@ _COSINE = (
 
 
 @inline_kernel
-def sin_cos(x):
+def sin_cos(x: float) -> tuple[float, float]:
     """``(sin x, cos x)`` for ``|x| <= 1e5`` rad, within 1e-15.
 
     Straight-line code without a table, a branch or a call, so that a loop over an array becomes
@@ -209,39 +184,17 @@ def sin_cos(x):
     return sign * s, sign * c
 
 
-@intrinsic
-def _stacked_rows(_context):
-    """`lane_rows` in the caller's own frame."""
-    kind = types.Array(types.float64, 2, "C")
-
-    def generate(context, builder, _signature, _arguments):
-        room = cgutils.alloca_once(builder, context.get_value_type(types.float64), size=LANES * _ROWS)
-        room.align = 64
-        rows = context.make_array(kind)(context, builder)
-        shape, strides = ((_ROWS, LANES), (8 * LANES, 8))
-        populate_array(
-            rows,
-            data=room,
-            shape=[context.get_constant(types.intp, count) for count in shape],
-            strides=[context.get_constant(types.intp, count) for count in strides],
-            itemsize=context.get_constant(types.intp, 8),
-            meminfo=None,
-        )
-        return rows._getvalue()
-
-    return kind(), generate
-
-
-def _plain_rows():
-    return np.empty((_ROWS, LANES))
+def _plain_rows() -> FloatArray:
+    return np.empty((ROWS, LANES))
 
 
 # (8, LANES) of scratch that costs nothing: on the stack, where an array of numpy's is an allocation.
 # It lives as long as the kernel that asks for it.
-lane_rows = _plain_rows if numba.config.DISABLE_JIT else _stacked_rows
+lane_rows = _plain_rows if numba.config.DISABLE_JIT else stacked_rows
 
 
 @inline_kernel
-def lane_sum(row):
+def lane_sum(row: FloatArray) -> float:
     """Sum of LANES numbers, pairwise: a short chain, and the same on every machine."""
-    return ((row[0] + row[4]) + (row[2] + row[6])) + ((row[1] + row[5]) + (row[3] + row[7]))
+    total: float = ((row[0] + row[4]) + (row[2] + row[6])) + ((row[1] + row[5]) + (row[3] + row[7]))
+    return total

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from offroad_env.physics.records import FloatArray
+
 __all__ = ["COARSE", "FINE", "WHOLE", "Rule"]
 
 
@@ -22,7 +24,7 @@ class Rule:
 
     def __init__(self, nodes: int, p: int) -> None:
         x, w = np.polynomial.legendre.leggauss(nodes)
-        self.table = np.stack([0.5 * (x + 1.0), 0.5 * w])
+        self.table: FloatArray = np.stack([0.5 * (x + 1.0), 0.5 * w])
         self.quartic = float(p - 3)
 
 
@@ -35,7 +37,7 @@ FINE = Rule(16, 4)
 #: weights of the eight nodes that err least, 2e-7 at most, over u^(n+k) exp(-g u) and u^(n+k)
 #: exp(-g (1-u)), 0 <= n <= 2.5, k = 0, 1, 3, -1 <= g <= 4. Gauss-Legendre at u = t^3 errs by 5e-4
 #: there. Made by ``benchmarks/quadrature_rule.py``.
-WHOLE = np.array(
+WHOLE: FloatArray = np.array(
     [
         [
             5.133367674845469e-05, 0.004198248371068389, 0.03905892840469938, 0.1479050341078895,

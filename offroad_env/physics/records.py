@@ -1,8 +1,8 @@
-"""Parameter records of the kernels: named tuples of floats, nothing else.
+"""Records of the kernels: named tuples of floats and arrays, nothing else.
 
-Kernels trust these records. They are made only by the validating factories in
-``offroad_env.soils``, ``offroad_env.vehicles`` and ``offroad_env.terrain``. Every field is a
-float: a single int or bool would make numba compile a second version of every kernel.
+Kernels trust the parameter records. They are made only by the validating factories in
+``offroad_env.world.soils``, ``offroad_env.world.vehicles`` and ``offroad_env.world.terrain``. Every number is
+a float: a single int or bool would make numba compile a second version of every kernel.
 """
 
 from __future__ import annotations
@@ -10,8 +10,27 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["Ground", "Soil", "SoilMap", "Vehicle", "Wheel"]
+__all__ = [
+    "AxleContact",
+    "AxleForces",
+    "AxlePlace",
+    "AxleSpring",
+    "BodyForces",
+    "ContactOptions",
+    "FloatArray",
+    "Ground",
+    "Soil",
+    "SoilMap",
+    "SpringState",
+    "Vehicle",
+    "Wheel",
+    "WheelMotion",
+    "WheelReaction",
+]
+
+FloatArray = NDArray[np.float64]
 
 
 class Wheel(NamedTuple):
@@ -33,8 +52,8 @@ class Soil(NamedTuple):
     n: float  #: sinkage exponent [-]
     c: float  #: cohesion [Pa]
     phi: float  #: angle of internal shearing resistance [rad]
-    k_x: float  #: longitudinal shear deformation modulus [m]
-    k_y: float  #: lateral shear deformation modulus [m]
+    k_x: float  #: longitudinal shear deformation modulus, the Janosi modulus K [m]
+    k_y: float  #: lateral shear deformation modulus, the Janosi modulus across the wheel [m]
     a_0: float  #: theta_m / theta_f at zero slip [-]
     a_1: float  #: slope of theta_m / theta_f with slip [-]
     b_0: float  #: theta_r / theta_f at zero slip [-]
@@ -90,7 +109,7 @@ class Ground(NamedTuple):
     H_0: float  #: height at the origin [m]
     S_x: float  #: plane slope dH/dX [-]
     S_y: float  #: plane slope dH/dY [-]
-    waves: np.ndarray  #: (M, 4) float64, C order: amplitude [m], p [rad/m], q [rad/m], phase [rad]
+    waves: FloatArray  #: (M, 4) float64, C order: amplitude [m], p [rad/m], q [rad/m], phase [rad]
 
 
 class SoilMap(NamedTuple):
@@ -101,4 +120,81 @@ class SoilMap(NamedTuple):
     """
 
     edge: float
-    patches: np.ndarray  #: (K, 4) float64, C order
+    patches: FloatArray  #: (K, 4) float64, C order
+
+
+class WheelMotion(NamedTuple):
+    """How a wheel moves over the ground, in the contact's own axes."""
+
+    rim_speed: float  #: r omega [m/s]
+    v_l: float  #: speed of the hub along the wheel [m/s]
+    v_c: float  #: speed of the hub across the wheel, to the left positive [m/s]
+
+
+class AxlePlace(NamedTuple):
+    """Where an axle stands, for the laws that change its soil (`hooks.change_soil`)."""
+
+    x: float  #: position of the axle's middle [m]
+    y: float  #: [m]
+    arm: float  #: distance ahead of the CG, negative for the rear axle [m]
+    v_eps: float  #: low-speed regularisation [m/s]
+
+
+class AxleForces(NamedTuple):
+    """What the soil does to the wheels of an axle, in the contact's own axes."""
+
+    F_x: float  #: along the wheel, forward positive [N]
+    F_y: float  #: across the wheel, to the left positive [N]
+    torque: float  #: against the wheels' rotation [N m]
+
+
+class AxleContact(NamedTuple):
+    """What holds an axle up, for the laws that change its forces (`hooks.change_wheel_forces`)."""
+
+    F_n: float  #: normal force [N]
+    sinkage: float  #: depth of the lowest point of the rim below the surface [m]
+    arm: float  #: distance ahead of the CG, negative for the rear axle [m]
+    v_eps: float  #: low-speed regularisation [m/s]
+    r: float  #: radius of a wheel [m]
+    b: float  #: width of a wheel [m]
+    wheels: float  #: number of wheels on the axle [-]
+
+
+class SpringState(NamedTuple):
+    """Travel of an axle's suspension, from static equilibrium; extension is positive."""
+
+    height: float  #: height of the body over the ground at the axle [m]
+    rate: float  #: its rate of change [m/s]
+
+
+class AxleSpring(NamedTuple):
+    """Suspension of an axle."""
+
+    static_load: float  #: load at rest on level ground [N]
+    k: float  #: stiffness [N/m]
+    c: float  #: damping [N s/m]
+
+
+class BodyForces(NamedTuple):
+    """What the ground does to the vehicle's horizontal motion, in heading axes."""
+
+    F_x: float  #: forward [N]
+    F_y: float  #: to the left [N]
+    M_z: float  #: yaw moment, to the left positive [N m]
+
+
+class WheelReaction(NamedTuple):
+    """Forces of soil on one wheel, in the contact's own axes."""
+
+    F_x: float  #: along the wheel, forward positive [N]
+    F_y: float  #: across the wheel, to the left positive [N]
+    F_z: float  #: along the normal [N]
+    torque: float  #: against the wheel's rotation [N m]
+
+
+class ContactOptions(NamedTuple):
+    """How the forces of a contact are computed."""
+
+    v_eps: float  #: low-speed regularisation; 0 for the plain law [m/s]
+    resultant: float  #: 1.0 = shear stresses share one strength, 0.0 = each has the whole
+    fine: bool  #: reference quadrature instead of the fast one

@@ -1,59 +1,80 @@
-"""Where a vehicle rests: the start of every honest simulation.
+"""Where a vehicle rests on its soil: the start of a simulation.
 
-An unsettled start hands the soil to the first vertical acceleration sample; here both axles
-carry their static loads, follow the ground, and the wheels roll without torque.
+Started elsewhere, a vehicle falls or rises at first, and the first vertical acceleration reveals the
+soil. Here both axles carry their static loads, follow the ground, and the wheels roll without torque.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel, merged_kernel
-from offroad_env.physics.contact import CONTACT
+from offroad_env.physics.axle import (
+    AxleMotion,
+    AxleReaction,
+    AxleStance,
+    Plant,
+    Pose,
+    Velocity,
+    axle_contact,
+    axle_motion,
+    static_loads,
+)
+from offroad_env.physics.contact import CONTACT, Support
 from offroad_env.physics.numerics import sin_cos
-from offroad_env.physics.vehicle_model import axle_contact, axle_motion, static_loads
+from offroad_env.physics.records import FloatArray, WheelMotion
+from offroad_env.physics.slip import constant_slip_rim
 
 __all__ = ["settle"]
 
 
+class Rolling(NamedTuple):
+    """An axle of a vehicle that rolls straight on."""
+
+    motion: AxleMotion
+    arm: float  #: distance ahead of the CG [m]
+    N_0: float  #: load [N]
+
+
 @kernel
-def _rest(plant, motion, place, N_0, warm, readings):
-    """(status, soil torque) of an axle that carries ``N_0`` [N]; ``place`` = (arm [m], rim speed [m/s]).
+def _rest(plant: Plant, axle: Rolling, rim: float, warm: FloatArray, readings: FloatArray) -> AxleReaction:
+    """Reaction of an axle whose wheels turn at the rim speed ``rim`` [m/s].
 
     The paper's model knows no slopes.
     """
-    wx, wy, H, _, _, u_l, u_c, g_l, g_c = motion
-    arm, rim = place
+    motion = axle.motion
+    g_l, g_c = motion.g_l, motion.g_c
     if plant.resultant < 0.5:
         g_l = g_c = 0.0
-    status, _, _, _, torque = axle_contact(
-        plant, (rim, u_l, u_c), (wx, wy, H, g_l, g_c, arm), (N_0, 0.0), warm, readings
-    )
-    return status, torque
+    turning = WheelMotion(rim, motion.u_l, motion.u_c)
+    stance = AxleStance(motion.x, motion.y, motion.H, g_l, g_c, axle.arm)
+    support = Support(axle.N_0, 0.0, plant.vehicle.wheels_per_axle)
+    return axle_contact(plant, turning, stance, support, warm, readings)
 
 
 @merged_kernel
-def _rolling_rim(plant, motion, arm, N_0, warm, readings):
-    """Rim speed [m/s] of an axle ``arm`` [m] ahead of the CG whose soil torque is zero; 0 at rest.
+def _rolling_rim(plant: Plant, axle: Rolling, warm: FloatArray, readings: FloatArray) -> float:
+    """Rim speed [m/s] of an axle whose soil torque is zero; 0 at rest.
 
     Regula falsi with halving (Illinois) between 0.5 and 1.5 of the travel speed.
     """
-    u_l = motion[5]
+    u_l = axle.motion.u_l
     if u_l <= 0.0:
         return 0.0
     low, high, T_low, T_high = 0.5 * u_l, 1.5 * u_l, math.nan, math.nan
     rim, side = low, 0.0
     for _ in range(80):
-        _, T = _rest(plant, motion, (arm, rim), N_0, warm, readings)
+        T = _rest(plant, axle, rim, warm, readings).torque
         if math.isnan(T_low):
             T_low, rim = T, high
             continue
         if math.isnan(T_high):
             T_high = T
-        elif abs(T) < 1e-9 * N_0 or high - low < 1e-12 * u_l:
+        elif abs(T) < 1e-9 * axle.N_0 or high - low < 1e-12 * u_l:
             break
         elif T > 0.0:
             high, T_high = rim, T
@@ -68,7 +89,9 @@ def _rolling_rim(plant, motion, arm, N_0, warm, readings):
 
 
 @kernel
-def settle(plant, pose, v_x):
+def settle(
+    plant: Plant, pose: tuple[float, float, float], v_x: float
+) -> tuple[float, FloatArray, FloatArray]:
     """(worst status, state (15,), warm (2, 3)) of a vehicle settled on the soil at ``pose`` = (X, Y, yaw).
 
     ``v_x`` [m/s] is its horizontal speed; the axles carry N_static + m_w H_ddot, their heights
@@ -85,17 +108,15 @@ def settle(plant, pose, v_x):
     for i in range(2):
         arm = v.l_f if i == 0 else -v.l_r
         seen = readings[i * at.AXLE : (i + 1) * at.AXLE]
-        motion = axle_motion(plant.ground, (X, Y, direction), (v_x, 0.0, 0.0), arm, (0.0, 1.0))
-        _, _, H, H_dot, H_ddot, u_l, _, _, _ = motion
-        N_0 = loads[i] + v.m_w * H_ddot
+        motion = axle_motion(plant.ground, Pose(X, Y, direction), Velocity(v_x, 0.0, 0.0), arm, (0.0, 1.0))
+        axle = Rolling(motion, arm, loads[i] + v.m_w * motion.H_ddot)
         if plant.resultant > 0.5:
-            rim = _rolling_rim(plant, motion, arm, N_0, warm[i], seen)
+            rim = _rolling_rim(plant, axle, warm[i], seen)
         else:
-            rim = u_l / (1.0 - plant.slip) if plant.slip >= 0.0 else u_l * (1.0 + plant.slip)
-        status, _ = _rest(plant, motion, (arm, rim), N_0, warm[i], seen)
-        worst = max(worst, status)
+            rim = constant_slip_rim(plant.slip, motion.u_l)
+        worst = max(worst, _rest(plant, axle, rim, warm[i], seen).status)
         x[at.OMEGA_F + i] = rim / v.r
-        heights[i], rates[i] = H - seen[at.SINKAGE], H_dot
+        heights[i], rates[i] = motion.H - seen[at.SINKAGE], motion.H_dot
     if plant.half_car > 0.5:
         base = v.l_f + v.l_r
         sin = min(max((heights[0] - heights[1]) / base, -1.0), 1.0)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from offroad_env.environment.snapshot import Snapshot
 from offroad_env.physics import state as at
-from offroad_env.physics.path_kernels import PathTable, path_point
+from offroad_env.physics.path_geometry import PathTable, path_point
 from offroad_env.rendering.canvas import Canvas, number, rectangle, round_number, turned
 from offroad_env.rendering.history import History
 from offroad_env.rendering.style import (
@@ -30,10 +31,7 @@ from offroad_env.rendering.style import (
     TYRE,
     Box,
 )
-from offroad_env.terrain import height_map
-
-if TYPE_CHECKING:
-    from offroad_env.env import Snapshot
+from offroad_env.world.terrain import height_map
 
 __all__ = ["CourseDrawing", "MapView", "Overview"]
 
@@ -102,7 +100,7 @@ class CourseDrawing:
         """Middle of the view [m]: between vehicle and the path ahead, smooth because the path is."""
         here = path_point(self.path, progress)[:2]
         there = path_point(self.path, min(progress + self._ahead, self.path.length))[:2]
-        return 0.5 * (np.array(here) + np.array(there))
+        return np.array([0.5 * (here[0] + there[0]), 0.5 * (here[1] + there[1])])
 
     def blit(self, canvas: Canvas, camera: np.ndarray) -> None:
         """The terrain under the view."""
@@ -139,7 +137,7 @@ class MapView:
     def _pixel(self, places: np.ndarray) -> np.ndarray:
         """Places [m] (..., 2) on the canvas."""
         middle = np.array([MAP[0] + 0.5 * MAP[2], MAP[1] + 0.5 * MAP[3]])
-        return middle + (places - self._camera) * np.array([self._scale, -self._scale])
+        return np.asarray(middle + (places - self._camera) * np.array([self._scale, -self._scale]))
 
     def _draw_tracks(self, snapshot: Snapshot, history: History) -> None:
         vehicle, rows = snapshot.plant.vehicle, history.rows
@@ -201,7 +199,8 @@ class MapView:
         for arm, colour in ((vehicle.l_f, FRONT), (-vehicle.l_r, REAR)):
             side_speed = state[at.V_Y] + arm * state[at.YAW_RATE]
             ends = np.array([[arm, 0.0], [arm + _ARROW_TIME * state[at.V_X], _ARROW_TIME * side_speed]])
-            self.canvas.arrow(*put(ends), colour)
+            start, end = put(ends)
+            self.canvas.arrow(start, end, colour)
 
     def _draw_legend(self, course: CourseDrawing) -> None:
         canvas = self.canvas
@@ -237,7 +236,7 @@ class Overview:
         done = min(max(snapshot.progress, 0.0), course.path.length)
         text = f"whole course: {done:.0f} of {course.path.length:.0f} m"
         canvas.text((left + 8, top + 12), text)
-        self._draw_course(course, snapshot, (left + 10, top + 22, 440, height - 30))
+        self._draw_course(course, snapshot, Box(left + 10, top + 22, 440, height - 30))
         vehicle, (_, drive) = snapshot.plant.vehicle, snapshot.command
         steer = road_wheel_angle(snapshot)
         place = (left + width - 190, top + 30)
@@ -249,10 +248,10 @@ class Overview:
     def _draw_course(self, course: CourseDrawing, snapshot: Snapshot, box: Box) -> None:
         low, high = course.line.min(axis=0), course.line.max(axis=0)
         extent = np.maximum(high - low, 1.0)
-        scale = float((np.array(box[2:]) / extent).min())
+        scale = float((np.array([box.width, box.height]) / extent).min())
         flip = np.array([scale, -scale])
         middle = 0.5 * (low[1] + high[1])
-        origin = np.array([box[0], box[1] + 0.5 * box[3]]) - flip * np.array([low[0], middle])
+        origin = np.array([box.left, box.top + 0.5 * box.height]) - flip * np.array([low[0], middle])
         line = origin + flip * course.line
         self.canvas.stroke(line, (188, 176, 154), 4.0)
         self.canvas.stroke(line[course.s <= snapshot.progress], INK, 2.0)

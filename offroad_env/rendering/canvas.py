@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from offroad_env.rendering.style import INK, Box, Colour
+from offroad_env.rendering.style import INK, Area, Colour, Point
 
 __all__ = ["Canvas", "import_pygame", "number", "rectangle", "round_number", "turned"]
 
@@ -45,14 +45,14 @@ class Canvas:
         flat = np.frombuffer(self.pygame.image.tobytes(self.surface, "RGB"), np.uint8)
         return flat.reshape(height, width, 3).copy()
 
-    def box(self, box: Box, fill: Colour, edge: Colour | None = None) -> None:
+    def box(self, box: Area, fill: Colour, edge: Colour | None = None) -> None:
         """A filled rectangle."""
         self.surface.fill(fill, box)
         if edge is not None:
             self.pygame.draw.rect(self.surface, edge, box, 1)
 
     @contextmanager
-    def clipped(self, box: Box) -> Iterator[None]:
+    def clipped(self, box: Area) -> Iterator[None]:
         """Draw nothing outside ``box``."""
         self.surface.set_clip(box)
         try:
@@ -62,7 +62,7 @@ class Canvas:
 
     def text(
         self,
-        place: Sequence[float],
+        place: Point,
         text: str,
         *,
         size: int = 18,
@@ -76,9 +76,10 @@ class Canvas:
             if len(self._texts) > 600:
                 self._texts.clear()
             image = self._texts[key] = self._written(text, size, colour)
-        where = image.get_rect(**{anchor: (round(place[0]), round(place[1]))})
+        x, y = place
+        where = image.get_rect(**{anchor: (round(float(x)), round(float(y)))})
         self.surface.blit(image, where)
-        return where.right
+        return float(where.right)
 
     def _written(self, text: str, size: int, colour: Colour) -> Any:
         """An image of the text, made twice as large and shrunk: small letters are spaced badly."""
@@ -88,12 +89,12 @@ class Canvas:
         width, height = large.get_size()
         return self.pygame.transform.smoothscale(large, ((width + 1) // 2, (height + 1) // 2))
 
-    def words(self, place: Sequence[float], words: Sequence[tuple[str, Colour]], *, size: int = 18) -> float:
+    def words(self, place: Point, words: Sequence[tuple[str, Colour]], *, size: int = 18) -> float:
         """Words of different colours on one line, from ``place`` on; returns the right end."""
-        x = place[0]
+        x, y = place
         for word, colour in words:
-            x = self.text((x, place[1]), word, size=size, colour=colour) + 0.35 * size
-        return x
+            x = self.text((x, y), word, size=size, colour=colour) + 0.35 * size
+        return float(x)
 
     def stroke(self, points: np.ndarray, colour: Colour, width: float = 1.0) -> None:
         """A smooth line through (N, 2) points: thin lines side by side, as pygame's wide ones are rough."""
@@ -129,9 +130,10 @@ class Canvas:
         self.pygame.draw.polygon(self.surface, fill, corners)
         self.pygame.draw.aalines(self.surface, edge or fill, True, corners)
 
-    def disc(self, centre: Sequence[float], radius: float, fill: Colour) -> None:
+    def disc(self, centre: Point, radius: float, fill: Colour) -> None:
         """A filled circle with a smooth edge."""
-        self.pygame.draw.aacircle(self.surface, fill, (float(centre[0]), float(centre[1])), radius)
+        x, y = centre
+        self.pygame.draw.aacircle(self.surface, fill, (float(x), float(y)), radius)
 
     def arrow(self, start: np.ndarray, end: np.ndarray, colour: Colour, width: float = 3.0) -> None:
         """An arrow; one shorter than its head is left out."""
@@ -149,7 +151,8 @@ class Canvas:
 def turned(points: np.ndarray, angle: float) -> np.ndarray:
     """(N, 2) points, turned to the left by ``angle`` [rad]."""
     cos, sin = math.cos(angle), math.sin(angle)
-    return points @ np.array([[cos, sin], [-sin, cos]])
+    rotation = np.array([[cos, sin], [-sin, cos]])
+    return np.asarray(points @ rotation)
 
 
 def rectangle(x: float, y: float, length: float, width: float) -> np.ndarray:

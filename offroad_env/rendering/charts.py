@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from offroad_env.environment.snapshot import Snapshot
 from offroad_env.rendering.canvas import Canvas, number, round_number
 from offroad_env.rendering.history import History
 from offroad_env.rendering.style import (
@@ -26,9 +26,6 @@ from offroad_env.rendering.style import (
     Box,
     Colour,
 )
-
-if TYPE_CHECKING:
-    from offroad_env.env import Snapshot
 
 __all__ = ["Charts"]
 
@@ -69,7 +66,7 @@ class _Axes:
 
     def dashed(self, time: np.ndarray, values: np.ndarray, colour: Colour, width: float = 2.0) -> None:
         """A curve in dashes that stand still while it grows, so that another shows beneath."""
-        dash = 7.0 * self.span / self.box[2]
+        dash = 7.0 * self.span / self.box.width
         for start in np.arange(0.0, time[-1], 2.0 * dash):
             ends = np.minimum([start, start + dash], time[-1])
             self.line(ends, np.interp(ends, time, values), colour, width)
@@ -77,8 +74,8 @@ class _Axes:
     def level(self, value: float, colour: Colour) -> None:
         """A dashed horizontal line."""
         y = round(float(self.points(np.zeros(1), np.array([value]))[0, 1]))
-        for x in range(self.box[0], self.box[0] + self.box[2], 12):
-            self.canvas.box((x, y, min(7, self.box[0] + self.box[2] - x), 1), colour)
+        for x in range(self.box.left, self.box.left + self.box.width, 12):
+            self.canvas.box((x, y, min(7, self.box.left + self.box.width - x), 1), colour)
 
     def band(self, time: np.ndarray, low: np.ndarray, high: np.ndarray, colour: Colour) -> None:
         """The area between two curves."""
@@ -113,11 +110,11 @@ class Charts:
         canvas.box(EXPONENT, PANEL, MUTED)
         margin = max(0.12 * (high - low), 0.05)
         limits = (low - margin, high + margin)
-        box = (left + self._GUTTER, top + 28, width - self._GUTTER - 18, height - 48)
+        box = Box(left + self._GUTTER, top + 28, width - self._GUTTER - 18, height - 48)
         axes = _Axes(canvas, box, span, limits)
         step = round_number(0.4 * (limits[1] - limits[0]))
         ticks = step * np.arange(math.ceil(limits[0] / step), math.floor(limits[1] / step) + 1)
-        axes.frame(ticks, max(-math.floor(math.log10(step)), 0), times=True)
+        axes.frame(ticks.tolist(), max(-math.floor(math.log10(step)), 0), times=True)
         time, mean, sd = rows[:, History.TIME], rows[:, History.MEAN], rows[:, History.SD]
         estimate, true = snapshot.estimate, rows[-1, History.N]
         words = [("Sinkage exponent n", INK), (f"true {number(true, 2)}", INK)]
@@ -141,7 +138,7 @@ class Charts:
         each = (height - 22) // 3
         for i, draw in enumerate((self._draw_speed, self._draw_slip, self._draw_error)):
             y = top + 2 + i * each
-            box = (left + self._GUTTER, y + 17, width - self._GUTTER - 18, each - 21)
+            box = Box(left + self._GUTTER, y + 17, width - self._GUTTER - 18, each - 21)
             draw(snapshot, rows, span, box, last=i == 2)
 
     def _draw_speed(self, snapshot: Snapshot, rows: np.ndarray, span: float, box: Box, *, last: bool) -> None:
@@ -178,4 +175,4 @@ class Charts:
         self._title(box, [*words, (f"corridor \u00b1{limit:g} m", EDGE)])
 
     def _title(self, box: Box, words: Sequence[tuple[str, Colour]]) -> None:
-        self.canvas.words((box[0], box[1] - 8), words)
+        self.canvas.words((box.left, box.top - 8), words)

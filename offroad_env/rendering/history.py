@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from offroad_env.environment.snapshot import Snapshot
 from offroad_env.physics import state as at
-
-if TYPE_CHECKING:
-    from offroad_env.env import Snapshot
 
 __all__ = ["History"]
 

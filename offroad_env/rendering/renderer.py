@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from gymnasium.error import Error
 
+from offroad_env.environment.snapshot import Snapshot
 from offroad_env.errors import InvalidParameter
 from offroad_env.rendering.above import CourseDrawing, MapView, Overview
 from offroad_env.rendering.canvas import Canvas, import_pygame
@@ -16,9 +17,6 @@ from offroad_env.rendering.charts import Charts
 from offroad_env.rendering.history import History
 from offroad_env.rendering.side import SideView
 from offroad_env.rendering.style import BAD, FRAME_SIZE, GOOD, HEADER, MUTED, PAGE, PANEL
-
-if TYPE_CHECKING:
-    from offroad_env.env import OffroadBekkerEnv, Snapshot
 
 __all__ = ["RENDER_MODES", "Renderer"]
 
@@ -33,7 +31,7 @@ _ENDINGS = {
     "immobilised": "IMMOBILISED",
     "diverged": "SIMULATION DIVERGED",
 }
-_TOLD = {"none": "nothing about n", "estimate": "the estimate of n", "truth": "the true n"}
+_OBSERVED = {"none": "without n", "estimate": "with the estimate of n", "truth": "with the true n"}
 
 
 class Renderer:
@@ -59,16 +57,15 @@ class Renderer:
             raise InvalidParameter(f"fps must be a positive number of pictures a second, got {fps!r}")
         self.mode, self.fps = mode, fps
         self.closed_by_user = False  #: the window was closed: nothing is drawn any more
-        self._canvas: Canvas | None = None
-        self._window: Any = None
-        self._last: Snapshot | None = None
+        self._panels: _Panels | None = None
+        self._window: _Window | None = None
 
     def __reduce__(self) -> tuple[type[Renderer], tuple[str, float]]:
         # Surfaces and windows cannot be copied: a copied or pickled environment starts with blank ones.
         return Renderer, (self.mode, self.fps)
 
-    def draw(self, env: OffroadBekkerEnv) -> np.ndarray | None:
-        """One picture of the environment as it is now.
+    def draw(self, snapshot: Snapshot) -> np.ndarray | None:
+        """One picture of the environment at the moment of ``snapshot``.
 
         Returns
         -------
@@ -83,36 +80,72 @@ class Renderer:
         """
         if self.closed_by_user:
             return None
-        if self._canvas is None:
-            self._open()
-        self._compose(self._remember(env.snapshot()))
-        if self.mode == "rgb_array":
-            return self._canvas.pixels()
-        self._show()
+        if self._panels is None:
+            pygame = import_pygame()
+            self._window = _Window(pygame) if self.mode == "human" else None
+            self._panels = _Panels(pygame)
+        self._panels.draw(snapshot)
+        if self._window is None:
+            return self._panels.canvas.pixels()
+        if not self._window.show(self._panels.canvas, self.fps):
+            self.close()
+            self.closed_by_user = True
         return None
 
     def close(self) -> None:
         """Close the window, if there is one, and forget everything drawn."""
         if self._window is not None:
-            self._canvas.pygame.display.quit()
-        self._window = self._canvas = self._last = None
+            self._window.close()
+        self._window = self._panels = None
 
-    def _open(self) -> None:
-        pygame = import_pygame()
-        canvas = Canvas(pygame, FRAME_SIZE)
-        if self.mode == "human":
-            try:
-                pygame.display.init()
-                self._window = pygame.display.set_mode(FRAME_SIZE)
-            except pygame.error as error:
-                raise Error(
-                    f'no window can be opened ({error}): render_mode="rgb_array" needs no screen'
-                ) from error
-            pygame.display.set_caption("OffroadBekker")
-            self._clock = pygame.time.Clock()
-        self._canvas = canvas
+
+class _Window:
+    """A window on the screen."""
+
+    def __init__(self, pygame: Any) -> None:
+        self.pygame = pygame
+        try:
+            pygame.display.init()
+            self._surface = pygame.display.set_mode(FRAME_SIZE)
+        except pygame.error as error:
+            raise Error(
+                f'no window can be opened ({error}): render_mode="rgb_array" needs no screen'
+            ) from error
+        pygame.display.set_caption("OffroadBekker")
+        self._clock = pygame.time.Clock()
+
+    def show(self, canvas: Canvas, fps: float) -> bool:
+        """Show a picture and wait for its time; False when the user has closed the window."""
+        if any(event.type == self.pygame.QUIT for event in self.pygame.event.get()):
+            return False
+        self._surface.blit(canvas.surface, (0, 0))
+        self.pygame.display.flip()
+        self._clock.tick(fps)
+        return True
+
+    def close(self) -> None:
+        """Remove it from the screen."""
+        self.pygame.display.quit()
+
+
+class _Panels:
+    """The panels of the picture, and the history that they show."""
+
+    def __init__(self, pygame: Any) -> None:
+        self.canvas = canvas = Canvas(pygame, FRAME_SIZE)
         self._map, self._overview = MapView(canvas), Overview(canvas)
         self._side, self._charts = SideView(canvas), Charts(canvas)
+        self._last: Snapshot | None = None
+
+    def draw(self, snapshot: Snapshot) -> None:
+        """The whole picture."""
+        snapshot = self._remember(snapshot)
+        self.canvas.box((0, 0, *FRAME_SIZE), PAGE)
+        self._map.draw(self._course, snapshot, self._history)
+        self._overview.draw(self._course, snapshot)
+        self._side.draw(snapshot)
+        self._charts.draw(snapshot, self._history)
+        self._write_header(snapshot)
 
     def _remember(self, snapshot: Snapshot) -> Snapshot:
         """Add to the history, or start a new one; a diverged state shows the last sound one instead."""
@@ -120,26 +153,18 @@ class Renderer:
         if last is None or snapshot.course is not last.course or snapshot.time < last.time:
             self._history = History()
             self._side.restart()
-            self._course = CourseDrawing(self._canvas.pygame, snapshot)
+            self._course = CourseDrawing(self.canvas.pygame, snapshot)
         elif not (np.isfinite(snapshot.state).all() and np.isfinite(snapshot.readings).all()):
             return replace(last, ending=snapshot.ending)
         self._history.add(snapshot)
         self._last = snapshot
         return snapshot
 
-    def _compose(self, snapshot: Snapshot) -> None:
-        self._canvas.box((0, 0, *FRAME_SIZE), PAGE)
-        self._map.draw(self._course, snapshot, self._history)
-        self._overview.draw(self._course, snapshot)
-        self._side.draw(snapshot)
-        self._charts.draw(snapshot, self._history)
-        self._write_header(snapshot)
-
     def _write_header(self, snapshot: Snapshot) -> None:
-        canvas, middle = self._canvas, HEADER[1] + HEADER[3] // 2
+        canvas, middle = self.canvas, HEADER.top + HEADER.height // 2
         x = canvas.text((14, middle), f"OffroadBekker \u00b7 {snapshot.scenario.name}", size=30) + 22
         kind = "half-car" if snapshot.plant.half_car > 0.5 else "bicycle"
-        facts = f"{snapshot.model} model, {kind}   |   the agent is told {_TOLD[snapshot.terrain_info]}"
+        facts = f"{snapshot.model} model, {kind}   |   observation {_OBSERVED[snapshot.terrain_info]}"
         canvas.text((x, middle + 2), facts, size=22, colour=MUTED)
         canvas.text((1266, middle), f"t = {snapshot.time:.2f} s", size=28, anchor="midright")
         if snapshot.ending:
@@ -147,13 +172,3 @@ class Renderer:
             canvas.box(badge, GOOD if snapshot.ending == "goal" else BAD)
             place = (badge[0] + badge[2] / 2, middle)
             canvas.text(place, _ENDINGS[snapshot.ending], size=26, colour=PANEL, anchor="center")
-
-    def _show(self) -> None:
-        pygame = self._canvas.pygame
-        if any(event.type == pygame.QUIT for event in pygame.event.get()):
-            self.close()
-            self.closed_by_user = True
-            return
-        self._window.blit(self._canvas.surface, (0, 0))
-        pygame.display.flip()
-        self._clock.tick(self.fps)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
+from offroad_env.environment.snapshot import Snapshot
 from offroad_env.physics import state as at
-from offroad_env.physics.wheel_soil import contact_angle_shares, entry_angle
+from offroad_env.physics.contact_angles import entry_angle, wong_reece_angles
 from offroad_env.rendering.canvas import Canvas, number, round_number, turned
 from offroad_env.rendering.style import (
     BODY,
@@ -24,11 +26,8 @@ from offroad_env.rendering.style import (
     Box,
     Colour,
 )
-from offroad_env.terrain import heights
-from offroad_env.vehicles import static_loads
-
-if TYPE_CHECKING:
-    from offroad_env.env import Snapshot
+from offroad_env.world.terrain import heights
+from offroad_env.world.vehicles import static_loads
 
 __all__ = ["AxlePlace", "SideView", "axle_place"]
 
@@ -87,10 +86,12 @@ class SideView:
         canvas.box(SIDE, PANEL, MUTED)
         canvas.text((left + 8, top + 13), "Side view", size=20)
         self._write_posture(snapshot, axles)
-        self._draw_whole(snapshot, axles, (left + 1, top + 24, width - 2, height - self._ENLARGED - 34))
+        whole = Box(left + 1, top + 24, width - 2, height - self._ENLARGED - 34)
+        self._draw_whole(snapshot, axles, whole)
         half = (width - 24) // 2
         for i, axle in enumerate(axles):
-            box = (left + 8 + (1 - i) * (half + 8), top + height - self._ENLARGED - 8, half, self._ENLARGED)
+            x, y = left + 8 + (1 - i) * (half + 8), top + height - self._ENLARGED - 8
+            box = Box(x, y, half, self._ENLARGED)
             self._draw_wheel(snapshot, axle, float(self._turned[i]), box)
 
     def _roll(self, snapshot: Snapshot) -> None:
@@ -116,19 +117,19 @@ class SideView:
     def _draw_whole(self, snapshot: Snapshot, axles: tuple[AxlePlace, AxlePlace], box: Box) -> None:
         vehicle = snapshot.plant.vehicle
         wheelbase = vehicle.l_f + vehicle.l_r
-        scale = min(box[2] / (1.9 * wheelbase), box[3] / (5.6 * vehicle.r))
+        scale = min(box.width / (1.9 * wheelbase), box.height / (5.6 * vehicle.r))
         middle = 0.5 * (vehicle.l_f - vehicle.l_r)
         datum = min(axle.bottom for axle in axles)
-        origin = np.array([box[0] + 0.5 * box[2], box[1] + box[3] - 0.6 * vehicle.r * scale])
+        origin = np.array([box.left + 0.5 * box.width, box.top + box.height - 0.6 * vehicle.r * scale])
 
         def put(places: np.ndarray) -> np.ndarray:
-            return origin + scale * (np.asarray(places) - [middle, datum]) * [1.0, -1.0]
+            return np.asarray(origin + scale * (np.asarray(places) - [middle, datum]) * [1.0, -1.0])
 
-        reach = np.linspace(-0.5, 0.5, 121) * box[2] / scale + middle
+        reach = np.linspace(-0.5, 0.5, 121) * box.width / scale + middle
         yaw = float(snapshot.state[at.YAW])
         X, Y = (snapshot.state[i] + reach * f(yaw) for i, f in ((at.X, math.cos), (at.Y, math.sin)))
         profile = put(np.column_stack((reach, heights(snapshot.course.ground, X, Y))))
-        base = box[1] + box[3]
+        base = box.top + box.height
         with self.canvas.clipped(box):
             soil = np.concatenate((profile, [[profile[-1, 0], base], [profile[0, 0], base]]))
             self.canvas.shape(soil, SOIL)
@@ -137,7 +138,11 @@ class SideView:
             self._draw_scale(box, scale)
 
     def _draw_body(
-        self, snapshot: Snapshot, axles: tuple[AxlePlace, AxlePlace], put: Any, scale: float
+        self,
+        snapshot: Snapshot,
+        axles: tuple[AxlePlace, AxlePlace],
+        put: Callable[[np.ndarray], np.ndarray],
+        scale: float,
     ) -> None:
         vehicle = snapshot.plant.vehicle
         r = vehicle.r
@@ -187,7 +192,7 @@ class SideView:
 
     def _draw_scale(self, box: Box, scale: float) -> None:
         length = round_number(60.0 / scale)
-        x, y = box[0] + 10, box[1] + 14
+        x, y = box.left + 10, box.top + 14
         self.canvas.stroke(np.array([[x, y], [x + length * scale, y]]), INK, 3.0)
         self.canvas.text((x + length * scale + 7, y - 1), f"{length:g} m")
 
@@ -195,14 +200,14 @@ class SideView:
         """The lower part of a wheel, the soil ahead of it and the rut behind it, at one scale."""
         canvas, r = self.canvas, snapshot.plant.vehicle.r
         self._write_wheel(axle, box)
-        left, top, width, height = box[0], box[1] + self._CAPTION, box[2], box[3] - self._CAPTION
+        left, top, width, height = box.left, box.top + self._CAPTION, box.width, box.height - self._CAPTION
         scale = width / (2.3 * r)
         # The surface stays where it is unless the wheel would leave the picture below.
         surface = min(top + 0.58 * height, top + height - 12.0 - axle.sinkage * scale)
         origin = np.array([left + 0.42 * width, surface])
 
         def put(places: np.ndarray) -> np.ndarray:
-            return origin + scale * places * [1.0, -1.0]
+            return np.asarray(origin + scale * places * [1.0, -1.0])
 
         with canvas.clipped((left, top, width, height)):
             canvas.box((left, top, width, height), (240, 243, 246))
@@ -230,7 +235,7 @@ class SideView:
         if axle.sinkage > 0.0:
             r = plant.vehicle.r
             theta_f = entry_angle(axle.sinkage, r)
-            theta_r = contact_angle_shares(plant.soil, float(axle.readings[at.SLIP]))[1] * theta_f
+            theta_r = wong_reece_angles(plant.soil, float(axle.readings[at.SLIP])).r * theta_f
             rut = axle.sinkage - r * (1.0 - math.cos(theta_r))
             ahead = way * x
             inside = np.clip(ahead, r * math.sin(theta_r), r * math.sin(theta_f))
@@ -250,14 +255,14 @@ class SideView:
 
     def _write_wheel(self, axle: AxlePlace, box: Box) -> None:
         readings, canvas = axle.readings, self.canvas
-        right, y = box[0] + box[2] - 8, box[1] + 12
+        right, y = box.left + box.width - 8, box.top + 12
         sinkage = "no contact" if axle.airborne else f"sinkage {number(1e3 * axle.sinkage, 0)} mm"
-        canvas.text((box[0] + 8, y), axle.name, size=20, colour=axle.colour)
+        canvas.text((box.left + 8, y), axle.name, size=20, colour=axle.colour)
         canvas.text((right, y), sinkage, size=20, anchor="midright")
         load = float(readings[at.N])
         text = number(1e-3 * load, 1, " kN") if load >= 1e3 else number(load, 0, " N")
-        canvas.text((box[0] + 52, y), text, colour=MUTED)
-        canvas.text((box[0] + 8, y + 17), f"slip {number(readings[at.SLIP], 2, sign=True)}")
+        canvas.text((box.left + 52, y), text, colour=MUTED)
+        canvas.text((box.left + 8, y + 17), f"slip {number(readings[at.SLIP], 2, sign=True)}")
         angle = math.degrees(math.atan2(readings[at.V_C], max(abs(readings[at.V_L]), 1e-3)))
         text = f"slip angle {number(angle, 1, sign=True)}\u00b0"
         canvas.text((right, y + 17), text, anchor="midright")

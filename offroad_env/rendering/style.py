@@ -1,10 +1,14 @@
 """Colours and places of the picture.
 
-The colours that carry meaning follow Okabe & Ito (told apart by colour-blind readers too): front axle
+The colours that carry meaning follow Okabe & Ito (colour-blind readers can distinguish them): front axle
 blue, rear axle vermilion, estimate green, truth black.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
 
 __all__ = [
     "BAD",
@@ -34,14 +38,27 @@ __all__ = [
     "SOIL_LIGHT",
     "STRIPS",
     "TYRE",
+    "Area",
     "Box",
     "Colour",
+    "Point",
 ]
 
 FRAME_SIZE = (1280, 720)  #: width, height of a frame [pixels]
 
 Colour = tuple[int, int, int]  #: red, green, blue, 0 ... 255
-Box = tuple[int, int, int, int]  #: left, top, width, height [pixels]
+Area = tuple[float, float, float, float]  #: left, top, width, height [pixels]
+Point = tuple[float, float] | np.ndarray  #: x, y [pixels]
+
+
+class Box(NamedTuple):
+    """A place of the picture that others are measured from."""
+
+    left: int  #: [pixels]
+    top: int  #: [pixels]
+    width: int  #: [pixels]
+    height: int  #: [pixels]
+
 
 PAGE, PANEL, GRID = (228, 229, 226), (252, 252, 250), (224, 225, 222)
 INK, MUTED = (26, 30, 36), (88, 94, 102)
@@ -53,9 +70,9 @@ SOIL_LIGHT, SOIL_DARK, SOIL, RUT = (232, 218, 190), (176, 154, 118), (205, 184, 
 EDGE = (122, 74, 30)
 GOOD, BAD = (0, 128, 94), (190, 60, 0)
 
-HEADER: Box = (0, 0, 1280, 44)
-MAP: Box = (12, 52, 780, 556)
-OVERVIEW: Box = (12, 616, 780, 92)
-SIDE: Box = (804, 52, 464, 324)
-EXPONENT: Box = (804, 384, 464, 142)
-STRIPS: Box = (804, 534, 464, 174)
+HEADER = Box(0, 0, 1280, 44)
+MAP = Box(12, 52, 780, 556)
+OVERVIEW = Box(12, 616, 780, 92)
+SIDE = Box(804, 52, 464, 324)
+EXPONENT = Box(804, 384, 464, 142)
+STRIPS = Box(804, 534, 464, 174)

@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 
 from offroad_env.physics import state as at
-from offroad_env.physics.full_model import full_advance
 from offroad_env.physics.ground import sinkage_exponent
 from offroad_env.physics.records import Ground, SoilMap
-from offroad_env.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
-from offroad_env.simulator import make_plant, settled_state
-from offroad_env.soils import make_soil
-from offroad_env.terrain import rough_terrain, soil_map
-from offroad_env.vehicles import VEHICLES
+from offroad_env.simulation.drive import simulate_drive
+from offroad_env.simulation.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
+from offroad_env.simulation.simulator import make_plant
+from offroad_env.world.soils import make_soil
+from offroad_env.world.terrain import rough_terrain, soil_map
+from offroad_env.world.vehicles import VEHICLES
 
 PERIOD = 0.01  # of a sensor sample [s]
-_STEP = 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,20 +73,8 @@ def record(
     sensors = SensorSuite(imu=imu or ImuConfig(), wheel=WheelSpeedConfig(), gnss=GnssConfig())
     sensors.reset(rng)
     plant = make_plant(VEHICLES["mrzr"], make_soil(soil, n=n), ground, soil_map=soils or soil_map())
-    state, warm = settled_state(plant, v_x=3.0)
-    readings, command = np.zeros(at.READINGS_SIZE), (0.0, 0.0, 0.0)
-    rows = []
-    for k in range(round(duration / PERIOD) + 1):
-        if k == 0:
-            full_advance(state, warm, command, plant, _STEP, 0, readings)
-        else:
-            if k % 2 == 1:  # a command holds for two samples
-                command = driver((k - 1) * PERIOD, float(state[at.V_X]))
-            full_advance(state, warm, command, plant, _STEP, round(PERIOD / _STEP), readings)
-        sample = sensors.sample(state, readings)
-        rows.append((state.copy(), command, sample.imu, sample.wheel, sample.gnss))
-    states, commands, imus, wheels, gnss = (np.array(column) for column in zip(*rows, strict=True))
-    return Drive(n=n, states=states, commands=commands, imu=imus, wheel=wheels, gnss=gnss)
+    run = simulate_drive(plant, driver, sensors, duration=duration)
+    return Drive(n=n, states=run.states, commands=run.commands, imu=run.imu, wheel=run.wheel, gnss=run.gnss)
 
 
 @pytest.fixture(scope="session")

@@ -32,19 +32,49 @@ def test_the_environment_package_loads_nothing_heavy(heavy):
     assert heavy not in loaded
 
 
-def test_physics_imports_only_numpy_numba_and_the_standard_library():
-    graph = grimp.build_graph("offroad_env", include_external_packages=True, cache_dir=None)
-    physics = {"offroad_env.physics"} | graph.find_descendants("offroad_env.physics")
-    imported = set().union(*(graph.find_modules_directly_imported_by(module) for module in physics))
+@pytest.fixture(scope="module")
+def graph():
+    return grimp.build_graph(*PACKAGES, include_external_packages=True, cache_dir=None)
+
+
+def imported_by(graph, folder):
+    """What the modules of a folder import, by the first name, without the folder itself."""
+    members = {folder} | graph.find_descendants(folder)
+    assert len(members) > 1
+    return set().union(*(graph.find_modules_directly_imported_by(module) for module in members)) - members
+
+
+def outside(graph, folder):
+    return {name.partition(".")[0] for name in imported_by(graph, folder)} - set(PACKAGES)
+
+
+def test_physics_imports_only_numpy_numba_and_the_standard_library(graph):
+    imported = outside(graph, "offroad_env.physics")
     assert "numba" in imported
-    assert imported - physics - {"numba", "numpy"} - sys.stdlib_module_names == set()
+    assert imported - {"numba", "numpy"} - sys.stdlib_module_names == set()
 
 
-def test_every_module_of_the_environment_package_stands_on_a_floor():
+@pytest.mark.parametrize(
+    "folder", ["offroad_env.simulation", "offroad_env.world", "offroad_env.effects", "estimators"]
+)
+def test_what_lies_below_the_environment_knows_nothing_of_its_interface(graph, folder):
+    assert "gymnasium" not in outside(graph, folder)
+
+
+@pytest.mark.parametrize("package", ["offroad_env", "estimators"])
+def test_only_agents_learns(graph, package):
+    assert outside(graph, package) & {"sb3_contrib", "stable_baselines3", "torch"} == set()
+
+
+def test_only_agents_uses_the_lazy_exports_which_reach_every_floor(graph):
+    users = graph.find_modules_that_directly_import("offroad_env")
+    assert users
+    assert {user.partition(".")[0] for user in users} == {"agents"}
+
+
+def test_every_module_of_the_environment_package_stands_on_a_floor(graph):
     config = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))
-    contracts = {contract["id"]: contract for contract in config["tool"]["importlinter"]["contracts"]}
-    placed = set(re.findall(r"offroad_env\.(\w+)", " ".join(contracts["floors"]["layers"])))
-    graph = grimp.build_graph("offroad_env", cache_dir=None)
+    (contract,) = config["tool"]["importlinter"]["contracts"]
+    placed = set(re.findall(r"offroad_env\.(\w+)", " ".join(contract["layers"])))
     present = {child.rpartition(".")[2] for child in graph.find_children("offroad_env")}
-    assert "physics" in present
-    assert present <= placed, "name the new module in the layers of pyproject.toml"
+    assert present == placed, "the layers of pyproject.toml name every folder, and no other"

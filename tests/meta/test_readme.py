@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from agents.cli import COMMANDS
+from agents.commands.cli import COMMANDS
 from helpers import REPOSITORY, run_fresh
 
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")

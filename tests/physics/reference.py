@@ -16,7 +16,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from offroad_env.physics.records import Soil, Wheel
-from offroad_env.wheel import wheel_forces
+from offroad_env.simulation.wheel import wheel_forces
 
 __all__ = [
     "CHANNELS",

@@ -7,23 +7,31 @@ import math
 import numpy as np
 import pytest
 
-from offroad_env.physics.contact import AIRBORNE, CONTACT, NO_ROOT, SUNK, slope_frame, solve_contact
-from offroad_env.physics.records import Wheel
+from offroad_env.physics.contact import (
+    AIRBORNE,
+    CONTACT,
+    NO_ROOT,
+    SUNK,
+    Support,
+    slope_frame,
+    solve_contact,
+)
+from offroad_env.physics.records import ContactOptions, Wheel, WheelMotion
 from offroad_env.physics.wheel_soil import wheel_reaction
-from offroad_env.soils import SOILS, make_soil
+from offroad_env.world.soils import SOILS, make_soil
 
 WHEEL = Wheel(r=0.33, b=0.21)
 LEVEL = slope_frame(0.0, 0.0)
 STATIC = 6000.0  # axle load [N]
-OPTIONS = (0.1, 1.0, False)  # v_eps, resultant shear, fast rule
-ROLLING = (3.1, 3.0, 0.1)  # r omega, v_l, v_c [m/s]
+OPTIONS = ContactOptions(v_eps=0.1, resultant=1.0, fine=False)
+ROLLING = WheelMotion(3.1, 3.0, 0.1)
 
 
 def solve(soil="clay", load=STATIC, k=45e3, motion=ROLLING, frame=LEVEL, warm=None, options=OPTIONS):
     """(status, F_l, F_c, F_n, torque, sinkage) of a two-wheeled axle."""
     warm = np.zeros(3) if warm is None else warm
     soil = SOILS[soil] if isinstance(soil, str) else soil
-    return solve_contact(soil, WHEEL, motion, frame, (float(load), k, 2.0), warm, options)
+    return solve_contact(soil, WHEEL, motion, frame, Support(float(load), k, 2.0), warm, options)
 
 
 def test_the_slope_frame_is_orthonormal_and_its_tangents_lie_in_the_ground():
@@ -46,13 +54,13 @@ def test_soil_and_suspension_press_equally_on_any_slope(soil):
     for _ in range(60):
         frame = slope_frame(*rng.normal(0.0, 0.15, 2))
         load, k = STATIC * rng.uniform(0.02, 1.5), rng.uniform(0.0, 1e5)
-        motion = tuple(float(v) for v in rng.normal([3.0, 3.0, 0.0], [1.0, 1.0, 1.0]))
+        motion = WheelMotion(*rng.normal([3.0, 3.0, 0.0], [1.0, 1.0, 1.0]).tolist())
         status, F_l, F_c, F_n, _, h = solve(soil, load, k, motion, frame)
         assert status == CONTACT
         _, l_z, _, _, c_z, _, _, n_z = frame
         assert F_l * l_z + F_c * c_z + F_n * n_z == pytest.approx(load - k * h, rel=1e-9)
         if soil != "hard_ground":
-            again = wheel_reaction(SOILS[soil], WHEEL, h, motion, OPTIONS[0], OPTIONS[1:])
+            again = wheel_reaction(SOILS[soil], WHEEL, h, motion, OPTIONS)
             np.testing.assert_allclose([F_l, F_c, F_n], [2.0 * f for f in again[:3]], atol=1e-9 * load)
 
 
@@ -62,7 +70,7 @@ def test_the_past_leaves_no_trace():
     soils = [name for name in SOILS if SOILS[name].rigid < 0.5]
     for _ in range(600):
         soil = soils[rng.integers(len(soils))]
-        motion = tuple(float(v) for v in rng.normal([3.0, 3.0, 0.0], [2.0, 2.0, 1.0]))
+        motion = WheelMotion(*rng.normal([3.0, 3.0, 0.0], [2.0, 2.0, 1.0]).tolist())
         load, k = STATIC * 10.0 ** rng.uniform(-2.0, 0.2), float(rng.choice([0.0, 45e3, 3e5]))
         cold = solve(soil, load, k, motion)
         warm = np.array(
@@ -121,7 +129,7 @@ def test_a_suspension_spring_unloads_before_the_wheel_drowns():
     assert F_n == pytest.approx(3e4 - 2e5 * h, rel=1e-9)
 
 
-@pytest.mark.parametrize("broken", [{"load": math.nan}, {"motion": (math.nan, 3.0, 0.0)}])
+@pytest.mark.parametrize("broken", [{"load": math.nan}, {"motion": WheelMotion(math.nan, 3.0, 0.0)}])
 def test_an_input_that_is_no_number_is_a_status(broken):
     assert solve(**broken)[0] >= SUNK
     assert NO_ROOT > SUNK
@@ -131,7 +139,7 @@ def test_hard_ground_gives_at_most_its_friction():
     rng = np.random.default_rng(4)
     soil = SOILS["hard_ground"]
     for _ in range(200):
-        motion = tuple(float(v) for v in rng.normal(0.0, 3.0, 3))
+        motion = WheelMotion(*rng.normal(0.0, 3.0, 3).tolist())
         _, F_l, F_c, F_n, torque, h = solve("hard_ground", motion=motion)
         assert F_n == STATIC
         assert h == 0.0
@@ -143,22 +151,22 @@ def test_hard_ground_gives_at_most_its_friction():
 
 
 def test_hard_ground_starts_with_its_slip_stiffness():
-    soil, load, options = SOILS["hard_ground"], 1000.0, (1e-6, 1.0, False)
-    spun = solve("hard_ground", load, motion=(10.001, 10.0, 0.0), options=options)
-    slid = solve("hard_ground", load, motion=(10.0, 10.0, 0.001), options=options)
+    soil, load, options = SOILS["hard_ground"], 1000.0, ContactOptions(1e-6, 1.0, False)
+    spun = solve("hard_ground", load, motion=WheelMotion(10.001, 10.0, 0.0), options=options)
+    slid = solve("hard_ground", load, motion=WheelMotion(10.0, 10.0, 0.001), options=options)
     assert spun[1] == pytest.approx(soil.C_alpha * load * 1e-4, rel=1e-3)
     assert slid[2] == pytest.approx(-soil.C_alpha * load * 1e-4, rel=1e-3)
 
 
 def test_hard_ground_may_hold_a_wheel_otherwise_along_than_across():
-    load, options = 1000.0, (1e-6, 1.0, False)
+    load, options = 1000.0, ContactOptions(1e-6, 1.0, False)
     soil = make_soil("hard_ground", C_kappa=25.0)
-    spun = solve(soil, load, motion=(10.001, 10.0, 0.0), options=options)
-    slid = solve(soil, load, motion=(10.0, 10.0, 0.001), options=options)
+    spun = solve(soil, load, motion=WheelMotion(10.001, 10.0, 0.0), options=options)
+    slid = solve(soil, load, motion=WheelMotion(10.0, 10.0, 0.001), options=options)
     assert spun[1] == pytest.approx(25.0 * load * 1e-4, rel=1e-3)
     assert slid[2] == pytest.approx(-soil.C_alpha * load * 1e-4, rel=1e-3)
     rng = np.random.default_rng(5)
     for _ in range(50):
-        motion = tuple(float(v) for v in rng.normal(0.0, 3.0, 3))
+        motion = WheelMotion(*rng.normal(0.0, 3.0, 3).tolist())
         _, F_l, F_c, _, _, _ = solve(soil, motion=motion)
         assert math.hypot(F_l, F_c) <= soil.mu * STATIC * (1.0 + 1e-12)

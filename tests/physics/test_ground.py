@@ -12,10 +12,10 @@ import pytest
 from scipy.signal import welch
 
 from offroad_env.errors import InvalidParameter
-from offroad_env.paths import circle, straight
 from offroad_env.physics.ground import ground_height, ground_readings, sin_cos, sinkage_exponent
-from offroad_env.physics.path_kernels import path_point
-from offroad_env.terrain import (
+from offroad_env.physics.path_geometry import path_point
+from offroad_env.world.paths import circle, straight
+from offroad_env.world.terrain import (
     ISO_8608_CLASSES,
     Terrain,
     add,

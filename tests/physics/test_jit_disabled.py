@@ -30,7 +30,7 @@ CHOSEN = (
     "test_coasting_on_a_hard_grade_trades_speed_for_height",
     "test_a_swamp_stops_the_run_with_a_status_and_leaves_finite_numbers",
 )
-FILES = ("test_wheel_soil", "test_contact", "test_numerics", "test_paper_model", "test_full_model")
+FILES = ("test_wheel_soil", "test_contact", "test_numerics", "test_paper_vehicle", "test_full_vehicle")
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled in this process either")

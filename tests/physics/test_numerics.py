@@ -11,19 +11,19 @@ from numba.core.runtime import _nrt_python as runtime
 from scipy.integrate import quad
 
 from offroad_env.physics import state as at
+from offroad_env.physics.axle import with_exponent
 from offroad_env.physics.contact import SUNK
-from offroad_env.physics.full_model import full_advance
+from offroad_env.physics.full_vehicle import full_advance
 from offroad_env.physics.ground import sin_cos
 from offroad_env.physics.numerics import fast_exp, fast_log, half_angle, smooth_clamp, smooth_step
-from offroad_env.physics.paper_model import paper_advance
+from offroad_env.physics.paper_vehicle import paper_advance
 from offroad_env.physics.quadrature import COARSE, FINE, WHOLE, Rule
-from offroad_env.physics.records import Wheel
-from offroad_env.physics.vehicle_model import with_exponent
+from offroad_env.physics.records import ContactOptions, Wheel, WheelMotion
 from offroad_env.physics.wheel_soil import wheel_reaction
-from offroad_env.simulator import FULL_STEP, make_plant, settled_state, simulate
-from offroad_env.soils import SOILS
-from offroad_env.terrain import add, paper_terrain, rough_terrain
-from offroad_env.vehicles import VEHICLES
+from offroad_env.simulation.simulator import FULL_STEP, make_plant, settled_state, simulate
+from offroad_env.world.soils import SOILS
+from offroad_env.world.terrain import add, paper_terrain, rough_terrain
+from offroad_env.world.vehicles import VEHICLES
 
 # --- elementary functions ---------------------------------------------------------------------
 
@@ -155,9 +155,11 @@ def rule_errors(plant, readings) -> np.ndarray:
             if not 0.0 < h < 0.94 * vehicle.r:  # in the air, or sunk: the drive is over
                 continue
             soil = with_exponent(plant.soil, row[first + at.EXPONENT])
-            motion = (row[first + at.R_OMEGA], row[first + at.V_L], row[first + at.V_C])
+            motion = WheelMotion(row[first + at.R_OMEGA], row[first + at.V_L], row[first + at.V_C])
             fast, fine = (
-                np.array(wheel_reaction(soil, wheel, h, motion, plant.v_eps, (plant.resultant, rule)))
+                np.array(
+                    wheel_reaction(soil, wheel, h, motion, ContactOptions(plant.v_eps, plant.resultant, rule))
+                )
                 for rule in (False, True)
             )
             found.append((np.abs(fast - fine) / [1.0, 1.0, 1.0, vehicle.r]).max() / load)

@@ -9,10 +9,10 @@ import numpy as np
 from helpers import REPOSITORY, run_fresh
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.packing import pack, unpack
-from offroad_env.simulator import make_plant
-from offroad_env.soils import SOILS
-from offroad_env.terrain import paper_terrain, soil_map
-from offroad_env.vehicles import VEHICLES
+from offroad_env.simulation.simulator import make_plant
+from offroad_env.world.soils import SOILS
+from offroad_env.world.terrain import paper_terrain, soil_map
+from offroad_env.world.vehicles import VEHICLES
 
 
 def _plant():
@@ -50,7 +50,7 @@ def test_an_edit_starts_a_new_cache_for_the_kernels_that_it_reaches(tmp_path):
     code = (
         f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
         "from offroad_env.physics._jit import cache_folder\n"
-        "for module in ('physics.numerics', 'physics.contact', 'observation'):\n"
+        "for module in ('physics.numerics', 'physics.contact', 'environment.observation'):\n"
         "    print(cache_folder('offroad_env.' + module))"
     )
 
@@ -60,9 +60,9 @@ def test_an_edit_starts_a_new_cache_for_the_kernels_that_it_reaches(tmp_path):
             source.write("# a change\n")
         return [a != b for a, b in zip(before, run_fresh(code).split(), strict=True)]
 
-    assert after_an_edit_of("offroad_env/observation.py") == [False, False, True]
+    assert after_an_edit_of("offroad_env/environment/observation.py") == [False, False, True]
     assert after_an_edit_of("offroad_env/physics/contact.py") == [False, True, False]
     assert after_an_edit_of("offroad_env/physics/numerics.py") == [True, True, False]
-    assert after_an_edit_of("offroad_env/physics/path_kernels.py") == [False, False, True]
+    assert after_an_edit_of("offroad_env/physics/path_geometry.py") == [False, False, True]
     assert after_an_edit_of("offroad_env/physics/_jit.py") == [True, True, True]
-    assert after_an_edit_of("agents/cli.py") == [False, False, False]
+    assert after_an_edit_of("agents/commands/cli.py") == [False, False, False]

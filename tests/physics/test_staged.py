@@ -11,20 +11,22 @@ import pytest
 
 import offroad_env
 from helpers import run_fresh
-from offroad_env.fleet import simulate_fleet_commands, vary
 from offroad_env.physics._jit import kernel
-from offroad_env.physics.records import Wheel
+from offroad_env.physics.axle import with_exponent
+from offroad_env.physics.records import ContactOptions, Wheel, WheelMotion
 from offroad_env.physics.settle import settle
-from offroad_env.physics.vehicle_model import with_exponent
 from offroad_env.physics.wheel_soil import wheel_reaction
-from offroad_env.terrain import rough_terrain
+from offroad_env.simulation.fleet import simulate_fleet_commands, vary
+from offroad_env.world.terrain import rough_terrain
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="there are no editions without the compiler")
 
 
 @kernel
 def reaction_of_softer_soil(soil, wheel, motion):
-    return wheel_reaction(with_exponent(soil, 0.9 * soil.n), wheel, 0.05, motion, 0.1, (1.0, False))
+    return wheel_reaction(
+        with_exponent(soil, 0.9 * soil.n), wheel, 0.05, motion, ContactOptions(0.1, 1.0, False)
+    )
 
 
 @kernel
@@ -73,9 +75,9 @@ def plant():
 
 
 def test_both_editions_give_the_same_forces():
-    soil, wheel, motion = offroad_env.SOILS["clay"], Wheel(0.33, 0.21), (3.2, 3.0, 0.1)
+    soil, wheel, motion = offroad_env.SOILS["clay"], Wheel(0.33, 0.21), WheelMotion(3.2, 3.0, 0.1)
     softer = offroad_env.make_soil(soil, n=0.9 * soil.n)
-    expected = wheel_reaction(softer, wheel, 0.05, motion, 0.1, (1.0, False))
+    expected = wheel_reaction(softer, wheel, 0.05, motion, ContactOptions(0.1, 1.0, False))
     np.testing.assert_allclose(reaction_of_softer_soil(soil, wheel, motion), expected, rtol=1e-13)
 
 

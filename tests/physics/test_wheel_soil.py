@@ -18,10 +18,11 @@ from physics.reference import (
 from scipy.integrate import quad
 
 from offroad_env.errors import InvalidParameter, SolverFailure
-from offroad_env.physics.records import Soil, Wheel
-from offroad_env.physics.wheel_soil import contact_angle_shares, wheel_reaction
-from offroad_env.soils import SOILS
-from offroad_env.wheel import wheel_forces
+from offroad_env.physics.contact_angles import wong_reece_angles
+from offroad_env.physics.records import ContactOptions, Soil, Wheel, WheelMotion
+from offroad_env.physics.wheel_soil import wheel_reaction
+from offroad_env.simulation.wheel import wheel_forces
+from offroad_env.world.soils import SOILS
 
 DEFORMABLE = [name for name in SOILS if SOILS[name].rigid < 0.5]
 WHEEL = Wheel(r=0.33, b=0.21)
@@ -38,9 +39,9 @@ def plain_soil(**changes: float) -> Soil:
     return soil._replace(**changes)
 
 
-def random_motion(rng: np.random.Generator) -> tuple[float, float, float]:
+def random_motion(rng: np.random.Generator) -> WheelMotion:
     """Rim speed, speed along and speed across the wheel, in any combination [m/s]."""
-    return tuple(float(v) for v in rng.normal(0.0, 3.0, 3) * 10.0 ** rng.uniform(-2.0, 0.0, 3))
+    return WheelMotion(*(rng.normal(0.0, 3.0, 3) * 10.0 ** rng.uniform(-2.0, 0.0, 3)).tolist())
 
 
 # --- the independent evaluation ---------------------------------------------------------------
@@ -152,8 +153,12 @@ def test_a_reversing_wheel_is_the_mirror_image_of_a_forward_one(v_eps):
         soil = draw_soil(rng)  # contact angles that depend on slip, and so on the direction
         r_omega, v_l, v_c = random_motion(rng)
         law = (float(rng.integers(2)), True)
-        forward = wheel_reaction(soil, WHEEL, 0.05, (r_omega, v_l, v_c), v_eps, law)
-        reverse = wheel_reaction(soil, WHEEL, 0.05, (-r_omega, -v_l, v_c), v_eps, law)
+        forward = wheel_reaction(
+            soil, WHEEL, 0.05, WheelMotion(r_omega, v_l, v_c), ContactOptions(v_eps, *law)
+        )
+        reverse = wheel_reaction(
+            soil, WHEEL, 0.05, WheelMotion(-r_omega, -v_l, v_c), ContactOptions(v_eps, *law)
+        )
         scale = abs(forward[2]) + abs(forward[0])
         np.testing.assert_allclose(np.array(reverse) * [-1, 1, 1, -1], forward, rtol=0.0, atol=1e-12 * scale)
 
@@ -175,8 +180,8 @@ def test_forces_have_no_jump_at_standstill():
         law = (float(i // 2 % 2), True)
 
         def force(x, soil=soil, direction=direction, offset=offset, law=law):
-            motion = tuple(float(v) for v in offset + 3.0 * v_eps * x * direction)
-            return wheel_reaction(soil, WHEEL, 0.03, motion, v_eps, law)
+            motion = WheelMotion(*(offset + 3.0 * v_eps * x * direction).tolist())
+            return wheel_reaction(soil, WHEEL, 0.03, motion, ContactOptions(v_eps, *law))
 
         assert largest_jump(force, 1600) < 0.25 * largest_jump(force, 200)
 
@@ -184,7 +189,9 @@ def test_forces_have_no_jump_at_standstill():
 def test_a_wheel_that_spins_on_the_spot_is_not_pushed_backwards():
     """The resistance of the soil ahead fades with the travel: at rest only the shear is left."""
     for name in DEFORMABLE:
-        F_x, _, _, torque = wheel_reaction(SOILS[name], WHEEL, 0.06, (2.0, 0.0, 0.0), 0.1, (1.0, True))
+        F_x, _, _, torque = wheel_reaction(
+            SOILS[name], WHEEL, 0.06, WheelMotion(2.0, 0.0, 0.0), ContactOptions(0.1, 1.0, True)
+        )
         assert F_x >= 0.0
         assert torque > 0.0
 
@@ -225,7 +232,7 @@ def test_soil_only_dissipates():
         soil, motion = draw_soil(rng), random_motion(rng)
         h = WHEEL.r * 10.0 ** rng.uniform(-2.5, -0.3)
         law = (float(rng.integers(2)), False)
-        F_x, F_y, _, torque = wheel_reaction(soil, WHEEL, h, motion, 0.1, law)
+        F_x, F_y, _, torque = wheel_reaction(soil, WHEEL, h, motion, ContactOptions(0.1, *law))
         r_omega, v_l, v_c = motion
         spent, work = torque * r_omega / WHEEL.r, F_x * v_l + F_y * v_c
         # 1e-6: the accuracy of the fast rule.
@@ -343,12 +350,12 @@ def test_driving_and_braking_meet_with_one_slope_at_zero_slip():
 def test_the_contact_angles_keep_their_order_at_every_slip(name):
     soil = SOILS[name]
     for slip in np.linspace(-1.0, 1.0, 41):
-        share_m, share_r = contact_angle_shares(soil, slip)
+        share_m, share_r = wong_reece_angles(soil, slip)
         assert -1.0 < share_r < share_m < 1.0
     # In the range that the factory checks, the paper's straight lines are untouched.
     for slip in (0.0, 0.5, 1.0):
         straight = (soil.a_0 + soil.a_1 * slip, soil.b_0 + soil.b_1 * slip)
-        assert contact_angle_shares(soil, slip) == pytest.approx(straight, abs=1e-12)
+        assert wong_reece_angles(soil, slip) == pytest.approx(straight, abs=1e-12)
 
 
 # --- the public function ----------------------------------------------------------------------------

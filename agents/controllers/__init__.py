@@ -1,0 +1,1 @@
+"""Controllers: steering, speed, the tasks' own, and the benchmark's arms."""

@@ -1,0 +1,1 @@
+"""Episodes driven, recorded and drawn."""

@@ -1,0 +1,220 @@
+"""Drive one episode step by step, keeping its log: for commands, figures and videos."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from agents.controllers.arms import (
+    ARMS,
+    CONTROLLERS,
+    believe_estimate,
+    believe_prior,
+    believe_truth,
+    make_arm,
+)
+from agents.controllers.lqr import LqrTracker
+from agents.controllers.mppi import MppiAgent
+from agents.controllers.protocol import Agent
+from agents.controllers.pure_pursuit import PurePursuitAgent
+from agents.controllers.speed_planner import BeliefSource
+from agents.controllers.stanley import StanleyAgent
+from agents.driving.recording import EpisodeLog
+from agents.driving.unwrapped import bekker_env
+from agents.learning.policies import LEARNED, learned_folder, load_policy, shipped_seeds
+from offroad_env.errors import InvalidParameter
+
+__all__ = ["AGENTS", "Drive", "HalfWayPicture", "agent_file", "find_agent", "is_agent", "trained_name"]
+
+#: Agents without a model of the soil, for every scenario.
+_TRACKERS: dict[str, Callable[[], Agent]] = {"pure_pursuit": PurePursuitAgent, "stanley": StanleyAgent}
+
+#: Sampling control with three sources of belief: name -> (terrain_info, belief).
+_SAMPLERS: dict[str, tuple[str, BeliefSource]] = {
+    "mppi_prior": ("none", believe_prior),
+    "mppi_estimate": ("estimate", believe_estimate(1.0)),
+    "mppi_truth": ("truth", believe_truth),
+}
+
+#: The arms' beliefs and speed plans with another steering: name -> arm.
+_STEERED = {f"lqr_{arm}": arm for arm in ARMS}
+#: Tasks whose own controller does nothing but steer either.
+_ONLY_STEERED = {"track"}
+
+#: Names that `find_agent` accepts. Those of trained policies end in the number of the training seed.
+AGENTS = (*_TRACKERS, *ARMS, *_STEERED, *_SAMPLERS, *(f"{arm}_SEED" for arm in LEARNED))
+
+
+def is_agent(name: str) -> bool:
+    """Whether `find_agent` may find it; the module of a user's own agent is loaded only then."""
+    return name in AGENTS or ":" in name or trained_name(name) is not None
+
+
+def trained_name(name: str) -> tuple[str, int] | None:
+    """(arm, training seed) of a trained policy's name."""
+    arm, _, seed = name.rpartition("_")
+    return (arm, int(seed)) if arm in LEARNED and seed.isdecimal() else None
+
+
+def find_agent(name: str, scenario: str, terrain_info: str | None) -> tuple[Agent, str]:
+    """An agent by name, and the ``terrain_info`` of the environment that it is to drive in.
+
+    Parameters
+    ----------
+    name
+        In `AGENTS`, or ``module:Class`` of an agent of your own: a class that is called without
+        arguments, from the working directory or an installed package.
+    scenario
+        Whose tuned settings an arm takes.
+    terrain_info
+        None for what the agent needs, which is "none" for those that do not look at it.
+
+    Raises
+    ------
+    InvalidParameter
+        For an unknown name, or a ``terrain_info`` that starves the agent.
+    """
+    if ":" in name:
+        return _own_agent(name), terrain_info or "none"
+    if name in _TRACKERS:
+        return _TRACKERS[name](), terrain_info or "none"
+    if name in _SAMPLERS:
+        needs, believe = _SAMPLERS[name]
+        return MppiAgent(believe), _checked_info(name, needs, terrain_info)
+    if (trained := trained_name(name)) is not None:
+        return _shipped(*trained, scenario), _checked_info(name, LEARNED[trained[0]], terrain_info)
+    if name in _STEERED:
+        if scenario in CONTROLLERS.keys() - _ONLY_STEERED:
+            raise InvalidParameter(f"{name} steers only, and {scenario!r} asks for more: an arm can do it")
+        arm = make_arm(_STEERED[name], scenario=scenario, tracker=LqrTracker)
+        return arm.agent, _checked_info(name, arm.terrain_info, terrain_info)
+    if name not in ARMS:
+        raise InvalidParameter(f"agent must be one of {', '.join(AGENTS)}, got {name!r}")
+    arm = make_arm(name, scenario=scenario)
+    return arm.agent, _checked_info(name, arm.terrain_info, terrain_info)
+
+
+def _shipped(arm: str, seed: int, scenario: str) -> Agent:
+    seeds = shipped_seeds(scenario, arm)
+    if seed not in seeds:
+        have = f"seeds {', '.join(map(str, seeds))}" if seeds else "none"
+        raise InvalidParameter(f"no policy {arm}_{seed} is shipped for {scenario!r}, there: {have}")
+    return load_policy(learned_folder(scenario, arm, seed))
+
+
+def _checked_info(name: str, needs: str, terrain_info: str | None) -> str:
+    """The ``terrain_info`` to drive with: another one would starve an agent that looks at it."""
+    if terrain_info not in (None, needs) and needs != "none":
+        raise InvalidParameter(
+            f'terrain_info must be "{needs}" for the agent {name!r}, got {terrain_info!r} - leave it out?'
+        )
+    return terrain_info or needs
+
+
+def _importable(name: str) -> str:
+    """The module of ``module:Class``, which may lie in the working directory."""
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    return name.partition(":")[0]
+
+
+def agent_file(name: str) -> Path:
+    """The file that holds an agent of your own, ``module:Class``.
+
+    Raises
+    ------
+    InvalidParameter
+        If there is no such module.
+    """
+    module = _importable(name)
+    try:
+        found = importlib.util.find_spec(module)
+    except (ImportError, ValueError):
+        found = None
+    if found is None or found.origin is None:
+        raise InvalidParameter(f"agent must be one of {', '.join(AGENTS)} or module:Class, got {name!r}")
+    return Path(found.origin)
+
+
+def _own_agent(name: str) -> Agent:
+    agent_file(name)
+    module = importlib.import_module(_importable(name))
+    kind = getattr(module, name.partition(":")[2], None)
+    if kind is None:
+        raise InvalidParameter(f"no {name.partition(':')[2]!r} in {module.__name__} - module:Class?")
+    agent: Agent = kind()
+    missing = [method for method in ("reset", "act") if not callable(getattr(agent, method, None))]
+    if missing:
+        raise InvalidParameter(
+            f"{name} has no method {' and no '.join(missing)} (`agents.controllers.protocol.Agent`)"
+        )
+    return agent
+
+
+class Drive:
+    """One episode, driven while it is iterated over: every item is ``info``, the first after reset.
+
+    Parameters
+    ----------
+    env
+        From ``gym.make``.
+    agent
+    seed
+        Of the reset.
+    options
+        Of the reset, for example ``{"n": 0.7}``.
+    """
+
+    log: EpisodeLog  #: one row a step
+    info: dict[str, Any]  #: of the last step
+    reward: float  #: sum so far
+
+    def __init__(
+        self, env: gym.Env, agent: Agent, *, seed: int, options: dict[str, Any] | None = None
+    ) -> None:
+        self.env, self.agent, self.seed, self.options = env, agent, seed, options
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        observation, self.info = self.env.reset(seed=self.seed, options=self.options)
+        self.agent.reset(bekker_env(self.env).briefing)
+        self.log, self.reward, done = EpisodeLog.start(self.env, self.info), 0.0, False
+        yield self.info
+        while not done:
+            action = self.agent.act(observation)
+            observation, reward, terminated, truncated, self.info = self.env.step(action)
+            self.log.add(action, self.info)
+            self.reward += float(reward)
+            done = terminated or truncated
+            yield self.info
+
+    @property
+    def ending(self) -> str:
+        """How it ended, in words."""
+        if self.info["success"]:
+            return "reached the goal"
+        return (self.info["failure"] or "time limit").replace("_", " ")
+
+
+class HalfWayPicture:
+    """Keeps the picture of the moment when half of the course was done, or the last one before.
+
+    The charts in a picture show the past only where pictures were made, so it looks now and then.
+    """
+
+    EVERY = 10  #: steps between two looks
+
+    def __init__(self) -> None:
+        self.frame: np.ndarray | None = None  #: (H, W, 3) uint8
+
+    def look(self, env: gym.Env, step: int, info: dict[str, Any]) -> None:
+        """Take a picture, if this step is one for it; call after every step."""
+        if step % self.EVERY == 0 and (self.frame is None or info["progress"] < 0.5 * info["path_length"]):
+            self.frame = np.asarray(env.render())

@@ -1,0 +1,1 @@
+"""Training policies, and the policies that are shipped."""

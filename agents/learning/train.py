@@ -1,0 +1,452 @@
+"""Train a policy: one file, one experiment, a dataclass of arguments. Needs the extra ``rl``.
+
+PPO (J. Schulman et al., Proximal policy optimization algorithms, arXiv 1707.06347, 2017) and SAC
+(T. Haarnoja et al., Soft actor-critic, ICML 2018) as implemented by stable-baselines3. A policy that
+shall find out about the soil by itself gets memory: a recurrent network (RecurrentPPO of sb3-contrib)
+or the last observations side by side (``frames``). Noise that is drawn anew at every step averages out
+before the vehicle has answered; PPO explores by functions of the state that hold for some seconds (A.
+Raffin, J. Kober, F. Stulp, Smooth exploration for robotic reinforcement learning, CoRL 2021).
+
+A run can be interrupted: it goes on from its last checkpoint as if nothing had happened.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Annotated, Any
+
+import gymnasium as gym
+import numpy as np
+import tyro
+
+from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
+from agents.controllers.protocol import EpisodeResult
+from agents.learning.action_interface import find_interface
+from agents.learning.checkpoint import Environments, read_checkpoint, restore_random_state, write_checkpoint
+from agents.learning.policies import (
+    CLIP,
+    KIND,
+    SCALING,
+    WEIGHTS,
+    ZIP,
+    MissingExtraError,
+    Network,
+    PolicyAgent,
+    find_learner,
+    load_policy,
+)
+from agents.reports.output import write_bytes
+from offroad_env.environment.scenarios import find_scenario
+from offroad_env.environment.vector_env import OffroadBekkerVectorEnv, make_vec
+
+__all__ = [
+    "CurvePoint",
+    "TrainArgs",
+    "TrainResult",
+    "configuration_hash",
+    "failure_charge",
+    "objective",
+    "train",
+]
+
+#: Files of a run beside those of the policy.
+_REPORT, _BOARD = "training.json", "tensorboard"
+#: Fewest steps between two points of a learning curve.
+_CURVE_STEPS = 64
+#: Arguments that do not decide what is learnt.
+_INDIFFERENT = {"out", "resume", "checkpoint_steps", "tensorboard", "threads"}
+
+
+#: With the option's former spelling.
+ActionInterfaceName = Annotated[str, tyro.conf.arg(aliases=["--guide"])]  # alias
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainArgs:
+    """Arguments of one training run. A step is an action of the policy."""
+
+    scenario: str = "speed"  #: what to learn
+    algorithm: str = "ppo"  #: ppo, recurrent_ppo (memory) or sac
+    terrain_info: str = "estimate"  #: terrain information in the policy's observation
+    seed: int = 0  #: of network, actions and episodes
+    total_steps: int = 30_000  #: steps of the policy at most
+    time_budget: float | None = None  #: wall time after which training stops [s]
+    out: Path = Path("out/train")  #: folder for policy, scaling, checkpoint and learning curve
+    resume: bool = False  #: go on from the checkpoint in that folder
+    checkpoint_steps: int = 8_000  #: steps between two checkpoints; 0 = none
+    tensorboard: bool = False  #: also write what TensorBoard shows to out/tensorboard
+    action_interface: ActionInterfaceName = "plan"  #: meaning of an action: plan (n), tracker (speed), direct
+    objective: str | None = None  #: reward, or score: what the benchmark measures; default where it is time
+    charge: float = 1.0 / 3.0  #: of a failure in the score that is learnt, as a share of the time limit
+    first_charge: float | None = None  #: at the start, if less: grows by equal factors to the other
+    pace: float = 0.15  #: time that a metre of progress counts for in the score that is learnt [s/m]
+    frames: int = 1  #: last observations that the policy sees side by side: memory without recurrence
+    n_envs: int = 32  #: environments stepped together
+    threads: int | None = None  #: threads that step them, default one per usable processor
+    n_steps: int = 32  #: steps of each environment between two updates (not SAC)
+    batch_size: int = 256  #: samples of one gradient step
+    n_epochs: int = 8  #: passes over the samples of an update (not SAC)
+    learning_rate: float = 1.5e-3  #: of Adam at the start; falls to 0 with the last step
+    gamma: float = 0.96  #: discount per step; 1/(1 - gamma) steps of 0.2 s are 5 s
+    gae_lambda: float = 0.9  #: bias against variance of the advantage (not SAC)
+    log_std: float = -3.2  #: first log standard deviation of the noise (not SAC)
+    noise_steps: int = 25  #: above 1, noise follows the state and is drawn anew after so many (not SAC)
+    buffer_size: int = 300_000  #: steps that SAC remembers
+    hidden: tuple[int, ...] = (64, 64)  #: layers of policy and value network
+    check_steps: int = 7_500  #: steps between two drives of the tuning episodes; the best policy is kept
+    check_episodes: int = 16  #: of such a drive; 0 = none, the last policy is kept
+    eval_episodes: int = 3  #: test episodes that the reloaded policy drives at the end
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurvePoint:
+    """Learning curve after one update."""
+
+    steps: int  #: steps of the policy so far
+    wall_time: float  #: since the start [s]
+    reward: float | None  #: mean sum of rewards of the last 100 episodes
+    length: float | None  #: mean length of the same [steps]
+    score: float | None = None  #: mean score of the tuning episodes, driven without noise; where asked for
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainResult:
+    """What a run has made."""
+
+    policy: Path
+    configuration: str  #: hash of what decides it
+    steps: int  #: of the policy
+    periods: int  #: control periods of the environment that they lasted
+    wall_time: float  #: of learning with its drives between, without set-up and evaluation [s]
+    periods_per_second: float  #: the same in control periods: environment steps per second
+    curve: tuple[CurvePoint, ...]
+    evaluation: tuple[EpisodeResult, ...] = field(default=())  #: of the reloaded policy
+
+
+def objective(args: TrainArgs) -> str:
+    """What is learnt: "reward" or "score"."""
+    timed = find_scenario(args.scenario).measure == "time"
+    return args.objective or ("score" if timed else "reward")
+
+
+def configuration_hash(args: TrainArgs) -> str:
+    """Digest of everything that decides what is learnt."""
+    return hashlib.sha256(json.dumps(_decisive(args), sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _decisive(args: TrainArgs) -> dict[str, Any]:
+    names = [entry.name for entry in fields(TrainArgs) if entry.name not in _INDIFFERENT]
+    return {name: getattr(args, name) for name in names}
+
+
+def failure_charge(args: TrainArgs, steps: int) -> float:
+    """What a failure costs after so many steps, as a share of the time limit."""
+    if args.first_charge is None:
+        return args.charge
+    return float(args.first_charge * (args.charge / args.first_charge) ** min(steps / args.total_steps, 1.0))
+
+
+def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> Environments:
+    """Fresh environments, or those of a checkpoint."""
+    from stable_baselines3.common.vec_env import VecFrameStack, VecMonitor, VecNormalize
+
+    from agents.learning.sb3_vec_env import LearningVecEnv
+
+    if held is None:
+        envs = make_vec(
+            args.n_envs,
+            autoreset_mode="SameStep",
+            scenario=args.scenario,
+            terrain_info=args.terrain_info,
+            threads=args.threads,
+        )
+        assert isinstance(envs, OffroadBekkerVectorEnv)
+        episodes = LearningVecEnv(
+            envs,
+            action_interface=args.action_interface,
+            objective=objective(args),
+            charge=failure_charge(args, 0),
+            pace=args.pace,
+        )
+        episodes.seed(args.seed)
+        monitor = VecMonitor(episodes)
+        scaler = VecNormalize(monitor, gamma=args.gamma, clip_obs=CLIP)
+    else:
+        episodes = held["episodes"]
+        monitor = VecMonitor(episodes)
+        monitor.episode_returns, monitor.episode_lengths = held["sums"]
+        scaler = held["scaler"]
+        scaler.set_venv(monitor)
+        scaler.returns = held["returns"]
+    seen = VecFrameStack(scaler, args.frames) if args.frames > 1 else scaler
+    if held is not None and isinstance(seen, VecFrameStack):
+        seen.stacked_obs = held["frames"]
+    return Environments(episodes, monitor, scaler, seen)
+
+
+def _make_model(args: TrainArgs, envs: Environments, held: dict[str, Any] | None) -> Any:
+    learner = find_learner(args.algorithm)
+    if held is None:
+        policy = "MultiInputLstmPolicy" if args.algorithm == "recurrent_ppo" else "MultiInputPolicy"
+        model = learner(policy, envs.seen, seed=args.seed, device="cpu", **_settings(args))
+    else:
+        model = learner.load(io.BytesIO(held["model"]), env=envs.seen, device="cpu", force_reset=False)
+        if held["memory"] is not None:
+            model._last_lstm_states = held["memory"]
+        if held["replay"] is not None:
+            model.replay_buffer = held["replay"]
+    if args.tensorboard:
+        model.tensorboard_log = _board(args)
+    return model
+
+
+def _board(args: TrainArgs) -> str:
+    """Folder for TensorBoard."""
+    try:
+        import tensorboard  # noqa: F401 - only whether it is there
+    except ImportError as error:
+        raise MissingExtraError(f"TensorBoard is missing ({error}): pip install tensorboard") from error
+    return str(args.out / _BOARD)
+
+
+def _settings(args: TrainArgs) -> dict[str, Any]:
+    """Arguments of the learner."""
+    from stable_baselines3.common.utils import LinearSchedule
+
+    network: dict[str, Any] = {"net_arch": list(args.hidden)}
+    common = {
+        "batch_size": args.batch_size,
+        "learning_rate": LinearSchedule(args.learning_rate, 0.0, 1.0),
+        "gamma": args.gamma,
+        "policy_kwargs": network,
+    }
+    if args.algorithm == "sac":
+        return {**common, "buffer_size": args.buffer_size, "learning_starts": 10 * args.batch_size}
+    network["log_std_init"] = args.log_std
+    found = {**common, "n_steps": args.n_steps, "n_epochs": args.n_epochs, "gae_lambda": args.gae_lambda}
+    if args.noise_steps > 1:
+        found |= {"use_sde": True, "sde_sample_freq": args.noise_steps}
+    return found
+
+
+def _scaling(scaler: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    return {
+        key: (statistics.mean.copy(), np.sqrt(statistics.var + scaler.epsilon))
+        for key, statistics in scaler.obs_rms.items()
+    }
+
+
+def _save(model: Any, scaler: Any, args: TrainArgs) -> None:
+    """Write the policy so that `load_policy` finds it."""
+    folder = args.out
+    folder.mkdir(parents=True, exist_ok=True)
+    model.save(folder / ZIP)
+    if args.algorithm == "ppo":
+        Network.of(model).save(folder / WEIGHTS)
+    kind = {"configuration": configuration_hash(args), **_decisive(args)}
+    (folder / KIND).write_text(json.dumps(kind, indent=1) + "\n", encoding="utf-8")
+    table = {}
+    for key, (mean, sd) in _scaling(scaler).items():
+        table[f"{key}.mean"], table[f"{key}.sd"] = mean, sd
+    np.savez(folder / SCALING, **table)  # type: ignore[arg-type]  # NumPy names a keyword of its own
+
+
+class _Watch:
+    """Learning curve, drives between, checkpoints, and the end when the time is over."""
+
+    def __init__(
+        self,
+        args: TrainArgs,
+        envs: Environments,
+        held: dict[str, Any] | None,
+        progress: Callable[[int, float], None] | None,
+    ) -> None:
+        self._args, self._envs, self._held, self._progress = args, envs, held, progress
+        self.curve: list[CurvePoint] = []
+        self.best = np.inf
+        self.last = {"checkpoint": 0, "check": 0}
+        self.before = 0.0
+        self._start = time.perf_counter()
+        if held is not None:
+            vars(self).update(held["watch"])
+
+    def state(self) -> dict[str, Any]:
+        """What a checkpoint keeps of it."""
+        found = {"curve": self.curve, "best": self.best, "last": self.last}
+        return {**found, "before": self.wall_time()}
+
+    def wall_time(self) -> float:
+        """Time of learning and of the drives between [s]."""
+        return self.before + time.perf_counter() - self._start
+
+    def start(self) -> None:
+        """Learning begins: what came before is set-up."""
+        self._start = time.perf_counter()
+
+    def in_time(self) -> bool:
+        """Whether there is time left."""
+        return self._args.time_budget is None or self.wall_time() < self._args.time_budget
+
+    def before_batch(self, model: Any) -> None:
+        """Before a batch of experience: the network has learnt from all that was driven."""
+        args, steps = self._args, model.num_timesteps
+        if self._held is not None:
+            restore_random_state(model, self._held)
+            self._held = None
+        self._envs.episodes.charge = failure_charge(args, steps)
+        if args.check_episodes > 0 and (steps == 0 or self._due("check", steps, args.check_steps)):
+            self.check(model)
+        if self._due("checkpoint", steps, args.checkpoint_steps):
+            watch = {"configuration": configuration_hash(args), "watch": self.state()}
+            write_checkpoint(args.out, model, self._envs, watch)
+
+    def after_batch(self, model: Any) -> None:
+        """After a batch of experience: a point of the learning curve."""
+        if self.curve and model.num_timesteps - self.curve[-1].steps < _CURVE_STEPS:
+            return  # SAC learns after every step
+        self._add(model, None)
+        if self._progress is not None:
+            self._progress(model.num_timesteps, self.wall_time())
+
+    def check(self, model: Any) -> None:
+        """Drive the tuning episodes; keep the policy if it is the best so far."""
+        score = _check(model, self._envs.scaler, self._args)
+        model.logger.record("check/score", score)
+        self._add(model, score)
+        if score < self.best:
+            self.best = score
+            _save(model, self._envs.scaler, self._args)
+
+    def _due(self, name: str, steps: int, every: int) -> bool:
+        due = every > 0 and steps - self.last[name] >= every
+        if due:
+            self.last[name] = steps
+        return due
+
+    def _add(self, model: Any, score: float | None) -> None:
+        episodes = model.ep_info_buffer or ()
+        self.curve.append(
+            CurvePoint(
+                steps=model.num_timesteps,
+                wall_time=self.wall_time(),
+                reward=float(np.mean([e["r"] for e in episodes])) if episodes else None,
+                length=float(np.mean([e["l"] for e in episodes])) if episodes else None,
+                score=score,
+            )
+        )
+
+
+def _callback(watch: _Watch) -> Any:
+    """The watch as stable-baselines3 calls it."""
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    class Callback(BaseCallback):
+        def _on_training_start(self) -> None:
+            watch.start()
+
+        def _on_rollout_start(self) -> None:
+            watch.before_batch(self.model)
+
+        def _on_step(self) -> bool:
+            return watch.in_time()
+
+        def _on_rollout_end(self) -> None:
+            watch.after_batch(self.model)
+
+    return Callback()
+
+
+def _check(model: Any, scaler: Any, args: TrainArgs) -> float:
+    """Mean score of the tuning episodes, driven without noise."""
+    network = Network.of(model) if args.algorithm == "ppo" else model
+    agent = PolicyAgent(network, _scaling(scaler), frames=args.frames, action_interface=args.action_interface)
+    env = gym.make(ENV_ID, scenario=args.scenario, terrain_info=args.terrain_info)
+    draws = draw_episodes(args.scenario, args.check_episodes, 0, training=True)
+    scores = [run_episode(env, agent, draw.seed, n=draw.n).score for draw in draws]
+    env.close()
+    return float(np.mean(scores))
+
+
+def train(args: TrainArgs, *, progress: Callable[[int, float], None] | None = None) -> TrainResult:
+    """Learn, save, reload and evaluate.
+
+    Parameters
+    ----------
+    args
+    progress
+        Called after every batch of experience with (steps, wall time [s]).
+
+    Returns
+    -------
+    TrainResult
+        Also written to ``args.out``: the policy, the scaling of its observations, and the learning
+        curve with the evaluation as JSON.
+
+    Raises
+    ------
+    MissingExtraError
+        Without stable-baselines3.
+    """
+    find_learner(args.algorithm)
+    held = read_checkpoint(args.out, configuration_hash(args)) if args.resume else None
+    envs = _make_envs(args, held)
+    model = _make_model(args, envs, held)
+    watch = _Watch(args, envs, held, progress)
+    left = args.total_steps - model.num_timesteps
+    model.learn(left, callback=_callback(watch), reset_num_timesteps=held is None)
+    if args.check_episodes > 0:
+        watch.check(model)
+    else:
+        _save(model, envs.scaler, args)
+    wall_time = watch.wall_time()
+    envs.seen.close()
+    result = _result(args, model.num_timesteps, wall_time, tuple(watch.curve))
+    _write_report(args, result)
+    return result
+
+
+def _result(args: TrainArgs, steps: int, wall_time: float, curve: tuple[CurvePoint, ...]) -> TrainResult:
+    periods = steps * find_interface(args.action_interface).hold
+    return TrainResult(
+        policy=args.out,
+        configuration=configuration_hash(args),
+        steps=steps,
+        periods=periods,
+        wall_time=wall_time,
+        periods_per_second=periods / wall_time,
+        curve=curve,
+        evaluation=_evaluate(args),
+    )
+
+
+def _evaluate(args: TrainArgs) -> tuple[EpisodeResult, ...]:
+    """Episodes of the policy as it was saved."""
+    agent = load_policy(args.out)
+    env = gym.make(ENV_ID, scenario=args.scenario, terrain_info=args.terrain_info)
+    draws = draw_episodes(args.scenario, args.eval_episodes, args.seed)
+    episodes = tuple(run_episode(env, agent, draw.seed, n=draw.n) for draw in draws)
+    env.close()
+    return episodes
+
+
+def _write_report(args: TrainArgs, result: TrainResult) -> None:
+    report = {"arguments": asdict(args), "result": asdict(result)}
+    text = json.dumps(report, indent=1, default=str)
+    write_bytes(args.out / _REPORT, f"{text}\n".encode())
+
+
+def main() -> None:
+    """Train with arguments from the command line."""
+    import tyro
+
+    train(tyro.cli(TrainArgs, description=__doc__))
+
+
+if __name__ == "__main__":
+    main()

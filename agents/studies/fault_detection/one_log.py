@@ -1,0 +1,198 @@
+"""One log of the fault-detection study: a fault is injected, and the log diagnosed."""
+
+from __future__ import annotations
+
+import copy
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from estimators.discrepancy.checks.holdout_gain import Held, held_out
+from estimators.discrepancy.diagnosis import diagnose
+from estimators.discrepancy.faults.combined import combined
+from estimators.discrepancy.faults.drive import TICK, Case, draw_case, simulated_log
+from estimators.discrepancy.faults.library import FAULTS, ONE_SIDED
+from estimators.discrepancy.faults.unmodelled import UNMODELLED_FAULTS
+from estimators.discrepancy.model.fit import fit_runs
+from estimators.discrepancy.model.run_model import RunModel, drives
+from estimators.discrepancy.model.windows import FIT, REPORT
+from estimators.discrepancy.search.result import SearchResult
+from estimators.discrepancy.search.score_test import ScoreTest, candidates_for, score_test
+from estimators.discrepancy.verdict import VehicleDiagnosis
+from estimators.logs.log import Log
+from offroad_env.effects import EFFECTS, apply
+from offroad_env.errors import OffroadError
+from offroad_env.simulation.drive import Faults
+from offroad_env.world.soils import SOILS
+
+__all__ = ["Numbers", "limits_of", "run_unit"]
+
+Numbers = dict[str, Any]  #: result of one unit, or of the study, as JSON takes it
+
+#: Effects that cannot be negative.
+_ONE_SIDED = (*ONE_SIDED, "aero_drag")
+#: Where the soil of a fault changes, as parameters of the effect.
+_PLACES = {"n_step": {"place": 35.0, "direction": 0.0}, "n_trend": {"place": 80.0, "direction": 0.0}}
+#: Size of the unmodelled faults [share of the weight].
+_UNMODELLED_SIZE = 0.03
+
+
+def limits_of(seed: int) -> Numbers:
+    """Smallest detectable sizes in the log of this seed, and similarity of the effects in it.
+
+    From the same run without a fault.
+    """
+    try:
+        fit = fit_runs([RunModel(simulated_log(draw_case(seed)), use=FIT)])
+        result = score_test(fit, candidates_for(fit, tuple(EFFECTS)))
+    except OffroadError as error:
+        return {"failed": str(error)}
+    names, cosines = result.by_effect()
+    limits = result.limits()
+    return {
+        "limits": limits,
+        # Without a receiver it can have no fault.
+        "alike": {name: _alike(result, name) for name in FAULTS if name in limits},
+        "names": names,
+        "cosines": cosines.round(4).tolist(),
+    }
+
+
+def _mimicry(known: Numbers, gone: str, named: Sequence[str]) -> float:
+    """Share of the trace of an effect that others reproduce together (R^2), in a run without a fault."""
+    places = {name: i for i, name in enumerate(known["names"])}
+    inside = [places[name] for name in named if name in places]
+    if gone not in places or not inside:
+        return 0.0
+    cosines = np.array(known["cosines"])
+    cross = cosines[inside, places[gone]]
+    return float(cross @ np.linalg.lstsq(cosines[np.ix_(inside, inside)], cross, rcond=None)[0])
+
+
+def _alike(result: ScoreTest, name: str) -> dict[str, float]:
+    own = [i for i, candidate in enumerate(result.candidates) if candidate.effect == name]
+    best = own[int(np.argmax(np.diag(result.information)[own]))]
+    cosines = np.abs(result.cosines()[best])
+    found: dict[str, float] = {}
+    for candidate, cosine in zip(result.candidates, cosines, strict=True):
+        found[candidate.effect] = max(found.get(candidate.effect, 0.0), float(cosine))
+    return {effect: cosine for effect, cosine in found.items() if cosine > 0.5}
+
+
+def run_unit(kind: str, name: str, multiple: float, seed: int, *, known: Mapping[int, Numbers]) -> Numbers:
+    """One log with a fault, diagnosed; the truth is compared only afterwards.
+
+    Parameters
+    ----------
+    kind
+        "null", "white", "single", "pair", "removed", "unmodelled" or "same".
+    name
+        The fault; two names with + between for a pair.
+    multiple
+        Size in multiples of the smallest detectable one.
+    known
+        Seed -> `limits_of` it.
+    """
+    case = draw_case(seed)
+    try:
+        if kind in ("null", "white"):
+            return _diagnosed(simulated_log(case), case, white=kind == "white")
+        if kind == "unmodelled":
+            return _diagnosed(simulated_log(case, UNMODELLED_FAULTS[name](_UNMODELLED_SIZE)), case)
+        names, limits = name.split("+"), known[seed]["limits"]
+        sizes = [_size(one, multiple * limits[one], seed) for one in names]
+        log = simulated_log(case, combined([_fault(one, x) for one, x in zip(names, sizes, strict=True)]))
+        if kind == "same":
+            return _same(log, case)
+        gone = name if kind == "removed" else None
+        truth = (name, sizes[0]) if kind == "single" and multiple == 2.0 else None
+        result = _diagnosed(log, case, gone=gone, truth=truth)
+        if gone is not None:
+            result["mimicry"] = _mimicry(known[seed], gone, [members[0] for members in result["sets"]])
+        truths = {one: size / limits[one] for one, size in zip(names, sizes, strict=True)}
+        alike = known[seed]["alike"][names[0]]
+        return result | {"sizes_true": sizes, "multiples": truths, "alike": alike}
+    except OffroadError as error:
+        return {"failed": str(error)}
+
+
+def _size(name: str, size: float, seed: int) -> float:
+    """Size with its sign drawn; a delay in whole ticks."""
+    if name == "steer_delay":
+        return max(round(size / TICK), 1) * TICK
+    if name in _ONE_SIDED:
+        return size
+    return size * float(np.random.default_rng([seed, 3]).choice((-1.0, 1.0)))
+
+
+def _fault(name: str, size: float) -> Faults:
+    """A fault of this size; the lag of the simulation, held over ticks, gets the same mean delay."""
+    if name == "steer_lag":
+        size = TICK / math.log1p(TICK / size)
+    return FAULTS[name](size)
+
+
+def _diagnosed(
+    log: Log,
+    case: Case,
+    *,
+    white: bool = False,
+    gone: str | None = None,
+    truth: tuple[str, float] | None = None,
+) -> Numbers:
+    start = time.process_time()
+    diagnosis = diagnose([log], white=white, library=[name for name in EFFECTS if name != gone])
+    result = _summary(diagnosis, case) | {"seconds": time.process_time() - start}
+    found, pair = diagnosis.search, diagnosis.on_test_data
+    if truth is not None and found is not None and pair is not None:
+        result["gain"] = _gains(found, pair, log, *truth)
+    return result
+
+
+def _summary(diagnosis: VehicleDiagnosis, case: Case) -> Numbers:
+    found, checks = diagnosis.search, diagnosis.checks
+    return {
+        "verdict": diagnosis.verdict.value,
+        "road": case.road,
+        "sets": [[one.candidate.effect for one in cause.alternatives] for cause in diagnosis.causes],
+        "sizes": [[(one.size, one.deviation) for one in cause.alternatives] for cause in diagnosis.causes],
+        "named": [cause.best.candidate.effect for cause in diagnosis.named],
+        "strongest": float(np.abs(found.first.z).max()) if found else None,
+        "threshold": found.threshold if found else None,
+        "gate": list(found.holdout_gains) if found else [],
+        "rest": {rest.equation: rest.p_value for rest in diagnosis.unknown_inputs},
+        "converged": checks.converged if checks else None,
+        "solver": checks.solver if checks else None,
+        "overlap": checks.overlap if checks else None,
+        "refused": found.refused if found else None,
+        "n_true": case.n,
+        "n_fit": SOILS[case.soil].n + float(found.extended.nuisances[0]) if found else None,
+    }
+
+
+def _gains(
+    found: SearchResult, pair: tuple[Held, Held], log: Log, name: str, size: float
+) -> tuple[float, float]:
+    """Gains on the test data, of the extended model and of one with the true effect."""
+    run = copy.copy(drives(found.nominal.runs)[0])
+    run.setup = apply(run.setup, [(name, {EFFECTS[name].size.name: size, **_PLACES.get(name, {})})])
+    informed = fit_runs([run])
+    # The noise of the diagnosis for both: likelihoods are compared under one law.
+    informed = replace(informed, noise=found.extended.noise)
+    apart = RunModel(log, use=REPORT)
+    apart.setup = run.setup
+    nominal, extended = pair
+    weighed = replace(found.nominal, noise=informed.noise)
+    before = held_out(weighed, nominal.fit.runs).cost
+    return before - extended.cost, before - held_out(informed, [apart]).cost
+
+
+def _same(log: Log, case: Case) -> Numbers:
+    """Whether another order of the library and another name of the log change a diagnosis."""
+    first = _summary(diagnose([log]), case)
+    again = _summary(diagnose([replace(log, name="another")], library=list(EFFECTS)[::-1]), case)
+    return first | {"same": first == again}

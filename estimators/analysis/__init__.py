@@ -1,0 +1,1 @@
+"""What a filter is measured against: bounds, consistency, scores."""

@@ -1,0 +1,1 @@
+"""Simulated drives and trials with known faults, implemented independently of the effects."""

@@ -1,0 +1,1 @@
+"""The model that a diagnosis fits to measured runs, and its noise."""

@@ -1,0 +1,117 @@
+"""A drive fitted by multiple shooting: window states, nuisances and sizes of effects together.
+
+Every window has its own start, which is eliminated window by window. What all windows share remains: n, the
+imperfections of an unmodified vehicle's sensors, the timing of the inputs within half a sample, and the sizes
+of effects. The result is a small normal matrix with a score, which is all that the search needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimators.discrepancy.model.autoregressive_noise import AutoregressiveNoise, white_deviation
+from estimators.discrepancy.model.fit_result import FitResult
+from estimators.discrepancy.model.gauss_newton import GaussNewton
+from estimators.discrepancy.model.linearisation import Jacobian, Linearisation
+from estimators.discrepancy.model.problem import LeastSquaresProblem
+from estimators.discrepancy.model.protocol import ForwardModel
+from estimators.discrepancy.model.unknown_road import null_simulations
+
+__all__ = ["autoregressive", "fit_runs", "settled", "stretches_of"]
+
+#: Steps towards starts that a ground about right leads to.
+_ROUGHLY = 3
+#: Passes of descending and learning the noise; the gain of a pass that ends them, in the log-likelihood.
+_PASSES, _SETTLED = 6, 1.0
+#: Least standard deviation of a channel, in its unit: a channel that never changes must stay solvable.
+_LEAST_DEVIATION = 1e-6
+
+
+def fit_runs(runs: Sequence[ForwardModel], *, white: bool = False) -> FitResult:
+    """The nominal model fitted: starts, nuisances and the colour of the noise.
+
+    Parameters
+    ----------
+    white
+        Take all noise for white: only to show what that does.
+
+    Raises
+    ------
+    SolverFailure
+        When the model cannot be run at all.
+    """
+    problem = LeastSquaresProblem(runs)
+    fit = _fitted(problem, white=white, wide=False)
+    if problem.hard or not fit.converged:
+        # Far from the data, noise as small as the sensors' leads into the nearest valley. On hard ground
+        # that may hold: tyres at a limit of their stiffness turn the car late, too.
+        other = _fitted(problem, white=white, wide=True)
+        fit = min(fit, other, key=lambda each: each.minus_log_likelihood)
+    return fit if white else replace(fit, null=null_simulations(fit))
+
+
+def _fitted(problem: LeastSquaresProblem, *, white: bool, wide: bool) -> FitResult:
+    first = Linearisation.at(problem, problem.begun(problem.stated()))
+    noise = _first_noise(first, wide=wide)
+    fit = FitResult(linearisation=first, jacobian=Jacobian(), noise=noise, white=white)
+    # Once more from the starts that a ground about right leads to: no sensor may have measured the speed.
+    fit = GaussNewton(rounds=_ROUGHLY).descend(fit)
+    return settled(fit.moved(problem.begun(fit.point)))
+
+
+def settled(fit: FitResult) -> FitResult:
+    """Descend and learn the noise in turn, until neither changes much.
+
+    Raises
+    ------
+    SolverFailure
+        Where the model has no solution.
+    """
+    fit, descent = replace(fit, converged=False), GaussNewton()
+    for i in range(_PASSES):
+        fit = descent.descend(fit, fresh=i == 0)
+        if i > 0 and fit.first_cost - fit.cost < _SETTLED:
+            fit = replace(fit, converged=not fit.stalled)
+            break
+        fit = fit.with_learned_noise()
+    # All derivatives at the point that is reached: scores project one kind from the other.
+    fit = descent.descend(fit.with_learned_noise())
+    return fit.with_null(fit.null)
+
+
+def stretches_of(problem: LeastSquaresProblem) -> AutoregressiveNoise:
+    """Autoregressive noise of a drive that is not yet known: only its stretches."""
+    pairs = zip(problem.runs, problem.offsets, strict=False)
+    return AutoregressiveNoise.of_rows([(run.channels, int(offset)) for run, offset in pairs])
+
+
+def autoregressive(fit: FitResult) -> AutoregressiveNoise:
+    """Noise of a fit to drives.
+
+    Raises
+    ------
+    TypeError
+        For a fit to trials of a rig.
+    """
+    if not isinstance(fit.noise, AutoregressiveNoise):
+        raise TypeError(
+            f"needs the fit of a drive, with autoregressive noise; got {type(fit.noise).__name__}"
+        )
+    return fit.noise
+
+
+def _first_noise(first: Linearisation, *, wide: bool) -> AutoregressiveNoise:
+    """White noise by the second differences of every channel; ``wide``: by the residuals at the start."""
+    noise, deviations = stretches_of(first.problem), {}
+    y = np.concatenate([run.y for run in first.problem.runs])
+    for name, pieces in noise.pieces.items():
+        if wide:
+            own = np.concatenate([first.residual[piece] for piece in pieces])
+            deviation = float(np.sqrt(np.mean(own**2)))
+        else:
+            deviation = white_deviation([y[piece] for piece in pieces])
+        deviations[name] = max(deviation, _LEAST_DEVIATION)
+    return noise.with_white(deviations)

@@ -1,0 +1,195 @@
+"""The model simulated at one point, and the derivatives of its predictions there by finite differences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from estimators.discrepancy.model.nuisances import acts
+from estimators.discrepancy.model.parameters import Candidate, CandidateKey, Point
+from estimators.discrepancy.model.problem import LeastSquaresProblem
+from estimators.discrepancy.model.protocol import Records
+from offroad_env.effects import EFFECTS, Setup
+from offroad_env.errors import OffroadError, SolverFailure
+
+__all__ = ["Jacobian", "Linearisation"]
+
+#: Finite differences: share of a state's spread, and of an effect's plausible size. On bumps they hold
+#: only within some centimetres of the line that the vehicle took.
+_STATE_STEP, _SIZE_STEP = 0.001, 1e-4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Linearisation:
+    """Residual and records at a point, and derivatives by states, nuisances and sizes of effects.
+
+    Derivatives are of the prediction. The simulations behind them use the coarse solver at both ends of a
+    difference: its error is nearly the same at both.
+    """
+
+    problem: LeastSquaresProblem
+    point: Point
+    setups: tuple[Setup, ...]
+    records: tuple[Records, ...]
+    prediction: np.ndarray  #: (M,)
+    residual: np.ndarray  #: (M,) measured less predicted
+
+    @classmethod
+    def at(cls, problem: LeastSquaresProblem, point: Point) -> Linearisation:
+        """Simulate all runs at a point.
+
+        Raises
+        ------
+        SolverFailure
+            Where the model has no solution.
+        """
+        setups = problem.setups(point)
+        records, prediction = problem.simulated(point, setups)
+        return cls(
+            problem=problem,
+            point=point,
+            setups=setups,
+            records=records,
+            prediction=prediction,
+            residual=problem.residual(prediction),
+        )
+
+    @cached_property
+    def _coarse_prediction(self) -> np.ndarray:
+        return self.problem.predicted_coarsely(self.setups, self.point.starts, self.point.warm)
+
+    def change(self, setups: Sequence[Setup], step: float) -> np.ndarray:
+        """Change of the prediction (M,) from this point to other setups, over ``step``."""
+        return self._change(setups, self.point.starts, step)
+
+    def _change(self, setups: Sequence[Setup], starts: Sequence[np.ndarray], step: float) -> np.ndarray:
+        before = self._coarse_prediction
+        return self.difference(before, self.problem.predicted_coarsely(setups, starts, self.point.warm), step)
+
+    def difference(self, before: np.ndarray, after: np.ndarray, step: float) -> np.ndarray:
+        """Change from one prediction (M,) to another, over ``step``; angles within half a turn."""
+        return np.asarray((self.problem.residual(before) - self.problem.residual(after)) / step)
+
+    def _sensor_change(self, setups: Sequence[Setup], step: float) -> np.ndarray:
+        """The same where only the sensors differ: no simulation, unless they set the wheels in motion."""
+        pairs = zip(self.problem.runs, setups, self.setups, strict=True)
+        if any(run.moved_by(setup, own) for run, setup, own in pairs):
+            return self.change(setups, step)
+        return self.difference(self.prediction, self.problem.predicted(setups, self.records), step)
+
+    def state_columns(self) -> np.ndarray:
+        """Derivatives by the free states of each sample's own window, (M, S)."""
+        runs, columns = self.problem.runs, [np.empty((self.problem.rows, 0))]
+        for j in range(len(runs[0].free)):
+            starts = [start.copy() for start in self.point.starts]
+            steps = [_STATE_STEP * run.spread[j] for run in runs]
+            for start, run, step in zip(starts, runs, steps, strict=True):
+                start[:, run.free[j]] += step
+            columns.append(self._change(self.setups, starts, steps[0])[:, None])
+        return np.concatenate(columns, axis=1)
+
+    def nuisance_columns(self) -> np.ndarray:
+        """Derivatives by the nuisances, (M, N); 0 for those that do not exist in these runs."""
+        columns = []
+        for i, nuisance in enumerate(self.problem.nuisances):
+            if not any(acts(nuisance, run) for run in self.problem.runs):
+                columns.append(np.zeros(self.problem.rows))
+                continue
+            moved = self.point.nuisances.copy()
+            moved[i] += nuisance.step
+            setups = self.problem.setups(replace(self.point, nuisances=moved))
+            change = self._sensor_change if nuisance.sensors_only else self.change
+            columns.append(change(setups, nuisance.step))
+        return np.stack(columns, axis=1)
+
+    def effect_column(self, candidate: Candidate) -> np.ndarray | None:
+        """Derivative by the size of an effect, (M,); None where the model has no solution.
+
+        At its present size; at its off-value, if it is not in the model.
+        """
+        effect, point = EFFECTS[candidate.effect], self.point
+        step = _SIZE_STEP * effect.plausible(self.problem.runs[0].setup.plant.vehicle)
+        try:
+            if candidate in point.candidates:
+                moved = point.sizes.copy()
+                moved[point.candidates.index(candidate)] += step
+                setups = self.problem.setups(replace(point, sizes=moved))
+            else:
+                moved = np.append(point.sizes, effect.size.off + step)
+                candidates = (*point.candidates, candidate)
+                setups = self.problem.setups(replace(point, candidates=candidates, sizes=moved))
+            return (self._sensor_change if effect.sensors_only else self.change)(setups, step)
+        except OffroadError:
+            return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Jacobian:
+    """Derivatives of the prediction, each kind taken at a point not far away; None where not yet taken."""
+
+    states: np.ndarray | None = None  #: (M, S)
+    nuisances: np.ndarray | None = None  #: (M, N)
+    effects: Mapping[CandidateKey, np.ndarray] = field(default_factory=dict)  #: (M,) each
+
+    def window_states(self) -> np.ndarray:
+        """(M, S) derivatives by the free states.
+
+        Raises
+        ------
+        ValueError
+            If they were not taken.
+        """
+        if self.states is None:
+            raise ValueError("the fit has no derivatives by the states of its windows: descend first")
+        return self.states
+
+    def renewed_states(self, at: Linearisation) -> Jacobian:
+        """The same with new derivatives by the states."""
+        return replace(self, states=at.state_columns())
+
+    def renewed(self, at: Linearisation) -> Jacobian:
+        """New derivatives by states, nuisances and the effects in the model.
+
+        Those by other effects are left out: on bumps, starts that moved by ten centimetres change them.
+
+        Raises
+        ------
+        SolverFailure
+            Where the model has no solution.
+        """
+        states, nuisances, effects = at.state_columns(), at.nuisance_columns(), {}
+        for candidate, size in zip(at.point.candidates, at.point.sizes, strict=True):
+            column = at.effect_column(candidate)
+            if column is None:
+                raise SolverFailure(f"the model breaks down near {candidate.effect} = {size:.3g}")
+            effects[candidate.key] = column
+        return Jacobian(states=states, nuisances=nuisances, effects=effects)
+
+    def completed(self, at: Linearisation, more: Sequence[Candidate] = ()) -> Jacobian:
+        """With the derivatives that are missing for the model's own parameters and for ``more`` effects.
+
+        An effect for which the model has no solution gets a column of zeros.
+        """
+        effects = dict(self.effects)
+        for candidate in (*at.point.candidates, *more):
+            if candidate.key not in effects:
+                found = at.effect_column(candidate)
+                usable = found is not None and np.isfinite(found).all()
+                effects[candidate.key] = found if found is not None and usable else np.zeros(at.problem.rows)
+        nuisances = at.nuisance_columns() if self.nuisances is None else self.nuisances
+        states = at.state_columns() if self.states is None else self.states
+        return Jacobian(states=states, nuisances=nuisances, effects=effects)
+
+    def shared(self, candidates: Sequence[Candidate]) -> np.ndarray:
+        """(M, N + E) derivatives by the nuisances and by the sizes of ``candidates``; all must be there."""
+        if self.nuisances is None:
+            raise ValueError("the fit has no derivatives by its nuisances: descend first")
+        return np.column_stack([self.nuisances, self.of(candidates)])
+
+    def of(self, candidates: Sequence[Candidate]) -> np.ndarray:
+        """(M, E) derivatives by the sizes of ``candidates``; all must be there."""
+        rows = len(self.window_states())
+        return np.column_stack([np.empty((rows, 0)), *(self.effects[c.key] for c in candidates)])

@@ -1,0 +1,200 @@
+"""Simulation of all windows of a run in one compiled call."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from offroad_env.physics import state as at
+from offroad_env.physics._jit import kernel
+from offroad_env.physics.axle import Plant
+from offroad_env.physics.contact import SUNK
+from offroad_env.physics.full_vehicle import WORK_ROWS, full_continue, full_derivative
+from offroad_env.physics.imu import ImuMount, imu_reading
+from offroad_env.physics.numerics import copy_into
+from offroad_env.physics.paper_vehicle import paper_advance
+from offroad_env.physics.records import FloatArray, Vehicle
+
+__all__ = [
+    "Histories", "Timing", "WindowStarts", "actuator_states", "imu_rows", "run_full", "run_paper",
+]  # fmt: skip
+
+
+class WindowStarts(NamedTuple):
+    """What every window begins with."""
+
+    states: FloatArray  #: (W, 15)
+    warm: FloatArray  #: (W, 2, 3) warm starts of the contact solver
+    actuators: (
+        FloatArray  #: (K + 1, 3) their states are a run of their own, because nothing acts back on them
+    )
+
+
+class Timing(NamedTuple):
+    """Steps of the solver."""
+
+    dt: float  #: [s]
+    steps: int  #: of ``dt`` in a step of the grid
+
+
+class Histories(NamedTuple):
+    """Simulated windows, one after the other; written by the kernels. What follows a failure is NaN."""
+
+    states: FloatArray  #: (R, 15)
+    readings: FloatArray  #: (R, 32)
+
+
+@kernel
+def run_full(
+    starts: WindowStarts,
+    spans: np.ndarray,
+    commands: FloatArray,
+    rims: FloatArray,
+    plant: Plant,
+    timing: Timing,
+    out: Histories,
+) -> FloatArray:
+    """Run every window of the full model; returns the worst contact status of each, (W,).
+
+    Parameters
+    ----------
+    spans : (W, 2) first instant and number of steps
+    commands : (K, 3) held over each step of the grid, see `full_derivative`
+    rims : (K + 1, 2) wheel speeds [rad/s] that hold instead of the balance of torques, or (0, 2)
+    """
+    states, readings = out.states, out.readings
+    dt, steps = timing.dt, timing.steps
+    worst = np.zeros(spans.shape[0])
+    x, warm = np.empty(at.STATE_SIZE), np.empty((2, 3))
+    work = np.empty((WORK_ROWS, at.READINGS_SIZE))
+    row = 0
+    for w in range(spans.shape[0]):
+        first, count = spans[w, 0], spans[w, 1]
+        x[:] = starts.states[w]
+        warm[:] = starts.warm[w]
+        x[at.STEER :] = starts.actuators[first]
+        for i in range(count + 1):
+            if worst[w] >= SUNK:
+                states[row], readings[row] = math.nan, math.nan
+            else:
+                k = first + max(i - 1, 0)
+                command = (commands[k, 0], commands[k, 1], commands[k, 2])
+                seen, onward = readings[row], (dt, steps if i > 0 else 0)
+                if rims.shape[0] > 0:
+                    status = _with_rims(x, warm, command, rims[k : k + 2], plant, onward, (work, seen))
+                else:
+                    if i == 0:
+                        full_derivative(x, command, plant, warm, work[0], seen)
+                    else:  # each step goes on from the slope and readings that the last one has ended with
+                        copy_into(seen, readings[row - 1])
+                    status = full_continue(x, warm, command, plant, onward, work, seen)
+                worst[w] = max(worst[w], status)
+                copy_into(states[row], x)
+            row += 1
+    return worst
+
+
+@kernel
+def _with_rims(
+    x: FloatArray,
+    warm: FloatArray,
+    command: tuple[float, float, float],
+    rims: FloatArray,
+    plant: Plant,
+    timing: tuple[float, int],
+    arrays: tuple[FloatArray, FloatArray],
+) -> float:
+    """A step of the grid in which the wheels turn as measured; returns the worst contact status.
+
+    ``rims`` (2, 2) [rad/s] at its begin and end: each part of the step has the speed of its middle, since a
+    speed that is held is half a step old, which matters for the traction. The state at
+    the begin has no part.
+    """
+    work, seen = arrays
+    dt, steps = timing
+    worst = 0.0
+    for j in range(steps):
+        share = (j + 0.5) / steps
+        x[at.OMEGA_F] = rims[0, 0] + share * (rims[1, 0] - rims[0, 0])
+        x[at.OMEGA_R] = rims[0, 1] + share * (rims[1, 1] - rims[0, 1])
+        full_derivative(x, command, plant, warm, work[0], seen)
+        worst = max(worst, full_continue(x, warm, command, plant, (dt, 1), work, seen))
+    end = min(steps, 1)
+    x[at.OMEGA_F], x[at.OMEGA_R] = rims[end, 0], rims[end, 1]
+    full_derivative(x, command, plant, warm, work[0], seen)
+    return float(max(worst, seen[at.STATUS]))
+
+
+@kernel
+def run_paper(
+    starts: WindowStarts,
+    spans: np.ndarray,
+    commands: FloatArray,
+    plant: Plant,
+    timing: Timing,
+    out: Histories,
+) -> FloatArray:
+    """`run_full` for the paper's model; ``commands`` see `paper_derivative`."""
+    states, readings = out.states, out.readings
+    dt, steps = timing.dt, timing.steps
+    worst = np.zeros(spans.shape[0])
+    x, warm = np.empty(at.STATE_SIZE), np.empty((2, 3))
+    row = 0
+    for w in range(spans.shape[0]):
+        first, count = spans[w, 0], spans[w, 1]
+        x[:] = starts.states[w]
+        warm[:] = starts.warm[w]
+        for i in range(count + 1):
+            if worst[w] >= SUNK:
+                states[row], readings[row] = math.nan, math.nan
+            else:
+                k = max(first + i - 1, 0)
+                command = (commands[k, 0], commands[k, 1], commands[k, 2])
+                status = paper_advance(x, warm, command, plant, dt, steps if i > 0 else 0, readings[row])
+                worst[w] = max(worst[w], status)
+                states[row] = x
+            row += 1
+    return worst
+
+
+@kernel
+def actuator_states(vehicle: Vehicle, commands: FloatArray, dt: float, steps: int) -> FloatArray:
+    """Steering [rad], drive and brake torque [N m] of the full model's actuators, (K + 1, 3).
+
+    Heun's method with the model's own step, which is what its Rosenbrock method is without a Jacobian.
+    The first command is taken to have held for long.
+    """
+    out = np.empty((commands.shape[0] + 1, 3))
+    x, slope = np.empty(3), np.empty((2, 3))
+    x[:] = commands[0]
+    out[0] = x
+    reach = max(vehicle.steer_lag, 0.005) * vehicle.steer_rate
+    lag = max(vehicle.torque_lag, 0.005)
+    for k in range(commands.shape[0]):
+        for _ in range(steps):
+            for stage in range(2):
+                for i in range(3):
+                    value = x[i] + (dt * slope[0, i] if stage == 1 else 0.0)
+                    if i == 0:
+                        slope[stage, 0] = vehicle.steer_rate * math.tanh((commands[k, 0] - value) / reach)
+                    else:
+                        slope[stage, i] = (commands[k, i] - value) / lag
+            for i in range(3):
+                x[i] += 0.5 * dt * (slope[0, i] + slope[1, i])
+        out[k + 1] = x
+    return out
+
+
+@kernel
+def imu_rows(states: FloatArray, readings: FloatArray, mount: ImuMount) -> FloatArray:
+    """What the IMU should read at every record: a_x, a_y, a_z, pitch_rate, yaw_rate, (R, 5)."""
+    out = np.empty((states.shape[0], 5))
+    for i in range(states.shape[0]):
+        x, r = states[i], readings[i]
+        acceleration = (r[at.A_X], r[at.A_Y], r[at.A_Z])
+        out[i] = imu_reading(
+            acceleration, x[at.YAW_RATE], x[at.PITCH_RATE], r[at.YAW_ACC], r[at.PITCH_ACC], x[at.PITCH], mount
+        )
+    return out

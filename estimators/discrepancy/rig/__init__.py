@@ -1,0 +1,1 @@
+"""Fit and search for trials of a wheel rig."""

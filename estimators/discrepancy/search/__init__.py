@@ -1,0 +1,1 @@
+"""The search for causes: score tests, pairs, stepwise selection, hold-out tests."""

@@ -1,0 +1,85 @@
+"""What a search for causes returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.discrepancy.model.fit_result import FitResult
+from estimators.discrepancy.model.linearisation import Linearisation
+from estimators.discrepancy.model.parameters import Candidate
+from estimators.discrepancy.search.score_test import ScoreTest
+from offroad_env.errors import OffroadError
+
+__all__ = ["EQUIVALENT", "Alternative", "Cause", "SearchResult"]
+
+#: Effects within this likelihood-ratio statistic of the best are alternatives: 99 % of chi-square, 1 degree.
+EQUIVALENT = 6.63
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alternative:
+    """An effect that explains the data about as well as another."""
+
+    candidate: Candidate
+    size: float
+    deviation: float
+    likelihood_ratio: float  #: likelihood-ratio statistic against the best: twice the log-likelihood it lacks
+    ground: float  #: the ground's parameter fitted with it (see `NUISANCES`)
+    ground_deviation: float
+
+    @classmethod
+    def of(cls, fit: FitResult, candidate: Candidate, likelihood_ratio: float) -> Alternative:
+        """An effect of a fitted model."""
+        i = fit.candidates.index(candidate)
+        return cls(
+            candidate=candidate,
+            size=float(fit.sizes[i]),
+            deviation=float(fit.size_deviations()[i]),
+            likelihood_ratio=float(likelihood_ratio),
+            ground=float(fit.nuisances[0]),
+            ground_deviation=float(fit.deviations()[0]),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cause:
+    """A place in the model that some effect must fill: all that can, best first."""
+
+    alternatives: tuple[Alternative, ...]
+    likelihood_ratio: float  #: likelihood-ratio statistic of the best against the model without it
+    p_value: float  #: share of null logs with so large a score among all candidates
+
+    @property
+    def best(self) -> Alternative:
+        """The one that the extended model uses."""
+        return self.alternatives[0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchResult:
+    """Models before and after a search, and what was found on the way."""
+
+    nominal: FitResult
+    extended: FitResult
+    first: ScoreTest  #: scores against the nominal model
+    last: ScoreTest  #: scores against the extended model
+    threshold: float  #: of the first scores
+    holdout_gains: tuple[float, ...] = ()  #: of each tested model on windows apart, in the log-likelihood
+    #: Whether scores of the fitted windows are significant, but the hold-out test rejects every larger model.
+    refused: bool = False
+    causes: tuple[Cause, ...] = ()
+
+    def score_of(self, change: np.ndarray) -> np.ndarray:
+        """Change of the last scores (C,), in standard deviations, by a change of the residuals (M,)."""
+        return self.last.scores(self.extended, change)
+
+    def solver_error(self) -> float:
+        """Largest change of a score by a finer solver [standard deviations]; infinite if it breaks down."""
+        try:
+            fine = Linearisation.at(self.extended.problem.refined(), self.extended.point)
+        except OffroadError:
+            return float("inf")
+        change = fine.residual - self.extended.residual
+        return float(np.abs(self.score_of(change)).max(initial=0.0))

@@ -1,0 +1,374 @@
+"""Which effects together explain a drive: forward, backward and swap steps with full refits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import norm
+
+from estimators.discrepancy.model.fit import settled
+from estimators.discrepancy.model.fit_result import FitResult
+from estimators.discrepancy.model.gauss_newton import GaussNewton
+from estimators.discrepancy.model.normal_equations import projected
+from estimators.discrepancy.model.parameters import Candidate
+from estimators.discrepancy.model.protocol import ForwardModel
+from estimators.discrepancy.search.holdout import HoldOutResult, HoldOutTest
+from estimators.discrepancy.search.pair_search import linearised_gain, proposed_pairs
+from estimators.discrepancy.search.result import EQUIVALENT, Alternative, Cause, SearchResult
+from estimators.discrepancy.search.score_test import (
+    ScoreTest,
+    candidates_for,
+    refined_places,
+    score_test,
+    score_threshold,
+)
+from offroad_env.effects import EFFECTS
+from offroad_env.errors import OffroadError
+
+__all__ = ["MOST", "outside", "p_value_of_score", "refit", "search"]
+
+#: Most effects in one model.
+MOST = 4
+#: Alternatives that are refitted, and how close a first look must find them.
+_REFITS, _FIRST_LOOK = 4, 3.0 * EQUIVALENT
+#: Fitted windows and those apart together must show more than noise does in this share of the logs in which
+#: the first scores may find something.
+_CONFIRMED = 0.4
+#: Models as good as the best that are tested on windows apart.
+_TESTED = 3
+#: Alternatives of the first step: scores that are this share of the best.
+_NEAR_BEST = 0.8
+#: Effects whose scores exceed so many thresholds, which noise does not, are sought closely along the route.
+_LARGE = 2.0
+#: Sizes to descend from where several minima are known, in plausible sizes.
+_TIMING_STARTS = (0.2, 0.4, 0.7, 1.0)
+
+
+class _Bars(NamedTuple):
+    """Least size of an effect, in standard deviations."""
+
+    fitted: float  #: in the windows that are fitted
+    together: float  #: in those and the windows apart together
+
+
+class _Support(NamedTuple):
+    """Evidence of the fitted windows for new effects."""
+
+    gain: float  #: in the log-likelihood
+    inflation: float  #: of its variance on an unknown road
+
+
+class _Accepted(NamedTuple):
+    """Outcome of hold-out tests of larger models."""
+
+    fit: FitResult | None  #: the first that is confirmed
+    gains: list[float]  #: of each model tested, in the log-likelihood of windows apart
+    refused: bool  #: one was rejected that the fitted windows support
+
+
+def _starts(fit: FitResult, candidate: Candidate, size: float) -> list[float]:
+    """Sizes to descend from: timing has several minima."""
+    effect = EFFECTS[candidate.effect]
+    reach = effect.plausible(fit.runs[0].setup.plant.vehicle)
+    size = float(np.clip(size, -2.0 * reach, 2.0 * reach))
+    if effect.family != "timing":
+        return [size]
+    return [size, *(share * reach for share in _TIMING_STARTS)]
+
+
+def refit(
+    fit: FitResult,
+    candidates: Sequence[Candidate],
+    sizes: Sequence[float] | np.ndarray,
+    new: int = -1,
+    enough: float = np.inf,
+) -> FitResult | None:
+    """The model with these effects fitted, the noise as it is; None if it breaks down.
+
+    Parameters
+    ----------
+    new
+        Place of the effect whose size is least known.
+    enough
+        What cannot cost less is not fitted to the end.
+    """
+    best: FitResult | None = None
+    for size in _starts(fit, candidates[new], sizes[new]):
+        point = np.array(sizes, dtype=np.float64)
+        point[new] = size
+        try:
+            trial = fit.with_effects(candidates, point)
+        except OffroadError:
+            continue
+        if best is None or trial.cost < best.cost:
+            best = trial
+    if best is None:
+        return None
+    try:
+        return GaussNewton(enough=enough).descend(best, fresh=False)
+    except OffroadError:
+        return None
+
+
+def outside(fit: FitResult, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates whose effects are not in the model."""
+    inside = {candidate.effect for candidate in fit.candidates}
+    return [candidate for candidate in candidates if candidate.effect not in inside]
+
+
+def _best_by_effect(values: np.ndarray, candidates: Sequence[Candidate]) -> list[int]:
+    """Indices in the order of falling ``values``, one for each effect."""
+    seen: set[str] = set()
+    chosen = []
+    for i in np.argsort(-values):
+        if candidates[i].effect not in seen:
+            seen.add(candidates[i].effect)
+            chosen.append(int(i))
+    return chosen
+
+
+def _forward(scores: ScoreTest, threshold: float) -> list[FitResult]:
+    """Models with one effect more, best first."""
+    fit, strength = scores.fit, np.abs(scores.z)
+    order = _best_by_effect(strength, scores.candidates)
+    top = strength[order[0]] if order else 0.0
+    if not top > threshold:
+        return []
+    order = [i for i in order if strength[i] > max(threshold, _NEAR_BEST * top)][:_REFITS]
+    larger = [((*fit.candidates, scores.candidates[i]), (*fit.sizes, scores.size[i])) for i in order]
+    return _refitted(fit, larger)
+
+
+def _refitted(
+    fit: FitResult, proposals: Sequence[tuple[Sequence[Candidate], Sequence[float]]]
+) -> list[FitResult]:
+    """The models of these effects and sizes fitted, best first; what breaks down is left out."""
+    trials = []
+    for candidates, sizes in proposals:
+        late = [i for i, candidate in enumerate(candidates) if EFFECTS[candidate.effect].family == "timing"]
+        done = refit(fit, candidates, sizes, late[-1] if late else -1)
+        if done is not None:
+            trials.append(done)
+    return sorted(trials, key=lambda trial: trial.cost)
+
+
+def _pairs(scores: ScoreTest, threshold: float, most: float) -> list[FitResult]:
+    """Models with one effect more (two, if there is none yet), of which one present effect may be left out.
+
+    Parameters
+    ----------
+    most
+        Gain of the best model with so many effects less one, in twice the log-likelihood.
+    """
+    fit = scores.fit
+    inside = range(len(fit.sizes))
+    bases = [[i for i in inside if i != k] for k in inside] or [[]]
+    found = [proposal for base in bases for proposal in proposed_pairs(fit, scores, base, _REFITS)]
+    found = [proposal for proposal in found if proposal.gain > most + threshold**2]
+    best = max((proposal.gain for proposal in found), default=0.0)
+    near = sorted((one for one in found if one.gain > best - _FIRST_LOOK), key=lambda one: -one.gain)
+    return _refitted(fit, [(proposal.candidates, proposal.sizes) for proposal in near[:_REFITS]])
+
+
+def _larger(scores: ScoreTest, threshold: float, test: HoldOutTest) -> list[FitResult]:
+    """Models that explain more by as much as an effect must: the best, and those as good, best first."""
+    fit = scores.fit
+    single = _forward(scores, threshold)
+    if not single and not fit.candidates:
+        return []
+    most = linearised_gain(fit, scores) if fit.candidates else float(np.max(scores.z**2, initial=0.0))
+    pairs = _pairs(scores, threshold, most)
+    if not fit.candidates and pairs:
+        # A second effect must be significant here, and gain on the windows apart.
+        if 2.0 * (single[0].cost - pairs[0].cost) <= threshold**2:
+            return single
+        result = test.result(pairs[0], single[0])
+        return pairs if result is None or result.gain > 0.0 else single
+    names = {frozenset(candidate.effect for candidate in trial.candidates) for trial in single}
+    new = [t for t in pairs if frozenset(c.effect for c in t.candidates) not in names]
+    trials = sorted([*single, *new], key=lambda trial: trial.cost)
+    return [trial for trial in trials if 2.0 * (trial.cost - trials[0].cost) <= EQUIVALENT]
+
+
+def _pruned(fit: FitResult, threshold: float) -> FitResult:
+    """Without the effects whose sizes are no longer significant."""
+    while len(fit.candidates) > 1:
+        strength = np.abs(fit.sizes) / fit.size_deviations()
+        weakest = int(np.argmin(strength))
+        if strength[weakest] > threshold:
+            break
+        keep = [i for i in range(len(fit.candidates)) if i != weakest]
+        fit = settled(fit.with_effects([fit.candidates[i] for i in keep], fit.sizes[keep]))
+    return fit
+
+
+def _support(fit: FitResult, larger: FitResult, gain: float) -> _Support:
+    """Evidence of the fitted windows for the effects that are new in a ``larger`` model.
+
+    The ``gain`` with the noise as it was, or the likelihood ratio of the least of the new effects, if that is
+    less.
+    """
+    names = {candidate.effect for candidate in fit.candidates}
+    new = [i for i, candidate in enumerate(larger.candidates) if candidate.effect not in names]
+    least = np.min(np.abs(larger.sizes[new]) / larger.size_deviations()[new], initial=np.inf)
+    wide = float(np.max(larger.size_inflation[new], initial=1.0))
+    return _Support(gain=float(min(gain / wide, 0.5 * least**2)), inflation=wide)
+
+
+def _accepted(test: HoldOutTest, trials: Sequence[FitResult], bars: _Bars) -> _Accepted:
+    """The first of the models that the windows apart confirm, settled.
+
+    What does not reach the second bar in the fitted windows is noise; its rejection is no sign of an unknown
+    cause.
+    """
+    fit, refused = test.fit, False
+    gains: list[float] = []
+    names = {candidate.effect for candidate in fit.candidates}
+    enough = 0.5 * bars.together**2
+    for trial in trials[:_TESTED]:
+        gain = fit.cost - trial.cost
+        # After a refusal, only what is confirmed with the noise as it is gets the work of a noise of its own.
+        if gains and not _confirmed(test.result(trial), _support(fit, trial, gain), enough):
+            continue
+        larger = _pruned(settled(trial), bars.fitted)
+        if {candidate.effect for candidate in larger.candidates} == names:
+            break
+        result, support = test.result(larger), _support(fit, larger, gain)
+        if result is None:
+            return _Accepted(larger, gains, refused=False)
+        gains.append(result.gain)
+        if _confirmed(result, support, enough):
+            return _Accepted(larger, gains, refused=False)
+        refused |= support.gain > enough
+    return _Accepted(None, gains, refused)
+
+
+def _confirmed(result: HoldOutResult | None, support: _Support, enough: float) -> bool:
+    """Whether fitted windows and those apart together show enough, and the latter do not contradict."""
+    if result is None or result.contradicts:
+        return False
+    return support.gain + result.gain / support.inflation > enough
+
+
+def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float) -> _Accepted:
+    """The next larger model: ``bar`` is the least score, ``rate`` that of the first scores."""
+    last = refined_places(last, _LARGE * bar, _NEAR_BEST)
+    while True:
+        trials = _larger(last, bar, test)
+        # The first name is the best or none; later ones may be any that explain as much.
+        tried = trials if test.fit.candidates else trials[:1]
+        accepted = _accepted(test, tried, _Bars(bar, score_threshold(last, _CONFIRMED * rate)))
+        if accepted.fit is not None or accepted.gains or not trials:
+            return accepted
+        # What looked best is not significant once it is fitted; what it was confounded with may be.
+        inside = {candidate.effect for candidate in test.fit.candidates}
+        gone = {candidate.effect for trial in trials for candidate in trial.candidates} - inside
+        last = score_test(last.fit, [c for c in last.candidates if c.effect not in gone])
+
+
+def search(
+    nominal: FitResult, library: Sequence[str], rate: float, apart: Sequence[ForwardModel] = ()
+) -> SearchResult:
+    """Find the effects that are wrong in a drive.
+
+    Not the loop of `search_rig`: a refit takes seconds here and effects are nearly linear, so scores choose
+    the few models that are refitted, with the noise as it is, and a hold-out test weighs each.
+
+    Parameters
+    ----------
+    nominal
+        Fitted, with its noise.
+    library
+        Effects among which causes are sought.
+    rate
+        Share of null logs in which the first scores may find something.
+    apart
+        Windows of the hold-out tests; an effect that they reject ends the search.
+    """
+    candidates = candidates_for(nominal, library)
+    first = last = score_test(nominal, candidates)
+    threshold = bar = score_threshold(first, rate)
+    fit, test, refused = first.fit, HoldOutTest(nominal, apart), False
+    gains: list[float] = []
+    while len(fit.candidates) < MOST:
+        accepted = _onward(test, last, bar, rate)
+        refused = accepted.refused
+        gains += accepted.gains
+        if accepted.fit is None:
+            break
+        last = score_test(accepted.fit, outside(accepted.fit, candidates))
+        fit, test = last.fit, test.onward(accepted.fit)
+        bar = score_threshold(last, rate)
+    causes = []
+    for k in range(len(fit.candidates)):
+        fit, cause = _cause(fit, last, k, first)
+        causes.append(cause)
+    return SearchResult(
+        nominal=first.fit,
+        extended=fit,
+        first=first,
+        last=last,
+        threshold=threshold,
+        holdout_gains=tuple(gains),
+        refused=refused,
+        causes=tuple(causes),
+    )
+
+
+class _Look(NamedTuple):
+    """Linearised refits with every candidate in the place of one effect, (C,) each."""
+
+    likelihood_ratio: np.ndarray  #: against the model as it is
+    size: np.ndarray
+
+
+def _first_look(fit: FitResult, last: ScoreTest, k: int) -> _Look:
+    """First look at every candidate in the place of effect ``k``."""
+    inside = len(fit.sizes)
+    order = [i for i in range(inside) if i != k] + [k] + list(range(inside, len(last.joint)))
+    joint, _ = projected(last.joint[np.ix_(order, order)], np.zeros(len(order)), inside - 1)
+    own, cross, theirs = joint[0, 0], joint[0, 1:], np.diag(joint)[1:]
+    seen = np.diag(last.information) > 0.0
+    theirs = np.where(seen, theirs, 1.0)
+    size = fit.sizes[k]
+    push = np.where(seen, cross * size, 0.0)
+    return _Look(size * size * own - push * push / theirs, push / theirs)
+
+
+def _cause(fit: FitResult, last: ScoreTest, k: int, first: ScoreTest) -> tuple[FitResult, Cause]:
+    """All effects that can take the place of effect ``k``; the best of them takes it."""
+    look = _first_look(fit, last, k)
+    own = (fit.sizes[k] / fit.size_deviations()[k]) ** 2
+    found = [(fit.cost, fit.candidates[k], fit)]
+    inside = {candidate.effect for candidate in fit.candidates}
+    # Where null simulations scatter more than the likelihood predicts, so do its differences.
+    close = float(fit.size_inflation[k]) * EQUIVALENT
+    for i in _best_by_effect(-look.likelihood_ratio, last.candidates)[:_REFITS]:
+        far = look.likelihood_ratio[i] > max(_FIRST_LOOK, 0.1 * own)
+        if far or last.candidates[i].effect in inside:
+            continue
+        names, values = list(fit.candidates), fit.sizes.copy()
+        names[k], values[k] = last.candidates[i], look.size[i]
+        lowest = min(cost for cost, _, _ in found)
+        done = refit(fit, names, values, k, lowest + 0.5 * close)
+        if done is not None:
+            found.append((done.cost, last.candidates[i], done))
+    found.sort(key=lambda entry: entry[0])
+    lowest = found[0][0]
+    alternatives = tuple(
+        Alternative.of(trial, candidate, 2.0 * (cost - lowest))
+        for cost, candidate, trial in found
+        if 2.0 * (cost - lowest) <= close
+    )
+    return found[0][2], Cause(
+        alternatives=alternatives,
+        likelihood_ratio=float(own + 2.0 * (fit.cost - lowest)),
+        p_value=p_value_of_score(first, np.sqrt(own)),
+    )
+
+
+def p_value_of_score(first: ScoreTest, strength: float) -> float:
+    """Bound of the share of null logs with so large a score: normal law, all candidates (Bonferroni)."""
+    return float(min(len(first.candidates) * 2.0 * norm.sf(strength), 1.0))

@@ -1,0 +1,220 @@
+"""A diagnosis in sentences: the verdict, the advice and the lines of the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from estimators.discrepancy.checks.forecast import Prediction
+from estimators.discrepancy.summary import CauseSummary, DiagnosisSummary, UnknownInput, UnknownInputShape
+from estimators.discrepancy.verdict import Diagnosis, VehicleDiagnosis, Verdict
+from offroad_env.effects import EFFECTS
+
+__all__ = [
+    "advice_sentence",
+    "amount",
+    "correlation_phrase",
+    "limitation_sentences",
+    "terminal_lines",
+    "verdict_sentence",
+]
+
+#: How to vary a quantity that cannot be varied alone.
+_CHANGES = {
+    "time": "drive the same line again, later",
+    "position x": "drive the same ground the other way and at another speed",
+    "position y": "drive the same ground the other way and at another speed",
+}
+#: Correlation from which an unknown input is said to depend on a quantity.
+_CORRELATED = 0.5
+#: Lines for the terminal, besides the names of the files.
+_LINES = 21
+
+
+def amount(effect: str, size: float) -> str:
+    """A size of an effect with its unit."""
+    return f"{size:.3g} {EFFECTS[effect].size.unit}".removesuffix(" -")
+
+
+# ------------------------------------------------------------------ the verdict
+
+
+def verdict_sentence(
+    verdict: Verdict,
+    diagnosis: Diagnosis,
+    causes: Sequence[CauseSummary] = (),
+    unexplained: Sequence[UnknownInput] = (),
+) -> str:
+    """The verdict on a diagnosis in one plain sentence."""
+    if verdict is Verdict.UNEXPLAINED:
+        rest = _discrepancy_phrase(diagnosis, causes, unexplained)
+        return f"The model is wrong in a way that no effect of the library explains: {rest}."
+    if verdict in (Verdict.NAMED, Verdict.ONE_OF, Verdict.NAMED_WITH_REST):
+        named = "; and ".join(_cause_phrase(cause) for cause in causes if cause.named)
+        sentence = named[0].upper() + named[1:]
+        if verdict is Verdict.NAMED_WITH_REST:
+            sentence += f"; and a discrepancy remains: {_discrepancy_phrase(diagnosis, causes, unexplained)}"
+        elif isinstance(diagnosis, VehicleDiagnosis) and diagnosis.overlapping:
+            sentence += "; or a single cause that the library lacks: their sizes are correlated"
+        return sentence + "."
+    return _sentence_without_causes(verdict, diagnosis)
+
+
+def _sentence_without_causes(verdict: Verdict, diagnosis: Diagnosis) -> str:
+    if verdict is Verdict.DATA_PROBLEM:
+        return f"The data must be corrected first: {diagnosis.findings[0].sentence}."
+    if verdict is Verdict.NUMERICS:
+        if diagnosis.checks is not None and not diagnosis.checks.converged:
+            return "The fit did not converge: drive faster, or log positions."
+        return "The error of the solver is as large as the effects sought: refine the step first."
+    total = len(diagnosis.limits) + len(diagnosis.missing)
+    if verdict is Verdict.NOT_TESTABLE:
+        untestable = len(diagnosis.not_testable) + len(diagnosis.missing)
+        return (
+            f"These data are not informative enough: {untestable} of {total} effects would remain undetected "
+            "at any plausible size."
+        )
+    testable = len(diagnosis.limits) - len(diagnosis.not_testable)
+    return f"No error of the model is detected; {testable} effects were testable."
+
+
+def _cause_phrase(cause: CauseSummary) -> str:
+    """A cause that the verdict names; its size with unknown inputs fitted jointly, where they are present."""
+    first, *others = (member.phrase for member in cause.members)
+    if cause.joint is not None:
+        high = amount(cause.best.effect, cause.joint.high)
+        first += f", {cause.joint.low:.3g} to {high} with unknown inputs fitted jointly"
+    return "one of: " + "; or ".join([first, *others]) if others else first
+
+
+def _discrepancy_phrase(
+    diagnosis: Diagnosis, causes: Sequence[CauseSummary], unexplained: Sequence[UnknownInput]
+) -> str:
+    """What the causes leave, and the causes that are confounded with it or with each other."""
+    phrase = "effects that improve the fit in one part of the runs make it worse in another"
+    if unexplained:
+        phrase = _largest(unexplained).phrase
+    names = [" or ".join(cause.effects) for cause in causes]
+    confounded = diagnosis.confounded
+    mutually = [name for name, one in zip(names, confounded, strict=True) if one]
+    with_inputs = [
+        name
+        for name, one, identifiable in zip(names, confounded, diagnosis.identifiable, strict=True)
+        if not one and not identifiable
+    ]
+    if with_inputs:
+        phrase += f", confounded with {', '.join(with_inputs)}"
+    if mutually:
+        phrase += (
+            f"; {', '.join(mutually)} may be one cause that the library lacks: their sizes are correlated"
+        )
+    return phrase
+
+
+def _largest(unexplained: Sequence[UnknownInput]) -> UnknownInput:
+    return max(unexplained, key=lambda one: one.excess)
+
+
+def correlation_phrase(shapes: Sequence[UnknownInputShape]) -> str:
+    """The quantity that an unknown input is correlated with most; empty where the correlation is weak."""
+    if not shapes or abs(shapes[0].correlation) <= _CORRELATED:
+        return ""
+    quantity = shapes[0].quantity.split(" [")[0]
+    return f", correlated with the {quantity} (r = {shapes[0].correlation:.2f})"
+
+
+# ------------------------------------------------------------------ advice
+
+
+def advice_sentence(
+    verdict: Verdict, causes: Sequence[CauseSummary], unexplained: Sequence[UnknownInput]
+) -> str | None:
+    """What to do next by rule; what is unexplained comes first. None where there is nothing to advise."""
+    if unexplained and _largest(unexplained).shapes:
+        quantity = _largest(unexplained).shapes[0].quantity.split(" [")[0]
+        how = _CHANGES.get(quantity, f"vary the {quantity} alone")
+        return (
+            f"to identify the remaining discrepancy: {how}; the unknown input is correlated most with "
+            f"the {quantity}"
+        )
+    for cause in causes:
+        if len(cause.members) > 1:
+            names = " from ".join(cause.effects[:2])
+            advice = (EFFECTS[effect].separated_by for effect in cause.effects)
+            return f"to distinguish {names}: {next((text for text in advice if text), 'another manoeuvre')}"
+    if verdict is Verdict.NOT_TESTABLE:
+        return "drive with steering, acceleration and braking, and log position or speed over ground"
+    return None
+
+
+def limitation_sentences(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Effects that are not judged, and what was fitted in their place."""
+    lines = []
+    if diagnosis.not_judged:
+        names = ", ".join(diagnosis.not_judged)
+        lines.append(f"not judged, because the logs state too much as unknown: {names}")
+    if isinstance(diagnosis, VehicleDiagnosis) and diagnosis.checks is not None and diagnosis.checks.unknowns:
+        parts = [
+            f"{name} {of['value']:.3f} ± {of['deviation']:.3f} {of['unit']}"
+            for name, of in diagnosis.checks.unknowns.items()
+        ]
+        lines.append(f"fitted instead: {', '.join(parts)}")
+    return tuple(lines)
+
+
+# ------------------------------------------------------------------ the terminal
+
+
+def terminal_lines(summary: DiagnosisSummary) -> list[str]:
+    """The summary for a terminal: with the names of the files that follow it, at most 25 lines."""
+    lines = [f"{summary.verdict}: {summary.sentence}"]
+    for cause in summary.causes:
+        what = "cause" if cause.named else "candidate, confounded with a discrepancy that remains"
+        lines.append(f"{what}: log-likelihood gain {cause.delta_loglik:.0f}, p-value {cause.p_value:.1g}")
+        lines += [f"  {member.effect}: {member.phrase}" for member in cause.members[:4]]
+    lines += _exponent_lines(summary)
+    lines += _gain_lines(summary)
+    lines += _forecast_lines(summary)
+    lines += [f"finding: {finding}" for finding in summary.findings[:6]]
+    if summary.not_testable:
+        lines.append(f"not testable with these data: {', '.join(summary.not_testable)}")
+    if summary.missing_channels:
+        lines.append(f"no channel for: {', '.join(summary.missing_channels)}")
+    lines += summary.limitations
+    advice = summary.next_experiment
+    last = [] if advice is None else [f"next experiment: {advice.sentence}"]
+    return [*lines[: _LINES - len(last)], *last]
+
+
+def _exponent_lines(summary: DiagnosisSummary) -> list[str]:
+    n = summary.n
+    if n is None or not summary.causes:
+        return []
+    after = ", ".join(f"{entry.value:.3f} with {name}" for name, entry in n.after.items())
+    lines = [f"n: {n.prior:.3f} stated, {n.before.value:.3f} with the nominal model; {after}"]
+    if n.single is None:
+        lines.append("n: no single value can be quoted, the explanations differ")
+    return lines
+
+
+def _gain_lines(summary: DiagnosisSummary) -> list[str]:
+    gains = sorted(summary.gains, key=lambda gain: -(1.0 - gain.extended / max(gain.nominal, 1e-300)))
+    return [
+        f"error on test data, {gain.channel}: {gain.nominal:.3g} -> {gain.extended:.3g} "
+        f"({100.0 * gain.low:.0f} to {100.0 * gain.high:.0f} % less)"
+        for gain in gains[:4]
+    ]
+
+
+def _forecast_lines(summary: DiagnosisSummary) -> list[str]:
+    """The longest forecasts of every quantity in one line."""
+    if summary.evidence is None or not summary.evidence.predictions:
+        return []
+    longest: dict[str, Prediction] = {}
+    for one in summary.evidence.predictions:
+        longest[one.quantity] = one
+    parts = [
+        f"{one.quantity} {one.nominal:.3g}{f' -> {one.extended:.3g}' if summary.causes else ''} {one.unit}"
+        for one in longest.values()
+    ]
+    horizon = next(iter(longest.values())).horizon
+    return [f"error of a forecast over {horizon:.0f} s: {', '.join(parts)}"]

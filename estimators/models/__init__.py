@@ -1,0 +1,1 @@
+"""Process and measurement models of the filters."""

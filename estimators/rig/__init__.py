@@ -1,0 +1,1 @@
+"""Single-wheel rigs: measured trials against predictions."""

@@ -1,0 +1,1 @@
+"""Delays, scales and offsets between a command and the vehicle."""

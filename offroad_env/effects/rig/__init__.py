@@ -1,0 +1,1 @@
+"""Errors of the gauges on a wheel rig."""

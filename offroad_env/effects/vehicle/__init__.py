@@ -1,0 +1,1 @@
+"""Forces and suspension that the vehicle model lacks, and its uncertain masses."""

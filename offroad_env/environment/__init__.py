@@ -1,0 +1,1 @@
+"""The Gymnasium environment: tasks, rewards, observations, one episode or many."""

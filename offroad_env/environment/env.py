@@ -1,0 +1,496 @@
+"""The environment ``OffroadBekker-v0``."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from estimators.filters.navigation import NavigationFilter
+from estimators.filters.online import KINDS, OnBoard, make_estimator
+from estimators.filters.online_parameter_ukf import CHANGING_SOIL, OnlineParameterUKF
+from estimators.filters.protocol import Estimate, Estimator
+from estimators.filters.registry import filter_id
+from offroad_env.effects import Extension, read_extension
+from offroad_env.environment.arguments import (
+    ResetOptions,
+    checked_range,
+    require_bearing,
+    require_choice,
+)
+from offroad_env.environment.control_period import (
+    BELIEVE,
+    DRIVE,
+    PAPER_FORCE,
+    REPORT,
+    announce_compilation,
+    period_full,
+    period_paper,
+)
+from offroad_env.environment.episode_records import (
+    CONTROL_PERIOD,
+    LAST_ROW,
+    NOISE_ROWS,
+    SAMPLES,
+    Memory,
+    info_of,
+)
+from offroad_env.environment.extended import ExtendedTruth
+from offroad_env.environment.observation import PREVIEW, Layout
+from offroad_env.environment.rewards import ENDINGS
+from offroad_env.environment.scenarios import Course, Scenario, find_scenario
+from offroad_env.environment.snapshot import Briefing, Measurements, Snapshot
+from offroad_env.errors import InvalidParameter
+from offroad_env.physics.contact import SUNK
+from offroad_env.physics.imu import GNSS, IMU, WHEEL
+from offroad_env.physics.packing import pack
+from offroad_env.physics.path_geometry import nearest_index
+from offroad_env.physics.records import Ground, Soil, SoilMap, Vehicle
+from offroad_env.simulation.drive import Command
+from offroad_env.simulation.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
+from offroad_env.simulation.simulator import (
+    FULL_STEP,
+    MODELS,
+    PAPER_SLIP,
+    VEHICLE_MODELS,
+    Plant,
+    make_plant,
+    settled_state,
+)
+from offroad_env.world.soils import SOILS, make_soil
+from offroad_env.world.vehicles import VEHICLES
+
+if TYPE_CHECKING:
+    from offroad_env.rendering import Renderer
+
+__all__ = [
+    "CONTROL_PERIOD",
+    "PREVIEW",
+    "TERRAIN_INFO",
+    "Briefing",
+    "Measurements",
+    "OffroadBekkerEnv",
+    "Snapshot",
+]
+
+TERRAIN_INFO = ("none", "estimate", "truth")
+#: The online filter that is part of the compiled control period.
+_COMPILED = "online_parameter_ukf"
+
+_STEPS = round(CONTROL_PERIOD / SAMPLES / FULL_STEP)  # steps of the plant per IMU sample
+_EVERYTHING = DRIVE | BELIEVE | REPORT
+
+
+class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
+    """A vehicle follows a path over soil whose sinkage exponent n it does not know.
+
+    ## Description
+    A vehicle of the full model (wheel spin, suspension, slopes) or of Buzhardt & Tallapragada (ACC 2021)
+    drives on deformable soil by Bekker and Wong. Its sensors are simulated: an IMU at 100 Hz with the paper's
+    noise, wheel speeds at 50 Hz, GNSS at 10 Hz. A navigation filter makes the observed pose from them, and an
+    estimator, where one runs, n and its standard deviation. Both assume the nominal vehicle and flat ground;
+    of the hill of "climb" they have a map without the roughness. On "patches" the parameter UKF allows for
+    an n that changes on the way. One action is held for 0.02 s.
+
+    ## Action Space
+    ``Box(-1, 1, (2,), float32)``; values outside are clipped, NaN or infinity raises `InvalidParameter`.
+
+    | index | meaning | in SI |
+    |---|---|---|
+    | 0 | steering, left positive | times ``vehicle.steer_max`` [rad] |
+    | 1 | drive (positive), brake (negative) | times ``drive_torque_max`` or ``brake_torque_max`` [N m] |
+
+    With ``model="paper"`` steering acts at once and index 1 is a body force of up to 3 m [N] either way.
+
+    ## Observation Space
+    ``Dict`` of float32 arrays. Everything comes from the sensors, never from the simulator's state; the only
+    exception is ``terrain`` with ``terrain_info="truth"``: n under the front wheels. Values are clipped to
+    the space.
+
+    | key | shape | content |
+    |---|---|---|
+    | ``imu`` | (5,) | a_x, a_y, a_z [m/s^2], pitch rate, yaw rate [rad/s]: mean of the period's two samples |
+    | ``motion`` | (5,) | speed [m/s], rim speed front, rear [m/s], last steering [rad], last drive [-] |
+    | ``path`` | (12,) | cross-track error [m] (left positive), heading error [rad], target speed [m/s] |
+    | | | (0 = as fast as possible), curvature [1/m] at 0, 3, 6, 10, 15, 20, 30, 40 m ahead, |
+    | | | distance to the end of the path [m] |
+    | ``terrain`` | (3,) | n, its standard deviation, valid (0/1); absent with ``terrain_info="none"`` |
+
+    ## Rewards
+    0.1 per metre of progress along the path, less the cost of time, of distance from the path, of
+    missing the target speed and of changes of the action; 10 on arrival. A failure costs all that an
+    episode could cost otherwise, so that ending it early never pays. ``info["reward_terms"]`` names the
+    terms, which add up to the reward. "climb" and "brake" have weights of their own.
+
+    ## Starting State
+    Settled on the soil, on the path, rolling. n is drawn uniformly from ``n_range``;
+    ``reset(options={"n": 0.7})`` sets it. ``options={"mismatch": (mass, k_phi, lag)}`` multiplies these
+    properties of the truth; the nominal ones, which estimator and briefing hold, stay.
+
+    ## Episode End
+    Termination: the goal is reached (``info["success"]``), or ``info["failure"]`` is "left_corridor",
+    "rollover" (the lateral acceleration holds the inner wheels off the ground for 0.2 s), "immobilised" (no
+    motion for 4 s of drive, or sunk beyond the wheel), "overran" (the line of "brake"), "too_rough" (the
+    limit of "ride") or "diverged". Truncation: the time limit of the task (120 s, "brake" 40 s).
+
+    ## Arguments
+    scenario : "track", "speed", "climb", "brake", "ride" or "patches" (`offroad_env.SCENARIOS`)
+    terrain_info : "none", "estimate" or "truth"
+    model : "full", "paper", or the file of an extended model that ``offroad diagnose`` has written: the truth
+        then has its effects
+    vehicle_model : "half_car" or "bicycle"
+    estimator : "online_parameter_ukf", "online_joint_ukf", "online_ukf_bank" (in short "parameter", "joint",
+        "bank") or "none"; None runs the parameter UKF when ``terrain_info="estimate"``. An
+        `estimators.filters.online.OnBoard` also holds the rate, and vehicle, soil and ground of the filter's
+        model, rightly or wrongly
+    n_range : (low, high) of the sinkage exponent, default the scenario's
+    soil, vehicle : names in `SOILS` and `VEHICLES`, default the scenario's
+    render_mode : None, "human" or "rgb_array"
+
+    ## Info
+    The same keys at every step: true soil (``n, n_front, n_rear``), ``sinkage`` [m] and ``slip`` (front,
+    rear), ``cross_track_error`` [m], ``heading_error`` [rad], ``progress`` and ``path_length`` [m],
+    ``speed`` [m/s], ``shake`` (running r.m.s. of the vertical acceleration) [m/s^2], ``time`` [s], the
+    estimator's ``n_estimate``, ``n_estimate_sd``, ``nis`` and ``filter_repairs`` (the prior and zeros
+    when none runs), ``reward_terms``, ``success``, ``failure``.
+
+    ## Version History
+    v0: first version.
+    """
+
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012 - Gymnasium's form
+
+    def __init__(  # noqa: PLR0913 - the environment's arguments are its interface
+        self,
+        *,
+        scenario: str = "track",
+        terrain_info: str = "none",
+        model: str = "full",
+        vehicle_model: str = "half_car",
+        estimator: str | OnBoard | None = None,
+        n_range: tuple[float, float] | None = None,
+        soil: str | None = None,
+        vehicle: str | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        self.scenario: Scenario = find_scenario(scenario)
+        if estimator is None:
+            estimator = _COMPILED if terrain_info == "estimate" else "none"
+        elif not isinstance(estimator, OnBoard):
+            estimator = filter_id(estimator, KINDS, label="estimator", besides=("none",))
+        self.extension: Extension | None = read_extension(model) if model.endswith(".json") else None
+        model = model if self.extension is None else self.extension.model
+        require_choice("terrain_info", terrain_info, TERRAIN_INFO)
+        require_choice("model", model, MODELS)
+        require_choice("vehicle_model", vehicle_model, VEHICLE_MODELS)
+        require_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
+        if terrain_info == "estimate" and estimator == "none":
+            raise InvalidParameter('terrain_info="estimate" needs an estimator, got estimator="none"')
+        self.terrain_info, self.model, self.vehicle_model = terrain_info, model, vehicle_model
+        self.render_mode = render_mode
+        self.soil_name = self.scenario.soil if soil is None else soil
+        self.n_range = checked_range(self.scenario.n_range if n_range is None else n_range, self.soil_name)
+        self.vehicle: Vehicle = VEHICLES[self.scenario.vehicle if vehicle is None else vehicle]
+        low, high = self.n_range
+        self.prior = (0.5 * (low + high), max((high - low) / math.sqrt(12.0), 1e-3))
+        self._believed_soil = make_soil(SOILS[self.soil_name], n=self.prior[0])
+        if estimator != "none" and self._believed_soil.rigid:
+            raise InvalidParameter(f"estimator={estimator!r} needs a deformable soil, got {self.soil_name!r}")
+        announce_compilation()
+        require_bearing(self.vehicle, self.soil_name, self._believed_soil, self.n_range, model)
+        self.weights = self.scenario.weights
+        self.sensors = SensorSuite(
+            imu=ImuConfig(body_axes=model == "full"), wheel=WheelSpeedConfig(), gnss=GnssConfig()
+        )
+        self._navigation = NavigationFilter(self.vehicle)
+        #: The parameter UKF runs inside the compiled period, the others beside it.
+        if isinstance(estimator, str) and estimator not in ("none", _COMPILED):
+            estimator = OnBoard(kind=estimator)
+        self._choice = estimator
+        self.estimator: Estimator | None = None
+        self._extended: ExtendedTruth | None = None  # of an extended model; moves outside the compiled period
+        self._layout = Layout(self.vehicle.steer_max, terrain=terrain_info != "none")
+        self._renderer: Renderer | None = None
+        self._learner: OnlineParameterUKF | None = None  # the estimator inside the compiled period
+        self.join(Memory(1), 0)
+        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.observation_space = self._layout.space()
+
+    def _believed_range(self) -> tuple[float, float]:
+        """``n_range``, widened to 0.1 where it holds a single soil: a filter needs something to estimate."""
+        low, high = self.n_range
+        widen = max(0.05 - 0.5 * (high - low), 0.0)
+        return max(low - widen, 0.06), high + widen
+
+    @property
+    def briefing(self) -> Briefing:
+        """What a controller may know before it starts."""
+        return Briefing.of(self.scenario, self.vehicle, self._believed_soil, self.n_range, self.model)
+
+    # ------------------------------------------------------------------ episode
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Start an episode. ``options={"n": value}`` sets the sinkage exponent of the true soil.
+
+        ``options={"mismatch": (mass, k_phi, lag)}`` multiplies the true vehicle's mass and torque lag and
+        the true soil's k_phi by these factors; what estimator and briefing hold stays nominal. The draws
+        happen in the same order whatever is observed: same seed, same episode.
+        """
+        super().reset(seed=seed)
+        chosen = ResetOptions.read(options)
+        drawn = float(self.np_random.uniform(*self.n_range))
+        self.course: Course = self.scenario.draw(self.np_random)
+        self._path_length = self.course.path.length
+        self.sensors.reset(self.np_random)
+        self._sensor_errors = self.sensors.errors
+        vehicle, soil = chosen.truth(self.vehicle, self._believed_soil, drawn)
+        self.plant = self._plant_of(vehicle, soil, self.course.ground, self.course.soil_map(self.n_range))
+        X, Y, yaw = (float(value) for value in self.course.path.nodes[0, :3])
+        start = self.scenario.start_speed
+        if self.extension is not None:
+            self._extended = ExtendedTruth(self.extension, self.plant, self.sensors.mount)
+            self.plant = self._extended.setup.plant
+        self.state[:], self.warm[:] = settled_state(self.plant, x=X, y=Y, yaw=yaw, v_x=start)
+        self._start(X, Y, start)
+        self._navigation.reset(X, Y, yaw, start)
+        self._choose_estimator()
+        self._memory.set_rules(self.vehicle, self._navigation, self.scenario, self.weights, self._layout)
+        self._memory.rules["truth_shown"] = self.terrain_info == "truth"
+        self._memory.assumptions = None if self._learner is None else self._learner.assumptions
+        self._bind()
+        # The start is a state, not an interval: readings of the state itself, one sample of the sensors.
+        self._episode["count"], self._episode["steps"] = 1, 0
+        self._advance()
+        self._episode["count"], self._episode["steps"] = SAMPLES, _STEPS
+        info = self.result()[0]
+        if self.render_mode == "human":
+            self.render()
+        return self._layout.split(self._shown), info
+
+    def _plant_of(self, vehicle: Vehicle, soil: Soil, ground: Ground, soils: SoilMap | None = None) -> Plant:
+        """A plant of this environment's model, true or believed."""
+        slip = PAPER_SLIP.get(self.soil_name, 0.0)
+        kinds = {"model": self.model, "vehicle_model": self.vehicle_model}
+        return make_plant(vehicle, soil, ground, slip=slip, soil_map=soils, **kinds)
+
+    def _choose_estimator(self) -> None:
+        """A new estimator at the start of the course, if one runs."""
+        self.estimator = self._learner = None
+        belief = self._plant_of(self.vehicle, self._believed_soil, self.course.known_ground)
+        if isinstance(self._choice, OnBoard):
+            imu, gnss = self.sensors.imu, self.sensors.gnss or GnssConfig()
+            self.estimator = make_estimator(self._choice, belief, self._believed_range(), imu, gnss)
+            self.estimator.reset(*self.prior, self._navigation.pose)
+        elif self._choice == _COMPILED:
+            self.estimator = self._learner = OnlineParameterUKF(
+                belief,
+                self._believed_range(),
+                dt=CONTROL_PERIOD / SAMPLES,
+                imu=self.sensors.imu,
+                settings=CHANGING_SOIL if self.scenario.changing else None,
+                navigation=self._navigation,
+            )
+            self._learner.reset(*self.prior, self._navigation.pose)
+
+    def _start(self, X: float, Y: float, speed: float) -> None:
+        """Write into the record what an episode starts with."""
+        self.readings[:] = 0.0
+        self._rims[:] = speed
+        self._memory.lay_out(self._row, self.course.path, self.plant, self.course.known_ground)
+        nearest = nearest_index(self.course.path, X, Y)
+        mount, episode = self.sensors.mount, self._episode
+        for name, value in (
+            ("plant", pack(self.plant).numbers),
+            ("n", self.plant.soil.n),
+            ("errors", self.sensors.errors),
+            ("lever", mount.lever),
+            ("rotation", mount.rotation),
+            ("body_axes", mount.body_axes),
+            ("gravity", mount.gravity),
+            ("wheel_every", self.sensors.wheel_every),
+            ("gnss_every", self.sensors.gnss_every),
+            ("tick", 0),
+            ("noise_row", NOISE_ROWS - 1),
+            ("estimate", (*self.prior, 0.0, 0.0, 0.0)),
+            ("time", 0.0),
+            ("action", 0.0),
+            ("true_index", nearest),
+            ("seen_index", nearest),
+            ("tilting_for", 0.0),
+            ("stuck_for", 0.0),
+            ("mean_square", 0.0),
+            ("ending", 0),
+        ):
+            episode[name] = value
+        if self._extended is not None:
+            episode["errors"] = self._extended.imperfect(self.sensors.errors)
+        self.sensors.draw_noise(self._memory.noise[self._row, -1:])
+        self._actions[:] = 0.0
+
+    def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+        """Hold ``action`` for 0.02 s. See the class for its meaning and the results."""
+        values = np.asarray(action, dtype=np.float64)
+        if values.shape != (2,) or not all(map(math.isfinite, values.tolist())):
+            raise InvalidParameter(f"action must be 2 finite numbers (steer, drive), got {action!r}")
+        self._actions[:] = values
+        if self._episode["noise_row"] > LAST_ROW:
+            self.draw_noise()
+        self._advance()
+        info, reward = self.result()
+        if self.render_mode == "human":
+            self.render()
+        terminated = info["success"] or info["failure"] != ""
+        late = not terminated and info["time"] > self.scenario.time_limit - 0.5 * CONTROL_PERIOD
+        return self._layout.split(self._shown), reward, terminated, late, info
+
+    # ------------------------------------------------------------------ memory
+
+    def join(self, memory: Memory, row: int) -> None:
+        """Keep the episodes in that row of a memory, from the next reset on."""
+        self._memory, self._row = memory, row
+        self._bind()
+
+    def _bind(self) -> None:
+        """Take views of the own row: a copied or pickled view is an array of its own."""
+        rows = slice(self._row, self._row + 1)
+        self._arguments = self._memory.part(rows)
+        self._episode = self._memory.episodes[self._row]
+        self.state, self.warm = self._episode["state"], self._episode["warm"]
+        self.readings, self._rims = self._episode["readings"], self._episode["rims"]
+        self._samples, self._report = self._episode["samples"], self._episode["report"]
+        self._actions, self._shown = self._memory.actions[self._row], self._memory.shown[self._row]
+        self._navigation.lodge(self._episode["navigation"], self._episode["covariance"])
+        if self._learner is not None:
+            self._learner.lodge(self._memory.episodes["filter"][rows])
+
+    @property
+    def memory_size(self) -> int:
+        """Bytes of the record of an episode; its course and the noise lie beside it."""
+        return self._memory.episodes.itemsize
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the tuple of views, which would be stored once more."""
+        return {key: value for key, value in self.__dict__.items() if key != "_arguments"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Views were copied as arrays of their own: look at the memory again."""
+        self.__dict__.update(state)
+        self._bind()
+
+    def draw_noise(self) -> None:
+        """Sensor noise of the next periods, for a caller of the compiled period."""
+        self.sensors.draw_noise(self._memory.noise[self._row])
+        self._episode["noise_row"] = 0
+
+    # ------------------------------------------------------------------ one period
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether a period is one compiled call: no estimator, or the one inside it."""
+        return self.estimator is self._learner
+
+    def _advance(self) -> None:
+        """Move on by one period: the truth, the filters and the report."""
+        phases = _EVERYTHING
+        if self._extended is not None:
+            self.drive_extended()
+            phases = BELIEVE | REPORT
+        if self.is_compiled:
+            self._run(phases)
+            return
+        if self._memory.assumptions is not None:  # a caller has replaced the estimator
+            self._memory.assumptions = None
+            self._bind()
+        self._run(phases & ~REPORT)
+        self.ask_estimator()
+        self._run(REPORT)
+
+    def drive_extended(self) -> None:
+        """Move the truth of an extended model, which the compiled period cannot, by one period."""
+        if self._extended is not None:
+            noise = self._memory.noise[self._row]
+            self._extended.drive(self._episode, self._actions, lambda: self.command, noise)
+
+    def ask_estimator(self) -> None:
+        """Give the period's samples and the command to an estimator outside the compiled period."""
+        if self.estimator is None or self._episode["status"] >= SUNK:
+            return
+        for sample in self._samples[: self._episode["count"]]:
+            found = self.estimator.update(self.command, sample[IMU], sample[WHEEL], sample[GNSS])
+        self._episode["estimate"] = found
+
+    def _run(self, phases: int) -> None:
+        self._episode["phases"] = phases
+        (period_full if self.model == "full" else period_paper)(*self._arguments)
+
+    @property
+    def command(self) -> Command:
+        """The last action as a command: steering [rad], drive and brake torque [N m] (paper: force, NaN)."""
+        steer, drive = self._episode["action"].tolist()
+        angle = steer * self.vehicle.steer_max
+        if self.model == "paper":
+            return angle, drive * PAPER_FORCE * self.vehicle.m, math.nan
+        return (
+            angle,
+            max(drive, 0.0) * self.vehicle.drive_torque_max,
+            max(-drive, 0.0) * self.vehicle.brake_torque_max,
+        )
+
+    def result(self) -> tuple[dict[str, Any], float]:
+        """``info`` and the reward, from the report of the period."""
+        return info_of(self._report, self.plant.soil.n, self._path_length, ENDINGS[self._episode["ending"]])
+
+    # ------------------------------------------------------------------ logs and pictures
+
+    def measurements(self) -> Measurements:
+        """Command and samples of the last control period, or the one sample at the start after a reset."""
+        episode = self._episode
+        count = 0 if episode["status"] >= SUNK else SAMPLES if episode["time"] > 0.0 else 1
+        return Measurements(
+            command=self.command, samples=self._samples[:count].copy(), period=CONTROL_PERIOD / SAMPLES
+        )
+
+    def snapshot(self) -> Snapshot:
+        """The truth at this moment, in copies; needs a `reset` before."""
+        episode = self._episode
+        mean, sd, nis, valid, repairs = episode["estimate"].item()
+        estimate = Estimate(mean, sd, nis, valid > 0.5, int(repairs))
+        steer, drive = episode["action"].tolist()
+        return Snapshot(
+            scenario=self.scenario,
+            course=self.course,
+            plant=self.plant,
+            model=self.model,
+            terrain_info=self.terrain_info,
+            time=float(episode["time"]),
+            state=self.state.copy(),
+            readings=self.readings.copy(),
+            command=(steer, drive),
+            progress=float(episode["progress"]),
+            cross_track_error=float(episode["cross_track_error"]),
+            n_range=self.n_range,
+            estimate=None if self.estimator is None else estimate,
+            ending=ENDINGS[episode["ending"]],
+        )
+
+    def render(self) -> np.ndarray | None:
+        """Draw the vehicle from above and from the side, and n over time; needs the extra ``view``."""
+        if self.render_mode is None:
+            gym.logger.warn('render() does nothing without render_mode="human" or "rgb_array"')
+            return None
+        if self._renderer is None:
+            from offroad_env.rendering import Renderer
+
+            self._renderer = Renderer(self.render_mode, fps=self.metadata["render_fps"])
+        return self._renderer.draw(self.snapshot())
+
+    def close(self) -> None:
+        """Close the window, if one is open."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None

@@ -1,0 +1,148 @@
+"""The observation, written by one kernel: layout, bounds, clipping."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from gymnasium import spaces
+
+from offroad_env.physics._jit import kernel
+from offroad_env.physics.path_geometry import PathTable, preview, project
+
+__all__ = ["PREVIEW", "SHOWN", "Layout", "Measured", "SeenPose", "Window", "write_observation"]
+
+#: How far ahead the curvature of the path is observed [m].
+PREVIEW = (0.0, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0)
+
+# Where the parts stand in the flat observation.
+_MOTION, _PATH = 5, 10
+_TERRAIN = _PATH + 4 + len(PREVIEW)
+#: Length of the flat observation.
+SHOWN = _TERRAIN + 3
+
+#: Bounds: what the sensors saturate at, and what a drive can bring.
+_IMU_HIGH = (100.0, 100.0, 100.0, 10.0, 10.0)
+_SPEED_HIGH = 60.0
+_ERROR_HIGH = 50.0
+_CURVATURE_HIGH = 2.0
+_DISTANCE_HIGH = 1e3
+
+
+class SeenPose(NamedTuple):
+    """Pose by the navigation filter, and where its projection on the path is searched from."""
+
+    X: float  #: [m]
+    Y: float  #: [m]
+    yaw: float  #: [rad]
+    speed: float  #: [m/s]
+    hint: int  #: node of the path, from the last call
+
+
+class Measured(NamedTuple):
+    """Numbers that go into the observation as they are."""
+
+    rim_front: float  #: rim speed [m/s]
+    rim_rear: float  #: rim speed [m/s]
+    steer: float  #: last steering command [rad]
+    drive: float  #: last drive command [-]
+    target_speed: float  #: 0 = as fast as possible [m/s]
+    n: float  #: sinkage exponent [-]
+    n_sd: float  #: its standard deviation [-]
+    valid: float  #: 1 = the estimate may be used
+
+
+class Window(NamedTuple):
+    """How far the observation reaches, and its limits."""
+
+    distances: np.ndarray  #: (K,) at which the curvature ahead is observed [m]
+    bounds: np.ndarray  #: (2, SHOWN) lowest and highest values
+    length: float  #: of the path [m]
+
+
+@kernel
+def write_observation(
+    path: PathTable,
+    pose: SeenPose,
+    samples: np.ndarray,
+    measured: Measured,
+    window: Window,
+    out: np.ndarray,
+) -> int:
+    """Fill the flat observation ``out`` (SHOWN,) float32 and clip it; returns the next hint.
+
+    ``samples`` (S, CHANNELS) are those of the sensors in this period.
+    """
+    for i in range(_MOTION):
+        total = 0.0
+        for j in range(samples.shape[0]):
+            total += samples[j, i]
+        out[i] = total / samples.shape[0]
+    out[_MOTION] = pose.speed
+    out[_MOTION + 1], out[_MOTION + 2] = measured.rim_front, measured.rim_rear
+    out[_MOTION + 3], out[_MOTION + 4] = measured.steer, measured.drive
+    s, error, path_yaw, _, hint = project(path, pose.X, pose.Y, pose.hint)
+    turn = (pose.yaw - path_yaw) / (2.0 * math.pi)
+    out[_PATH] = error
+    out[_PATH + 1] = 2.0 * math.pi * (turn - round(turn))
+    out[_PATH + 2] = measured.target_speed
+    ahead = np.empty((window.distances.shape[0], 2))
+    preview(path, s, window.distances, ahead)
+    for i in range(window.distances.shape[0]):
+        out[_PATH + 3 + i] = ahead[i, 0]
+    out[_TERRAIN - 1] = window.length - s
+    out[_TERRAIN], out[_TERRAIN + 1], out[_TERRAIN + 2] = measured.n, measured.n_sd, measured.valid
+    for i in range(out.shape[0]):
+        out[i] = min(max(out[i], window.bounds[0, i]), window.bounds[1, i])
+    return hint
+
+
+class Layout:
+    """Bounds and keys of the observation of one environment.
+
+    Parameters
+    ----------
+    steer_max : largest steering angle [rad]
+    terrain : whether the key ``terrain`` is shown
+    """
+
+    def __init__(self, steer_max: float, *, terrain: bool) -> None:
+        speeds = (_SPEED_HIGH,) * 3
+        high = np.array(
+            [
+                *_IMU_HIGH,
+                *speeds,
+                steer_max,
+                1.0,
+                _ERROR_HIGH,
+                math.pi,
+                _SPEED_HIGH,
+                *(_CURVATURE_HIGH,) * len(PREVIEW),
+                _DISTANCE_HIGH,
+                3.0,
+                1.0,
+                1.0,
+            ]
+        )
+        low = -high
+        low[_PATH + 2] = 0.0
+        low[_TERRAIN:] = 0.0
+        self.bounds = np.stack([low, high]).astype(np.float32)
+        self.slices = {
+            "imu": slice(0, _MOTION),
+            "motion": slice(_MOTION, _PATH),
+            "path": slice(_PATH, _TERRAIN),
+        }
+        if terrain:
+            self.slices["terrain"] = slice(_TERRAIN, SHOWN)
+
+    def space(self) -> spaces.Dict:
+        """The observation space."""
+        return spaces.Dict(
+            {key: spaces.Box(self.bounds[0, part], self.bounds[1, part]) for key, part in self.slices.items()}
+        )
+
+    def split(self, flat: np.ndarray) -> dict[str, np.ndarray]:
+        """The observation as the agent gets it: new arrays that share no memory, of one row or of many."""
+        return {key: flat[..., part].copy() for key, part in self.slices.items()}

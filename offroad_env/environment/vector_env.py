@@ -1,0 +1,310 @@
+"""Many episodes at once: the native vector environment behind ``gymnasium.make_vec``."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from offroad_env.environment.control_period import BELIEVE, DRIVE, REPORT, period_full, period_paper
+from offroad_env.environment.env import OffroadBekkerEnv
+from offroad_env.environment.episode_records import (
+    CONTROL_PERIOD,
+    LAST_ROW,
+    REPORTED,
+    REPORTED_TERMS,
+    Memory,
+)
+from offroad_env.environment.observation import Layout
+from offroad_env.environment.rewards import ENDINGS, TERMS
+from offroad_env.errors import InvalidParameter
+
+__all__ = ["OffroadBekkerVectorEnv", "make_vec"]
+
+_EVERYTHING = DRIVE | BELIEVE | REPORT
+_GOAL = ENDINGS.index("goal")
+_FAILURES = np.array(["" if ending == "goal" else ending for ending in ENDINGS], dtype=object)
+_TERM_COLUMNS = range(REPORTED_TERMS.start, REPORTED_TERMS.stop)
+#: Fewest episodes that are worth a thread: handing over costs as much as one period or two.
+_FEWEST = 4
+
+
+def make_vec(num_envs: int, **options: Any) -> VectorEnv:
+    """``num_envs`` episodes of ``OffroadBekker-v0`` that run in one compiled call.
+
+    Parameters
+    ----------
+    num_envs
+    options
+        Arguments of `OffroadBekkerVectorEnv` and of `OffroadBekkerEnv`.
+
+    Examples
+    --------
+    >>> envs = make_vec(8, scenario="speed", terrain_info="estimate")
+    >>> observations, infos = envs.reset(seed=0)
+    >>> observations["path"].shape
+    (8, 12)
+    """
+    name = "offroad_env:OffroadBekker-v0"
+    return gym.make_vec(name, num_envs, vectorization_mode="vector_entry_point", **options)
+
+
+def _threads(wanted: int | None, num_envs: int) -> int:
+    if wanted is None:
+        usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        return max(min(usable, num_envs // _FEWEST), 1)
+    if wanted < 1:
+        raise InvalidParameter(f"threads must be at least 1, got {wanted}")
+    return min(wanted, num_envs)
+
+
+class OffroadBekkerVectorEnv(VectorEnv):
+    """N episodes of `OffroadBekkerEnv`: the same numbers as N single environments, to the last bit.
+
+    Episodes share nothing but the arguments; seeds, time limit, truncation and ``infos`` are those of
+    Gymnasium's `SyncVectorEnv`. A step is one compiled call for all episodes, on all processors; what
+    begins anew is drawn by the single environment's own `reset`. Truths of an extended model move one by one.
+
+    Parameters
+    ----------
+    num_envs
+        Episodes.
+    max_episode_steps
+        Steps after which an episode is truncated, if the task's time limit has not done so.
+    autoreset_mode
+        When an episode that has ended begins anew: "NextStep" (that step's action is not used), "SameStep"
+        (what ended is in ``infos["final_obs"]`` and ``infos["final_info"]``) or "Disabled" (call
+        ``reset(options={"reset_mask": ended})``).
+    threads
+        Threads of a step, default one per usable processor; the results do not depend on it.
+    options
+        Arguments of `OffroadBekkerEnv`, the same for all episodes.
+
+    Notes
+    -----
+    ``reset(options={"n": [...]})`` takes one sinkage exponent per episode, or one for all.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int = 6000,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        threads: int | None = None,
+        **options: Any,
+    ) -> None:
+        if num_envs < 1:
+            raise InvalidParameter(f"num_envs must be at least 1, got {num_envs}")
+        self.num_envs = int(num_envs)
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.envs = [OffroadBekkerEnv(**options) for _ in range(self.num_envs)]
+        first = self.envs[0]
+        self.max_episode_steps = int(max_episode_steps)
+        self._time_limit = first.scenario.time_limit
+        self.metadata = {**first.metadata, "autoreset_mode": self.autoreset_mode}
+        self.render_mode = first.render_mode
+        self.single_action_space, self.single_observation_space = first.action_space, first.observation_space
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._layout = Layout(first.vehicle.steer_max, terrain=first.terrain_info != "none")
+        self._period = period_full if first.model == "full" else period_paper
+        self._memory = Memory(self.num_envs)
+        for row, env in enumerate(self.envs):
+            env.join(self._memory, row)
+        count = _threads(threads, self.num_envs)
+        edges = [round(i * self.num_envs / count) for i in range(count + 1)]
+        self._shares = [slice(low, high) for low, high in pairwise(edges)]
+        self._pool = self._make_pool()
+        self._elapsed = np.zeros(self.num_envs, np.int64)
+        self._over = np.zeros(self.num_envs, np.bool_)
+
+    def _make_pool(self) -> ThreadPoolExecutor | None:
+        """Threads for all shares but the first, which the caller's own thread takes."""
+        return ThreadPoolExecutor(len(self._shares) - 1) if len(self._shares) > 1 else None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the threads, which no file can hold."""
+        return {key: value for key, value in self.__dict__.items() if key != "_pool"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """With threads of its own."""
+        self.__dict__.update(state)
+        self._pool = self._make_pool()
+
+    # ------------------------------------------------------------------ Gymnasium
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Start all episodes, or those of ``options["reset_mask"]``; seeds as in Gymnasium's vector API."""
+        options = dict(options or {})
+        rows = self._masked(options.pop("reset_mask", None))
+        if seed is None or isinstance(seed, int | np.integer):
+            seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
+        else:
+            seeds = list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed must be one number or {self.num_envs}, got {len(seeds)} numbers")
+        exponents = [options] * self.num_envs
+        if options.get("n") is not None and np.ndim(options["n"]) == 1:
+            exponents = [{**options, "n": n} for n in options["n"]]
+            if len(exponents) != self.num_envs:
+                raise ValueError(f"n must be one number or {self.num_envs}, got {len(exponents)} numbers")
+        for i in rows:
+            self._restart(i, seeds[i], exponents[i])
+        present = np.zeros(self.num_envs, np.bool_)
+        present[rows] = True
+        return self._layout.split(self._memory.shown), self._infos(present)
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """One control period of every episode."""
+        values = np.asarray(actions, dtype=np.float64)
+        if values.shape != (self.num_envs, 2) or not np.isfinite(values).all():
+            raise InvalidParameter(f"actions must be ({self.num_envs}, 2) finite numbers, got {actions!r}")
+        if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
+            raise InvalidParameter(f"episodes {np.flatnonzero(self._over)} are over: reset them first")
+        again = self._over.copy()
+        self._memory.actions[:] = values
+        self._advance(~again)
+        for i in np.flatnonzero(again).tolist():
+            self._restart(i, None, {})
+        self._elapsed[~again] += 1
+        episodes = self._memory.episodes
+        terms = episodes["report"][:, REPORTED_TERMS]
+        rewards = np.zeros(self.num_envs)
+        for j in range(len(TERMS)):  # one after the other, as a single environment adds them
+            rewards += terms[:, j]
+        rewards[again] = 0.0
+        terminated = (episodes["ending"] > 0) & ~again
+        late = episodes["time"] > self._time_limit - 0.5 * CONTROL_PERIOD
+        truncated = ((self._elapsed >= self.max_episode_steps) | (late & ~terminated)) & ~again
+        ended = terminated | truncated
+        infos: dict[str, Any] = {}
+        if self.autoreset_mode is AutoresetMode.SAME_STEP:
+            for i in np.flatnonzero(ended).tolist():
+                final = {"final_obs": self._layout.split(self._memory.shown[i])}
+                infos = self._add_info(infos, {**final, "final_info": self.envs[i].result()[0]}, i)
+                self._restart(i, None, {})
+        else:
+            self._over = ended
+        infos |= self._infos(np.ones(self.num_envs, np.bool_))
+        return self._layout.split(self._memory.shown), rewards, terminated, truncated, infos
+
+    def render(self) -> tuple[Any, ...]:
+        """What every single environment draws."""
+        return tuple(env.render() for env in self.envs)
+
+    def close_extras(self, **_: Any) -> None:
+        """Close the windows and end the threads."""
+        for env in self.envs:
+            env.close()
+        if self._pool is not None:
+            self._pool.shutdown()
+
+    @property  # type: ignore[misc]  # Gymnasium assigns it
+    def np_random(  # type: ignore[override]  # one for each episode, as in Gymnasium's own vector environments
+        self,
+    ) -> tuple[np.random.Generator, ...]:
+        """The generators of the episodes."""
+        return self.get_attr("np_random")
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]  # as `np_random`
+        """Their seeds."""
+        return self.get_attr("np_random_seed")
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """What the method, or the attribute, of every single environment gives."""
+        found = [getattr(env, name) for env in self.envs]
+        return tuple(value(*args, **kwargs) if callable(value) else value for value in found)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """An attribute of every single environment."""
+        return tuple(getattr(env, name) for env in self.envs)
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an attribute of every single environment: a list or tuple of values, or one for all."""
+        if not isinstance(values, list | tuple):
+            values = [values] * self.num_envs
+        for env, value in zip(self.envs, values, strict=True):
+            setattr(env, name, value)
+
+    # ------------------------------------------------------------------ one step
+
+    def _masked(self, mask: np.ndarray | None) -> np.ndarray:
+        """Rows to be reset."""
+        if mask is None:
+            return np.arange(self.num_envs)
+        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
+            raise InvalidParameter(f"reset_mask must be a boolean array ({self.num_envs},), got {mask!r}")
+        if not mask.any():
+            raise InvalidParameter("reset_mask must hold at least one True")
+        return np.flatnonzero(mask)
+
+    def _restart(self, row: int, seed: int | None, options: dict[str, Any]) -> None:
+        self.envs[row].reset(seed=seed, options=options)
+        self._elapsed[row], self._over[row] = 0, False
+
+    def _advance(self, moving: np.ndarray) -> None:
+        """One period of the episodes in the mask ``moving``."""
+        for i in np.flatnonzero((self._memory.episodes["noise_row"] > LAST_ROW) & moving):
+            self.envs[i].draw_noise()
+        phases = _EVERYTHING
+        if self.envs[0].extension is not None:
+            phases = BELIEVE | REPORT
+            for i in np.flatnonzero(moving):
+                self.envs[i].drive_extended()
+        asking = [i for i in np.flatnonzero(moving) if not self.envs[i].is_compiled]
+        if not asking:
+            self._run(np.where(moving, phases, 0))
+            return
+        self._memory.assumptions = None
+        self._run(np.where(moving, phases & ~REPORT, 0))
+        for i in asking:
+            self.envs[i].ask_estimator()
+        self._run(np.where(moving, REPORT, 0))
+
+    def _run(self, phases: np.ndarray) -> None:
+        """The compiled period, every thread its share."""
+        self._memory.episodes["phases"] = phases
+        parts = [self._memory.part(share) for share in self._shares]
+        waiting = [] if self._pool is None else [self._pool.submit(self._period, *p) for p in parts[1:]]
+        self._period(*parts[0])
+        for future in waiting:
+            future.result()
+
+    def _infos(self, present: np.ndarray) -> dict[str, Any]:
+        """Gymnasium's form: one array per key, and a mask of the episodes that have it."""
+        episodes = self._memory.episodes
+        report = np.where(present[:, None], episodes["report"], 0.0)
+        columns: dict[str, Any] = {name: report[:, at].copy() for name, at in REPORTED.items()}
+        ending = np.where(present, episodes["ending"], 0)
+        failure = np.full(self.num_envs, None, dtype=object)
+        failure[present] = _FAILURES[ending[present]]
+        columns |= {
+            "n": np.where(present, episodes["n"], 0.0),
+            "path_length": np.where(present, episodes["ds"] * (episodes["path_end"] - 1), 0.0),
+            "filter_repairs": columns["filter_repairs"].astype(np.int64),
+            "success": ending == _GOAL,
+            "failure": failure,
+            "reward_terms": self._with_masks(
+                {name: report[:, at].copy() for name, at in zip(TERMS, _TERM_COLUMNS, strict=True)}, present
+            ),
+        }
+        return self._with_masks(columns, present)
+
+    @staticmethod
+    def _with_masks(columns: dict[str, Any], present: np.ndarray) -> dict[str, Any]:
+        for name in list(columns):
+            columns[f"_{name}"] = present.copy()
+        return columns

@@ -1,0 +1,250 @@
+"""What the two vehicle models share: axles on uneven ground, and the record of a plant."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from offroad_env.physics import state as at
+from offroad_env.physics._jit import inline_kernel, merged_kernel
+from offroad_env.physics.contact import Support, slope_frame, solve_contact
+from offroad_env.physics.ground import ground_readings, sinkage_exponent
+from offroad_env.physics.hooks import change_soil, change_wheel_forces
+from offroad_env.physics.numerics import GRAVITY, smooth_step
+from offroad_env.physics.record_operations import replace
+from offroad_env.physics.records import (
+    AxleContact,
+    AxleForces,
+    AxlePlace,
+    AxleSpring,
+    ContactOptions,
+    FloatArray,
+    Ground,
+    Soil,
+    SoilMap,
+    SpringState,
+    Vehicle,
+    Wheel,
+    WheelMotion,
+)
+from offroad_env.physics.slip import slip_ratio
+
+__all__ = [
+    "AxleLoad",
+    "AxleMotion",
+    "AxleReaction",
+    "AxleStance",
+    "Directions",
+    "Plant",
+    "Pose",
+    "Velocity",
+    "axle_contact",
+    "axle_motion",
+    "contact_options",
+    "static_loads",
+    "suspension_force",
+    "suspension_load",
+    "with_exponent",
+    "with_pressure",
+]
+
+
+class Plant(NamedTuple):
+    """Everything a model needs besides its state: truth and belief are two plants."""
+
+    vehicle: Vehicle
+    soil: Soil
+    ground: Ground
+    soil_map: SoilMap
+    slip: float  #: constant slip of the paper's model [-]
+    resultant: float  #: 1.0 = shear stresses share one strength
+    half_car: float  #: 1.0 = heave and pitch move, 0.0 = bicycle with static loads
+    v_eps: float  #: low-speed regularisation [m/s]
+    fine: bool  #: reference quadrature instead of the fast one
+    effects: FloatArray | None = None  #: rows of `hooks`; None = the base model, without any trace of them
+
+
+class Directions(NamedTuple):
+    """(sin, cos) of the angles of a vehicle."""
+
+    yaw: tuple[float, float]
+    pitch: tuple[float, float]
+    steer: tuple[float, float]  #: of the axle's wheels
+
+
+class Pose(NamedTuple):
+    """Where the CG is in the plane, and where the vehicle heads."""
+
+    X: float  #: [m]
+    Y: float  #: [m]
+    yaw: tuple[float, float]  #: (sin, cos)
+
+
+class Velocity(NamedTuple):
+    """How the vehicle moves in the plane, in heading axes."""
+
+    forward: float  #: speed of the CG, or of what carries the axle [m/s]
+    left: float  #: [m/s]
+    yaw_rate: float  #: [rad/s]
+
+
+class AxleMotion(NamedTuple):
+    """An axle over the ground."""
+
+    x: float  #: position of the wheel [m]
+    y: float  #: [m]
+    H: float  #: height of the ground there [m]
+    H_dot: float  #: its time derivative along the wheel's path [m/s]
+    H_ddot: float  #: its second one, grad(H).a neglected: the paper's contact assumption [m/s^2]
+    u_l: float  #: horizontal velocity along the wheel [m/s]
+    u_c: float  #: across it, to the left (BT tan beta) [m/s]
+    g_l: float  #: ground slope along the wheel [-]
+    g_c: float  #: across it [-]
+
+
+class AxleStance(NamedTuple):
+    """The ground that an axle stands on."""
+
+    x: float  #: position of the wheel [m]
+    y: float  #: [m]
+    H: float  #: height of the ground [m]
+    g_l: float  #: its slope along the wheel [-]
+    g_c: float  #: across it, to the left [-]
+    arm: float  #: distance of the axle ahead of the CG [m]
+
+
+class AxleLoad(NamedTuple):
+    """Load of an axle on ground that does not yield."""
+
+    N_0: float  #: (BT N) [N]
+    inertia: float  #: what the wheel's own mass has of it [N]
+
+
+class AxleReaction(NamedTuple):
+    """What the ground does to an axle, in the wheel's horizontal axes."""
+
+    status: float  #: of the contact
+    F_l: float  #: along the wheel [N]
+    F_c: float  #: across it, to the left [N]
+    V: float  #: up [N]
+    torque: float  #: against the wheels' rotation [N m]
+
+
+@inline_kernel
+def with_pressure(soil: Soil, n: float, factor: float) -> Soil:
+    """The same soil with exponent ``n`` and ``factor`` times the moduli of sinkage."""
+    return replace(soil, k_c=factor * soil.k_c, k_phi=factor * soil.k_phi, n=n)
+
+
+@inline_kernel
+def with_exponent(soil: Soil, n: float) -> Soil:
+    """The same soil with another sinkage exponent."""
+    return replace(soil, n=n)
+
+
+@inline_kernel
+def contact_options(plant: Plant) -> ContactOptions:
+    """How the plant's contacts are computed."""
+    return ContactOptions(plant.v_eps, plant.resultant, plant.fine)
+
+
+@inline_kernel
+def static_loads(vehicle: Vehicle) -> tuple[float, float]:
+    """(front, rear) static axle loads m g l_r/L and m g l_f/L [N] (the paper writes m g/2)."""
+    total = vehicle.m * GRAVITY / (vehicle.l_f + vehicle.l_r)
+    return total * vehicle.l_r, total * vehicle.l_f
+
+
+@merged_kernel
+def axle_motion(
+    ground: Ground, pose: Pose, velocity: Velocity, arm: float, steer: tuple[float, float]
+) -> AxleMotion:
+    """Motion of the axle ``arm`` [m] ahead of the CG; ``steer`` = (sin, cos) of the steering angle."""
+    X, Y, (sin, cos) = pose
+    forward, left, yaw_rate = velocity
+    x, y = X + arm * cos, Y + arm * sin
+    side = left + arm * yaw_rate
+    v_X, v_Y = forward * cos - side * sin, forward * sin + side * cos
+    H, H_X, H_Y, H_XX, H_XY, H_YY = ground_readings(ground, x, y)
+    H_dot = H_X * v_X + H_Y * v_Y
+    H_ddot = H_XX * v_X * v_X + 2.0 * H_XY * v_X * v_Y + H_YY * v_Y * v_Y
+    sin_d, cos_d = steer
+    g_x, g_y = H_X * cos + H_Y * sin, H_Y * cos - H_X * sin
+    return AxleMotion(
+        x,
+        y,
+        H,
+        H_dot,
+        H_ddot,
+        forward * cos_d + side * sin_d,
+        side * cos_d - forward * sin_d,
+        g_x * cos_d + g_y * sin_d,
+        g_y * cos_d - g_x * sin_d,
+    )
+
+
+@inline_kernel
+def suspension_load(spring: AxleSpring, state: SpringState, m_w: float, H_ddot: float) -> AxleLoad:
+    """Load of an axle on ground that does not yield (BT N), and the share of the wheel, of mass ``m_w`` [kg].
+
+    The load at sinkage h is N_0 - k h; the sinkage rate is neglected in the damper. Where the spring is
+    slack the wheel hangs free: damper and inertia of the wheel, which presume that it follows the
+    ground, fade out below 0.2 of the static load, so a falling vehicle feels the ground only when its
+    wheels reach it.
+    """
+    pressing = spring.static_load - spring.k * state.height
+    follows = smooth_step(pressing / (0.2 * spring.static_load))
+    inertia = m_w * H_ddot * follows
+    return AxleLoad(pressing - spring.c * state.rate * follows + inertia, inertia)
+
+
+@inline_kernel
+def suspension_force(N: float, N_static: float, inertia: float) -> float:
+    """Force of the suspension on the body, relative to static equilibrium [N].
+
+    In contact N - N_static - m_w H_ddot, the paper's spring and damper. In the air the ground
+    never pulls: N = 0 leaves -N_static, the weight.
+    """
+    return N - N_static - inertia
+
+
+@merged_kernel
+def axle_contact(
+    plant: Plant,
+    motion: WheelMotion,
+    stance: AxleStance,
+    support: Support,
+    warm: FloatArray,
+    readings: FloatArray,
+) -> AxleReaction:
+    """Solve one axle's contact and note it in ``readings``, the axle's part of the readings."""
+    vehicle, arm = plant.vehicle, stance.arm
+    n = sinkage_exponent(plant.soil_map, plant.soil.n, stance.x, stance.y)
+    place = AxlePlace(stance.x, stance.y, arm, plant.v_eps)
+    soil = change_soil(plant.effects, with_exponent(plant.soil, n), motion, place)
+    frame = slope_frame(stance.g_l, stance.g_c)
+    wheel = Wheel(vehicle.r, vehicle.b)
+    solution = solve_contact(soil, wheel, motion, frame, support, warm, contact_options(plant))
+    F_n, h = solution.F_n, solution.sinkage
+    forces = AxleForces(solution.F_l, solution.F_c, solution.torque)
+    contact = AxleContact(F_n, h, arm, plant.v_eps, vehicle.r, vehicle.b, vehicle.wheels_per_axle)
+    F_x, F_y, T = change_wheel_forces(plant.effects, forces, motion, contact)
+    readings[at.N] = F_n
+    readings[at.F_L] = F_x
+    readings[at.F_C] = F_y
+    readings[at.TORQUE] = T
+    readings[at.SINKAGE] = h
+    readings[at.SLIP] = slip_ratio(motion.rim_speed, motion.v_l, plant.v_eps)
+    readings[at.R_OMEGA] = motion.rim_speed
+    readings[at.V_L] = motion.v_l
+    readings[at.V_C] = motion.v_c
+    readings[at.EXPONENT] = soil.n
+    readings[at.WHEEL_X] = stance.x
+    readings[at.WHEEL_Y] = stance.y
+    readings[at.HEIGHT] = stance.H
+    return AxleReaction(
+        solution.status,
+        F_x * frame.l_x + F_y * frame.c_x + F_n * frame.n_x,
+        F_y * frame.c_y + F_n * frame.n_y,
+        F_x * frame.l_z + F_y * frame.c_z + F_n * frame.n_z,
+        T,
+    )

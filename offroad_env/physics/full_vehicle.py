@@ -1,0 +1,89 @@
+"""Preset ``full``: wheel spin, slopes, drag, actuators; the default of the environment.
+
+The equations of motion are in `full_dynamics`, the method of integration in `rosenbrock`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from offroad_env.physics import state as at
+from offroad_env.physics._jit import merged_kernel
+from offroad_env.physics.axle import Plant
+from offroad_env.physics.contact import NO_ROOT
+from offroad_env.physics.full_dynamics import actuators, full_derivative
+from offroad_env.physics.numerics import all_finite
+from offroad_env.physics.records import FloatArray
+from offroad_env.physics.rosenbrock import WORK_ROWS, StepArrays, StepReuse, rosenbrock_step
+
+__all__ = ["WORK_ROWS", "full_advance", "full_continue", "full_derivative", "full_step"]
+
+
+@merged_kernel
+def full_step(
+    x: FloatArray,
+    warm: FloatArray,
+    command: tuple[float, float, float],
+    plant: Plant,
+    dt: float,
+    work: FloatArray,
+    readings: FloatArray,
+) -> float:
+    """One step of ``dt`` [s], in place; returns the worst contact status.
+
+    ``readings`` (READINGS_SIZE,) belong to the state before the step. ``work`` (WORK_ROWS,
+    READINGS_SIZE).
+    """
+    full_derivative(x, command, plant, warm, work[0], readings)
+    arrays = StepArrays(work, readings, work[6])
+    status = rosenbrock_step(x, warm, command, plant, dt, StepReuse(0.0, 0.0), arrays)
+    worst: float = max(status, readings[at.STATUS])
+    return worst
+
+
+@merged_kernel
+def full_continue(
+    x: FloatArray,
+    warm: FloatArray,
+    command: tuple[float, float, float],
+    plant: Plant,
+    timing: tuple[float, int],
+    work: FloatArray,
+    readings: FloatArray,
+) -> float:
+    """`full_advance` from a state whose slope and readings are in ``work`` and ``readings`` already.
+
+    As `full_advance` and this function leave them, under whatever command: that enters the slope
+    through the actuators only. ``timing`` = (dt [s], steps). Every other step takes the Jacobian of
+    the step before it.
+    """
+    dt, steps = timing
+    worst: float = readings[at.STATUS]
+    actuators(plant.vehicle, x, command, work[0])
+    arrays = StepArrays(work, readings, readings)
+    for i in range(steps):
+        reuse = StepReuse(float(i % 2), 1.0)
+        worst = max(worst, rosenbrock_step(x, warm, command, plant, dt, reuse, arrays))
+        if worst >= NO_ROOT or not all_finite(x):
+            return NO_ROOT
+    return worst
+
+
+@merged_kernel
+def full_advance(
+    x: FloatArray,
+    warm: FloatArray,
+    command: tuple[float, float, float],
+    plant: Plant,
+    dt: float,
+    steps: int,
+    readings: FloatArray,
+) -> float:
+    """``steps`` steps of ``dt`` under a held command, in place; returns the worst contact status.
+
+    ``readings`` become those of the state reached, so a sensor sees no lag. Stops at a state that
+    is not finite or has no contact solution, with status NO_ROOT.
+    """
+    work = np.empty((WORK_ROWS, at.READINGS_SIZE))
+    full_derivative(x, command, plant, warm, work[0], readings)
+    return full_continue(x, warm, command, plant, (dt, steps), work, readings)

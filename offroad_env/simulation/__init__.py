@@ -1,0 +1,1 @@
+"""Plants that move: single wheels, vehicles, fleets, and the sensors on them."""

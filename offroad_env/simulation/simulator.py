@@ -1,0 +1,233 @@
+"""Plants and runs: the thin typed layer over the kernels.
+
+A `Plant` is everything a model needs besides its state. The truth of an environment and the
+belief of a filter or controller are two plants, and may differ.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from offroad_env.errors import InvalidParameter, SolverFailure
+from offroad_env.physics import state as at
+from offroad_env.physics.axle import Plant
+from offroad_env.physics.batch import full_rows
+from offroad_env.physics.contact import SUNK
+from offroad_env.physics.packing import pack
+from offroad_env.physics.paper_vehicle import simulate_paper
+from offroad_env.physics.records import Ground, Soil, SoilMap, Vehicle
+from offroad_env.physics.settle import settle
+
+__all__ = [
+    "FULL_STEP",
+    "PAPER_SLIP",
+    "Plant",
+    "Trajectory",
+    "make_plant",
+    "plant_model",
+    "settled_state",
+    "simulate",
+    "simulate_commands",
+]
+
+#: Step of the full model [s]; what halving it changes is tested and stated in the tests.
+FULL_STEP = 0.005
+
+#: Constant slip of the paper's model by soil [-], the paper gives none;
+#: `estimators.experiments.buzhardt_tallapragada` has the method.
+PAPER_SLIP = {"clay": 0.0275, "dry_sand": -0.0785}
+
+MODELS = ("full", "paper")
+VEHICLE_MODELS = ("half_car", "bicycle")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trajectory:
+    """A run. Row i belongs to ``t[i]``; columns are indexed by ``offroad_env.physics.state``."""
+
+    t: np.ndarray  #: (T,) time [s]
+    states: np.ndarray  #: (T, 15) vehicle states
+    readings: np.ndarray  #: (T, 32) wheel forces, loads, sinkages, accelerations
+    status: float  #: worst contact status: 0 contact, 1 some wheel was airborne
+
+
+def _choice(name: str, value: str, allowed: tuple[str, ...]) -> str:
+    if value not in allowed:
+        raise InvalidParameter(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
+    return value
+
+
+def make_plant(
+    vehicle: Vehicle,
+    soil: Soil,
+    ground: Ground,
+    *,
+    model: str = "full",
+    vehicle_model: str = "half_car",
+    slip: float = 0.0,
+    soil_map: SoilMap | None = None,
+) -> Plant:
+    """Bundle validated parts into what the kernels take.
+
+    Parameters
+    ----------
+    model : {"full", "paper"}
+        Decides the shear law (resultant or independent) and the low-speed regularisation.
+    vehicle_model : {"half_car", "bicycle"}
+        "bicycle" holds the static axle loads; heave and pitch do not move.
+    slip : float
+        Constant slip of the paper's model [-], in (-1, 1).
+    soil_map : SoilMap, optional
+        Where n differs from ``soil.n``.
+    """
+    _choice("model", model, MODELS)
+    _choice("vehicle_model", vehicle_model, VEHICLE_MODELS)
+    if not -1.0 < slip < 1.0:
+        raise InvalidParameter(f"slip must be in (-1, 1), got {slip} - in percent?")
+    if soil_map is None:
+        soil_map = SoilMap(0.3, np.empty((0, 4)))
+    full = model == "full"
+    return Plant(
+        vehicle=vehicle,
+        soil=soil,
+        ground=ground,
+        soil_map=soil_map,
+        slip=float(slip),
+        resultant=1.0 if full else 0.0,
+        half_car=1.0 if vehicle_model == "half_car" else 0.0,
+        # Below this speed resistance is viscous. Hard ground is stiffer than soil: it needs a wider seam.
+        v_eps=(0.3 if soil.rigid else 0.2) if full else 1e-3,
+        fine=False,
+    )
+
+
+def plant_model(plant: Plant) -> str:
+    """Which preset a plant was made for: "full" or "paper"."""
+    return "full" if plant.resultant > 0.5 else "paper"
+
+
+def settled_state(
+    plant: Plant, *, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, v_x: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """State (15,) and warm start (2, 3) of a vehicle settled on its soil, rolling at ``v_x`` [m/s].
+
+    Raises
+    ------
+    SolverFailure
+        When the soil cannot carry the vehicle.
+    """
+    pose = (float(x), float(y), float(yaw))
+    status, state, warm = settle(plant, pose, float(v_x))
+    if status >= SUNK:
+        raise SolverFailure(
+            f"the soil (n = {plant.soil.n:g}) does not carry the vehicle ({plant.vehicle.m:g} kg): "
+            f"a wheel of radius {plant.vehicle.r:g} m sinks beyond 0.95 of it"
+        )
+    return state, warm
+
+
+def _sampled(value: float | Callable[[float], float], times: np.ndarray) -> np.ndarray:
+    if callable(value):
+        return np.array([value(float(t)) for t in times])
+    return np.full(times.shape, float(value))
+
+
+def simulate(
+    plant: Plant,
+    state: np.ndarray,
+    warm: np.ndarray,
+    *,
+    steer: float | Callable[[float], float] = 0.0,
+    force: float | Callable[[float], float] = 0.0,
+    speed_rate: Callable[[float], float] | None = None,
+    duration: float,
+    dt: float = 0.01,
+) -> Trajectory:
+    """Run the paper's model by RK4 with inputs as functions of time.
+
+    Parameters
+    ----------
+    steer, force : float or callable
+        Steering angle [rad] and body force F_u [N] at time t [s].
+    speed_rate : callable, optional
+        dv_x/dt [m/s^2] at time t: prescribes the longitudinal speed instead of the force balance.
+    duration, dt : float
+        Length and step [s].
+
+    Raises
+    ------
+    SolverFailure
+        When a contact has no solution or the state is not finite, with the time it happened.
+    """
+    steps = round(duration / dt)
+    half_steps = 0.5 * dt * np.arange(2 * steps + 1)
+    rate = np.full(half_steps.shape, math.nan) if speed_rate is None else _sampled(speed_rate, half_steps)
+    inputs = np.stack([_sampled(steer, half_steps), _sampled(force, half_steps), rate], axis=1)
+    states, readings = np.empty((steps + 1, at.STATE_SIZE)), np.empty((steps + 1, at.READINGS_SIZE))
+    status, done = simulate_paper(state.copy(), warm.copy(), inputs, plant, float(dt), states, readings)
+    if done < steps:
+        raise SolverFailure(f"the simulation failed at t = {done * dt:.3f} s (contact status {status:g})")
+    return Trajectory(t=half_steps[::2], states=states, readings=readings, status=status)
+
+
+def _checked_commands(commands: np.ndarray) -> np.ndarray:
+    rows = np.ascontiguousarray(commands, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        raise InvalidParameter(f"commands must be (K, 3): steer, drive, brake, got shape {rows.shape}")
+    if not np.isfinite(rows).all():
+        raise InvalidParameter("commands must be finite, got NaN or infinity")
+    return rows
+
+
+def simulate_commands(
+    plant: Plant,
+    state: np.ndarray,
+    warm: np.ndarray,
+    commands: np.ndarray,
+    *,
+    interval: float = 0.02,
+    dt: float = FULL_STEP,
+) -> Trajectory:
+    """Run the full model under held commands.
+
+    Parameters
+    ----------
+    commands : array (K, 3)
+        Steering angle [rad], total drive torque [N m], total brake torque [N m], each held for
+        ``interval`` [s].
+
+    Returns
+    -------
+    Trajectory
+        K + 1 rows, one per command boundary; the readings are those of the state in the same row.
+
+    Raises
+    ------
+    InvalidParameter
+        When ``commands`` are not rows of three finite numbers, or ``interval`` is no multiple of ``dt``.
+    SolverFailure
+        When a contact has no solution or the state is not finite, with the time it happened.
+    """
+    commands = _checked_commands(commands)
+    steps = round(interval / dt)
+    if steps < 1 or abs(steps * dt - interval) > 1e-9 * interval:
+        raise InvalidParameter(f"interval must be a multiple of dt = {dt:g} s, got {interval:g} s")
+    packed = pack(plant)
+    alone = packed._replace(numbers=packed.numbers[None])
+    start = np.array(state, dtype=np.float64)[None], np.array(warm, dtype=np.float64)[None]
+    rows = len(commands) + 1
+    states, readings = np.empty((rows, 1, at.STATE_SIZE)), np.empty((rows, 1, at.READINGS_SIZE))
+    outcome = np.empty((1, 2))
+    full_rows(alone, start, commands[None], (float(dt), steps), (0, 1), (states, readings, outcome))
+    worst, done = outcome[0].tolist()
+    if done < len(commands):
+        raise SolverFailure(
+            f"the simulation failed at t = {done * interval:.3f} s (contact status {worst:g})"
+        )
+    return Trajectory(
+        t=interval * np.arange(rows), states=states[:, 0], readings=readings[:, 0], status=worst
+    )

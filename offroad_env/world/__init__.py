@@ -1,0 +1,1 @@
+"""What exists before anything moves: soils, vehicles, terrain, paths, measured data sets."""

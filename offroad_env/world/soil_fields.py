@@ -1,0 +1,164 @@
+"""Which values the fields of a soil may have, their defaults, and what they must fulfil together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TypedDict, Unpack, cast
+
+from offroad_env.errors import InvalidParameter
+from offroad_env.physics.records import Soil
+from offroad_env.world.catalogue import Quantity, given_fields
+
+__all__ = ["SoilFields", "checked_soil"]
+
+_SHEAR_MODULUS = Quantity(
+    "in [1e-4, 0.5] m", 1e-4, 0.5, mistakes=((0.5000001, 6.0, "cm given as m"), (6.0, 1e3, "mm given as m"))
+)
+_ANGLE_SHARE = Quantity("in [-2, 2]", -2.0, 2.0, mistakes=((2.0000001, 90.0, "an angle in degrees"),))
+
+#: Allowed range of every field. The "kN" traps lie where no published soil is: tables print
+#: 43 ... 5880 kN/m^(n+2) and 0.06 ... 102 kN/m^(n+1).
+_FIELDS = MappingProxyType(
+    {
+        "k_c": Quantity(
+            "0 or in [50, 1e8] N/m^(n+1)", 0.0, 1e8, mistakes=((1e-9, 49.999999, "kN/m^(n+1) given as N"),)
+        ),
+        "k_phi": Quantity(
+            "0 or in [1e4, 1e9] N/m^(n+2)", 0.0, 1e9, mistakes=((1e-9, 9999.999, "kN/m^(n+2) given as N"),)
+        ),
+        "n": Quantity("in (0.05, 2.5]", 0.05, 2.5, low_open=True),
+        "c": Quantity("0 or in [100, 5e5] Pa", 0.0, 5e5, mistakes=((1e-9, 99.999999, "kPa given as Pa"),)),
+        "phi": Quantity(
+            "in [0, pi/2) rad", 0.0, 0.5 * math.pi, high_open=True, mistakes=((1.5707, 90.0, "degrees"),)
+        ),
+        "k_x": _SHEAR_MODULUS,
+        "k_y": _SHEAR_MODULUS,
+        "a_0": _ANGLE_SHARE,
+        "a_1": _ANGLE_SHARE,
+        "b_0": _ANGLE_SHARE,
+        "b_1": _ANGLE_SHARE,
+        "mu": Quantity("in (0, 3]", 0.0, 3.0, low_open=True, mistakes=((3.0000001, 300.0, "per cent"),)),
+        "C_alpha": Quantity(
+            "in (0, 200] 1/rad (per unit of wheel load)",
+            0.0,
+            200.0,
+            low_open=True,
+            mistakes=((200.0000001, 1e9, "N/rad, not divided by the wheel load"),),
+        ),
+        "C_kappa": Quantity(
+            "in (0, 200] (per unit of wheel load)",
+            0.0,
+            200.0,
+            low_open=True,
+            mistakes=((200.0000001, 1e9, "N, not divided by the wheel load"),),
+        ),
+    }
+)
+
+#: No soil is like another in these: they have no default.
+_ESSENTIAL = ("k_phi", "n", "c", "phi")
+
+#: Class values for what is seldom published: K of firm soil (Wong, Theory of Ground Vehicles,
+#: section 2.4), angles of compact sand (Wong & Reece 1967), a dry road.
+_DEFAULTS = MappingProxyType(
+    {
+        "k_c": 0.0,
+        "k_x": 0.01,
+        "k_y": 0.01,
+        "a_0": 0.43,
+        "a_1": 0.32,
+        "b_0": -0.1,
+        "b_1": 0.0,
+        "mu": 0.8,
+        "C_alpha": 10.0,
+    }
+)
+
+#: What the soil fields of hard ground hold. They are not used; zeros would divide.
+_UNUSED = MappingProxyType({"k_phi": 1e9, "n": 1.0, "c": 0.0, "phi": 0.5})
+
+#: Slips over which the order of the angles is demanded. Below -0.5 the straight lines of Wong &
+#: Reece, fitted to driven wheels, may cross; the kernels then keep the order smoothly.
+_ORDER_SLIPS = (-0.5, 0.0, 1.0)
+
+
+class SoilFields(TypedDict, total=False):
+    """Fields of a soil as `make_soil` takes them; their meaning stands there."""
+
+    k_c: float | None
+    k_phi: float | None
+    n: float | None
+    c: float | None
+    phi: float | None
+    k_x: float | None
+    k_y: float | None
+    a_0: float | None
+    a_1: float | None
+    b_0: float | None
+    b_1: float | None
+    mu: float | None
+    C_alpha: float | None
+    C_kappa: float | None
+
+
+def checked_soil(start: Soil | None = None, kind: str | None = None, **fields: Unpack[SoilFields]) -> Soil:
+    """A validated soil: the fields given, else those of ``start``, else the defaults; see `make_soil`."""
+    given = given_fields("make_soil", cast("Mapping[str, float | None]", fields), _FIELDS)
+    rigid = _rigid(kind, start)
+    values = _start_values(start, rigid, given) | given
+    if "C_kappa" not in given:
+        share = 1.0 if start is None else start.C_kappa / start.C_alpha
+        values["C_kappa"] = share * values["C_alpha"]
+    checked = {name: _FIELDS[name].check(name, value) for name, value in values.items()}
+    soil = Soil(**checked, rigid=1.0 if rigid else 0.0)
+    if not rigid:
+        _check_together(soil)
+    return soil
+
+
+def _rigid(kind: str | None, start: Soil | None) -> bool:
+    if kind is None:
+        return start is not None and start.rigid > 0.5
+    if kind not in ("deformable", "rigid"):
+        raise InvalidParameter(f"kind must be 'deformable' or 'rigid', got {kind!r}")
+    return kind == "rigid"
+
+
+def _start_values(start: Soil | None, rigid: bool, given: dict[str, float]) -> dict[str, float]:
+    """Values for the fields that are not given: those of the base, else the defaults."""
+    if start is not None and (rigid or start.rigid < 0.5):
+        return {name: value for name, value in start._asdict().items() if name != "rigid"}
+    values = dict(_DEFAULTS)
+    if start is not None:
+        values |= {"mu": start.mu, "C_alpha": start.C_alpha}
+    if "k_x" in given:
+        values["k_y"] = given["k_x"]
+    if rigid:
+        return values | _UNUSED
+    missing = [name for name in _ESSENTIAL if name not in given]
+    if missing:
+        raise InvalidParameter(
+            f"a deformable soil needs {', '.join(_ESSENTIAL)}; missing: {', '.join(missing)} "
+            "- or name a base, as in make_soil('clay', n=0.4)"
+        )
+    return values
+
+
+def _check_together(soil: Soil) -> None:
+    """What one field alone cannot show: some stiffness, some strength, ordered angles."""
+    if soil.k_c + soil.k_phi <= 0.0:
+        raise InvalidParameter("k_c and k_phi are both 0: the soil would carry no load; give at least k_phi")
+    if soil.c <= 0.0 and soil.phi <= 0.0:
+        raise InvalidParameter("c and phi are both 0: the soil would have no strength; give one of them")
+    for s in _ORDER_SLIPS:
+        share_m = soil.a_0 + soil.a_1 * s
+        share_r = soil.b_0 + soil.b_1 * s
+        if not -1.0 < share_r < share_m < 1.0:
+            raise InvalidParameter(
+                f"contact angles must keep -theta_f < theta_r < theta_m < theta_f for slips -0.5 ... 1, "
+                f"but at slip {s:g} theta_m/theta_f = a_0 + a_1 s = {share_m:.3g} and theta_r/theta_f = "
+                f"b_0 + b_1 s = {share_r:.3g}, from a_0={soil.a_0:g}, a_1={soil.a_1:g}, b_0={soil.b_0:g}, "
+                f"b_1={soil.b_1:g} - are a and b exchanged, or given in degrees?"
+            )

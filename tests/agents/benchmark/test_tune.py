@@ -1,0 +1,51 @@
+"""The tuner, on a made-up score whose best knobs are known."""
+
+from __future__ import annotations
+
+import runpy
+
+import numpy as np
+import pytest
+
+from agents.benchmark import tune
+from agents.controllers.arms import ARMS, ArmSettings
+
+
+@pytest.fixture
+def easy(monkeypatch):
+    """Score: squared distance of the common knobs from a point; counts the episodes driven."""
+    driven = dict.fromkeys(ARMS, 0)
+
+    def scores(name, candidates, args, episodes, progress):
+        driven[name] += episodes * len(candidates)
+        return np.array([(c.margin - 0.9) ** 2 + (c.slip_angle - 0.3) ** 2 for c in candidates])
+
+    monkeypatch.setattr(tune, "_scores", scores)
+    monkeypatch.setattr(tune, "SETTINGS", {("speed", name): {} for name in ARMS})  # no search before
+    return driven
+
+
+def test_every_arm_gets_the_same_budget_and_finds_the_best(easy):
+    tuned = tune.tune_scenario(tune.TuneArgs())
+    assert {result.episodes for result in tuned.values()} == set(easy.values())
+    assert len(set(easy.values())) == 1
+    best = {(result.settings.margin, result.settings.slip_angle) for result in tuned.values()}
+    assert len(best) == 1  # the final is shared, so nobody is left behind
+    assert best.pop() == pytest.approx((0.9, 0.3), abs=0.08)
+
+
+def test_knobs_stay_inside_their_ranges(easy):
+    finalists, _ = tune.search_arm("nominal", tune.TuneArgs(spread=5.0))
+    for settings in finalists:
+        for knob, (low, high) in tune.knobs("speed", "nominal").items():
+            assert low <= getattr(settings, knob) <= high
+
+
+def test_the_written_module_gives_the_settings_back(tmp_path):
+    settings = ArmSettings(margin=0.8, slip_angle=0.25, feed_forward=0.5, integral=0.3, n=0.1, z=1.5)
+    tuned = {name: tune.Tuned(settings=settings, score=42.0, episodes=9) for name in ARMS}
+    tune.write_settings(tmp_path / "tuned.py", tune.TuneArgs(scenario="patches"), tuned)
+    table = runpy.run_path(str(tmp_path / "tuned.py"))["SETTINGS"]
+    corners = {"margin": 0.8, "slip_angle": 0.25, "feed_forward": 0.5}
+    assert table["patches", "nominal"] == {**corners, "integral": 0.3, "n": 0.1}
+    assert ("speed", "oracle") in table

@@ -1,0 +1,82 @@
+"""The package as a stranger gets it: built, installed into an empty environment, and used."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from helpers import REPOSITORY
+
+pytestmark = pytest.mark.check
+
+PARTS = ("agents", "estimators", "offroad_env", "README.md", "LICENSE", "pyproject.toml")
+FIRST_STEP = """
+import gymnasium as gym
+env = gym.make("offroad_env:OffroadBekker-v0")
+env.reset(seed=0)
+env.step(env.action_space.sample())
+import agents, offroad_env
+print(agents.__file__, offroad_env.__file__)
+"""
+
+
+def run(*command: str | Path, cwd: Path) -> str:
+    done = subprocess.run(list(map(str, command)), cwd=cwd, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory) -> Path:
+    """A folder with the wheel and the source distribution, built from a copy of the sources."""
+    source, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("dist")
+    for part in PARTS:
+        here = REPOSITORY / part
+        if here.is_dir():
+            shutil.copytree(here, source / part, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(here, source / part)
+    hooks = f"import setuptools.build_meta as b; b.build_sdist({str(out)!r}); b.build_wheel({str(out)!r})"
+    run(sys.executable, "-c", hooks, cwd=source)
+    return out
+
+
+def test_the_wheel_holds_data_and_types_and_no_tests(built):
+    (wheel,) = built.glob("*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    for package in ("agents", "estimators", "offroad_env"):
+        assert f"{package}/py.typed" in names
+        present = {str(path.relative_to(REPOSITORY)) for path in (REPOSITORY / package).rglob("*.py")}
+        assert present <= set(names)
+    assert any(name.startswith("agents/weights/") for name in names)
+    assert any(name.endswith(".html.j2") for name in names)
+    assert not any(name.startswith("tests/") for name in names)
+
+
+def test_the_source_distribution_holds_the_licence(built):
+    (sdist,) = built.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        assert any(name.endswith("/LICENSE") for name in archive.getnames())
+
+
+def test_the_installed_wheel_makes_a_first_step(built, tmp_path):
+    """Dependencies are those of the environment that runs this test; the project itself is the wheel's."""
+    (wheel,) = built.glob("*.whl")
+    run(sys.executable, "-m", "venv", "--without-pip", tmp_path / "venv", cwd=tmp_path)
+    python = tmp_path / "venv" / "bin" / "python"
+    site = Path(
+        run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=tmp_path).strip()
+    )
+    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    run(sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", site, wheel, cwd=tmp_path)
+    files = run(python, "-I", "-c", FIRST_STEP, cwd=tmp_path).split()
+    assert all(Path(file).is_relative_to(site) for file in files)
+    text = run(python, "-I", "-c", "from agents.commands.cli import main; main(['--help'])", cwd=tmp_path)
+    assert "usage: offroad COMMAND" in text

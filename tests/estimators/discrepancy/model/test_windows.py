@@ -1,0 +1,98 @@
+"""Hold-out tests on windows that no fit has seen, and how these windows are fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.discrepancy.checks.holdout_gain import Held, held_beside, held_out
+from estimators.discrepancy.faults.drive import draw_case, simulated_log
+from estimators.discrepancy.faults.library import FAULTS
+from estimators.discrepancy.model.fit import fit_runs
+from estimators.discrepancy.model.parameters import Candidate
+from estimators.discrepancy.model.run_model import RunModel
+from estimators.discrepancy.model.windows import FIT, SELECT
+from estimators.discrepancy.search.holdout import HoldOutResult, HoldOutTest
+from estimators.discrepancy.search.stepwise import refit
+from offroad_env.physics import state as at
+
+#: Of an unmodified accelerometer's constant error, five standard deviations [m/s^2].
+BIAS = 0.1
+
+
+def _fitted(log):
+    return fit_runs([RunModel(log, use=FIT)]), [RunModel(log, use=SELECT)]
+
+
+@pytest.fixture(scope="module")
+def biased():
+    return _fitted(simulated_log(draw_case(6, road="flat", duration=30.0), FAULTS["accel_bias_y"](BIAS)))
+
+
+@pytest.fixture(scope="module")
+def bumpy():
+    return _fitted(simulated_log(draw_case(6, road="known", gnss=True, duration=30.0)))
+
+
+def test_a_gain_of_random_sign_does_not_contradict_an_effect_and_a_clear_loss_does():
+    assert not HoldOutResult(gain=-0.9, expected=0.8, deviation=1.6).contradicts
+    assert HoldOutResult(gain=-54.0, expected=89.0, deviation=15.0).contradicts
+    # What gains is nearer to the larger model than to the smaller one.
+    assert not HoldOutResult(gain=4.0, expected=89.0, deviation=15.0).contradicts
+
+
+def test_what_is_believed_of_a_sensor_counts_where_it_was_fitted_and_not_again(biased):
+    fit, apart = biased
+    larger = refit(fit, [Candidate(effect="accel_bias_y")], [BIAS])
+    assert fit.cost - larger.cost > 5.0
+    # Both models explain a constant error: the windows apart cannot tell them apart.
+    result = HoldOutTest(fit, apart).result(larger)
+    assert abs(result.gain) < 1.0
+    assert result.expected < 1.0
+
+
+def test_a_true_effect_gains_what_is_expected(biased):
+    case = draw_case(6, road="flat", duration=30.0)
+    fit, apart = _fitted(simulated_log(case, FAULTS["rolling_resistance"](0.02)))
+    larger = refit(fit, [Candidate(effect="rolling_resistance")], [0.02])
+    result = HoldOutTest(fit, apart).result(larger)
+    assert result.gain > 10.0
+    assert abs(result.gain - result.expected) < 3.0 * result.deviation
+    wrong = fit.with_effects([Candidate(effect="rolling_resistance")], [-0.02])
+    wrong = replace(wrong, equations=larger.equations)
+    assert HoldOutTest(fit, apart).result(wrong).contradicts
+
+
+def test_a_window_that_began_in_another_valley_begins_again(bumpy):
+    fit, apart = bumpy
+    held = held_out(fit, apart)
+    point = held.fit.point
+    starts = tuple(start.copy() for start in point.starts)
+    for start in starts:
+        start[:, at.X] += 0.7
+    astray = held.fit.moved(replace(point, starts=starts))
+    lost = Held(fit=astray, residual=astray.residual, cost=astray.cost)
+    assert lost.cost > 0.75 * len(lost.residual)
+    again = held_beside(lost, held)
+    assert again.cost == pytest.approx(held.cost, abs=1.0)
+    assert held_beside(held, lost) is held
+
+
+def test_a_fit_is_simulated_where_it_is_moved_and_not_again(bumpy, monkeypatch):
+    fit, calls = bumpy[0], []
+    simulate = RunModel.simulate
+    monkeypatch.setattr(RunModel, "simulate", lambda *args: calls.append(args) or simulate(*args))
+    first, cost = fit.residual, fit.cost
+    assert np.array_equal(fit.residual, first)
+    assert not calls
+    nuisances, starts = fit.nuisances.copy(), tuple(start.copy() for start in fit.point.starts)
+    nuisances[0] += 0.01
+    starts[0][0, at.X] += 1.0
+    for change in ({"nuisances": nuisances}, {"starts": starts}):
+        moved = fit.moved(replace(fit.point, **change))
+        assert len(calls) == len(fit.runs)
+        assert not np.array_equal(moved.residual, first)
+        assert (fit.residual is first, fit.cost) == (True, cost), "a fit is immutable"
+        calls.clear()
