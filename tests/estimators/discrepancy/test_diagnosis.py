@@ -81,13 +81,14 @@ def test_a_fault_that_another_process_has_injected_is_found(tmp_path):
     """Drawn from no seed.
 
     A fault may fall on a log that does not excite it. A diagnosis that misses one in twenty fails
-    here once in two hundred times; one that misses half of them, in three of eight.
+    here once in a thousand times and more; one that misses half of them, in a third of all.
     """
-    folders = [tmp_path / name for name in ("first", "second", "third")]
+    folders = [tmp_path / str(i) for i in range(5)]
     for folder in folders:
         folder.mkdir()
     if missed := _blind_trial(folders[0]):
-        assert [_blind_trial(folder) for folder in folders[1:]] == ["", ""], missed
+        more = [trial for folder in folders[1:] if (trial := _blind_trial(folder))]
+        assert len(more) < 2, [missed, *more]
 
 
 @pytest.fixture(scope="module")
