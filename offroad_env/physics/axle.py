@@ -18,6 +18,7 @@ from offroad_env.physics.records import (
     AxleSpring,
     ContactOptions,
     FloatArray,
+    FourWheel,
     Ground,
     Soil,
     SoilMap,
@@ -40,6 +41,9 @@ __all__ = [
     "axle_contact",
     "axle_motion",
     "contact_options",
+    "contact_shape",
+    "readings_size",
+    "state_size",
     "static_loads",
     "suspension_force",
     "suspension_load",
@@ -61,6 +65,7 @@ class Plant(NamedTuple):
     v_eps: float  #: low-speed regularisation [m/s]
     fine: bool  #: reference quadrature instead of the fast one
     effects: FloatArray | None = None  #: rows of `hooks`; None = the base model, without any trace of them
+    four_wheel: FourWheel | None = None  #: None = two axles, without any trace of four wheels
 
 
 class Directions(NamedTuple):
@@ -127,6 +132,24 @@ class AxleReaction(NamedTuple):
     F_c: float  #: across it, to the left [N]
     V: float  #: up [N]
     torque: float  #: against the wheels' rotation [N m]
+
+
+@inline_kernel
+def contact_shape(plant: Plant) -> tuple[int, int]:
+    """(rows, columns) of the warm start of a plant's contacts."""
+    return 2 if plant.four_wheel is None else at.WHEEL_COUNT, at.CONTACT_SIZE
+
+
+@inline_kernel
+def state_size(plant: Plant) -> int:
+    """How many numbers the state of a plant's vehicle has."""
+    return at.STATE_SIZE if plant.four_wheel is None else at.FOUR_WHEEL_SIZE
+
+
+@inline_kernel
+def readings_size(plant: Plant) -> int:
+    """How many readings an evaluation of a plant gives."""
+    return at.READINGS_SIZE if plant.four_wheel is None else at.FOUR_WHEEL_READINGS
 
 
 @inline_kernel

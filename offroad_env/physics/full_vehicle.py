@@ -1,6 +1,7 @@
 """Preset ``full``: wheel spin, slopes, drag, actuators; the default of the environment.
 
-The equations of motion are in `full_dynamics`, the method of integration in `rosenbrock`.
+The equations of motion are in `full_dynamics` and `four_wheel_dynamics`, the method of integration in
+`rosenbrock`.
 """
 
 from __future__ import annotations
@@ -9,9 +10,9 @@ import numpy as np
 
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import merged_kernel
-from offroad_env.physics.axle import Plant
+from offroad_env.physics.axle import Plant, readings_size
 from offroad_env.physics.contact import NO_ROOT
-from offroad_env.physics.full_dynamics import actuators, full_derivative
+from offroad_env.physics.equations import apply_command, full_derivative
 from offroad_env.physics.numerics import all_finite
 from offroad_env.physics.records import FloatArray
 from offroad_env.physics.rosenbrock import WORK_ROWS, StepArrays, StepReuse, rosenbrock_step
@@ -23,7 +24,7 @@ __all__ = ["WORK_ROWS", "full_advance", "full_continue", "full_derivative", "ful
 def full_step(
     x: FloatArray,
     warm: FloatArray,
-    command: tuple[float, float, float],
+    command: tuple[float, ...],
     plant: Plant,
     dt: float,
     work: FloatArray,
@@ -31,8 +32,7 @@ def full_step(
 ) -> float:
     """One step of ``dt`` [s], in place; returns the worst contact status.
 
-    ``readings`` (READINGS_SIZE,) belong to the state before the step. ``work`` (WORK_ROWS,
-    READINGS_SIZE).
+    ``readings`` (N,) belong to the state before the step; ``work`` (WORK_ROWS, N), N = `readings_size`.
     """
     full_derivative(x, command, plant, warm, work[0], readings)
     arrays = StepArrays(work, readings, work[6])
@@ -45,7 +45,7 @@ def full_step(
 def full_continue(
     x: FloatArray,
     warm: FloatArray,
-    command: tuple[float, float, float],
+    command: tuple[float, ...],
     plant: Plant,
     timing: tuple[float, int],
     work: FloatArray,
@@ -59,7 +59,7 @@ def full_continue(
     """
     dt, steps = timing
     worst: float = readings[at.STATUS]
-    actuators(plant.vehicle, x, command, work[0])
+    apply_command(x, command, plant, warm, work[0], readings)
     arrays = StepArrays(work, readings, readings)
     for i in range(steps):
         reuse = StepReuse(float(i % 2), 1.0)
@@ -73,7 +73,7 @@ def full_continue(
 def full_advance(
     x: FloatArray,
     warm: FloatArray,
-    command: tuple[float, float, float],
+    command: tuple[float, ...],
     plant: Plant,
     dt: float,
     steps: int,
@@ -84,6 +84,6 @@ def full_advance(
     ``readings`` become those of the state reached, so a sensor sees no lag. Stops at a state that
     is not finite or has no contact solution, with status NO_ROOT.
     """
-    work = np.empty((WORK_ROWS, at.READINGS_SIZE))
+    work = np.empty((WORK_ROWS, readings_size(plant)))
     full_derivative(x, command, plant, warm, work[0], readings)
     return full_continue(x, warm, command, plant, (dt, steps), work, readings)

@@ -13,7 +13,7 @@ import numpy as np
 from offroad_env.physics._jit import inline_kernel
 from offroad_env.physics.axle import Plant
 from offroad_env.physics.record_operations import numbers_of, record_from
-from offroad_env.physics.records import FloatArray
+from offroad_env.physics.records import FloatArray, FourWheel
 
 __all__ = ["PackedPlant", "pack", "unpack"]
 
@@ -25,15 +25,18 @@ class PackedPlant(NamedTuple):
     waves: FloatArray
     patches: FloatArray
     effects: FloatArray | None
+    four_wheel: FourWheel | None = None
 
 
 def pack(plant: Plant) -> PackedPlant:
     """The plant as arrays; `unpack` gives back the same plant."""
     numbers = np.array(numbers_of(plant))
-    return PackedPlant(numbers, plant.ground.waves, plant.soil_map.patches, plant.effects)
+    ground, soil_map = plant.ground, plant.soil_map
+    return PackedPlant(numbers, ground.waves, soil_map.patches, plant.effects, plant.four_wheel)
 
 
 @inline_kernel
 def unpack(packed: PackedPlant) -> Plant:
     """The `Plant` that was packed."""
-    return record_from(Plant, packed.numbers, (packed.waves, packed.patches, packed.effects))
+    others = (packed.waves, packed.patches, packed.effects, packed.four_wheel)
+    return record_from(Plant, packed.numbers, others)
