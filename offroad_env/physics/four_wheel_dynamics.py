@@ -200,6 +200,14 @@ def _driveline_torque(
 
 
 @inline_kernel
+def _spin_up(wheel: int, acceleration: float, d: FloatArray) -> None:
+    """Add the acceleration of a wheel [rad/s^2] to the mean and the split of its axle."""
+    axle, left = wheel // 2, 1.0 - 2.0 * (wheel % 2)
+    d[at.OMEGA_F + axle] += 0.5 * acceleration
+    d[at.SPLIT_F + axle] -= 0.5 * left * acceleration
+
+
+@inline_kernel
 def _turn_wheels(four: FourWheel, d: FloatArray) -> None:
     """What locked differentials leave of the spin accelerations in ``d``."""
     mean = 0.5 * (d[at.OMEGA_F] + d[at.OMEGA_R])
@@ -241,12 +249,8 @@ def wheel_forces(
     pitch_lift = roll_lift = pitch_push = roll_push = 0.0
     other = wheel_row(readings, 1)[_EXTENSION]
     for wheel in range(at.WHEEL_COUNT):
-        axle, left = wheel // 2, 1.0 - 2.0 * (wheel % 2)
-        place, row, omega = (
-            wheel_place(four, v, x[at.STEER], wheel),
-            wheel_row(readings, wheel),
-            wheel_spin(x, wheel),
-        )
+        place, row = wheel_place(four, v, x[at.STEER], wheel), wheel_row(readings, wheel)
+        omega = wheel_spin(x, wheel)
         lever = levers(v, body, place)
         extension = row[_EXTENSION]
         found, inertia = _wheel_reaction(wheel_plant, place, omega, other, warm[wheel], row)
@@ -257,8 +261,7 @@ def wheel_forces(
         brake = torques.brake_f if wheel < 2 else torques.brake_r
         torque = _driveline_torque(v, four, x, torques, wheel) + given_torque(four, command, wheel, omega)
         torque -= resisting_torque(v, omega, found.V, 0.5 * brake, plant.v_eps) + row[at.TORQUE]
-        d[at.OMEGA_F + axle] += 0.5 * torque / v.I_w
-        d[at.SPLIT_F + axle] -= 0.5 * left * torque / v.I_w
+        _spin_up(wheel, torque / v.I_w, d)
         worst = max(worst, found.status)
         sin_d, cos_d = place.steer
         forward, side = found.F_l * cos_d - found.F_c * sin_d, found.F_l * sin_d + found.F_c * cos_d

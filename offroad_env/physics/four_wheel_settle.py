@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import kernel
+from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.axle import Plant, contact_shape, readings_size, state_size
 from offroad_env.physics.contact import CONTACT, slope_frame
 from offroad_env.physics.four_wheel_dynamics import note_motions, noted_motion, wheel_forces
@@ -27,8 +27,9 @@ __all__ = ["settle_four_wheels"]
 _STEPS, _TOLERANCE = 20, 1e-11
 #: Times that the wheels' speeds follow their loads.
 _PASSES = 3
-#: Change of height [m] and angles [rad] for derivatives.
-_CHANGE = 1e-6
+#: Change of height [m] and angles [rad] for derivatives, the largest step, and the share of the springs'
+#: stiffness that keeps the equations regular where all wheels hang.
+_CHANGE, _LONGEST, _SHARE = 1e-6, 0.1, 1e-4
 
 
 @kernel
@@ -82,17 +83,34 @@ def _imbalance(
     return wheels.status, wheels.F_s, wheels.pitch_lift, wheels.roll_lift
 
 
+@inline_kernel
+def _solve(matrix: FloatArray, right: FloatArray) -> tuple[float, float, float]:
+    """Solution of three equations by Cramer's rule."""
+    a, b, c = matrix[0], matrix[1], matrix[2]
+    minor_0 = b[1] * c[2] - b[2] * c[1]
+    minor_1 = b[2] * c[0] - b[0] * c[2]
+    minor_2 = b[0] * c[1] - b[1] * c[0]
+    determinant = a[0] * minor_0 + a[1] * minor_1 + a[2] * minor_2
+    u, v, w = right[0], right[1], right[2]
+    return (
+        (u * minor_0 + a[1] * (b[2] * w - v * c[2]) + a[2] * (v * c[1] - b[1] * w)) / determinant,
+        (a[0] * (v * c[2] - b[2] * w) + u * minor_1 + a[2] * (b[0] * w - v * c[0])) / determinant,
+        (a[0] * (b[1] * w - v * c[1]) + a[1] * (v * c[0] - b[0] * w) + u * minor_2) / determinant,
+    )
+
+
 @kernel
 def _balance(plant: Plant, x: FloatArray, warm: FloatArray, readings: FloatArray) -> float:
     """Move height, pitch and roll to where the springs carry the vehicle; returns the contact status."""
     d, matrix, right = np.empty(state_size(plant)), np.empty((3, 3)), np.empty(3)
     places = (at.Z, at.PITCH, at.ROLL)
-    v = plant.vehicle
-    weight = v.m * GRAVITY
+    v, four = plant.vehicle, four_wheels(plant)
+    weight, base = v.m * GRAVITY, v.l_f + v.l_r
+    springs = (v.k_f + v.k_r) * _SHARE
     status = CONTACT
     for _ in range(_STEPS):
         status, right[0], right[1], right[2] = _imbalance(plant, x, warm, d, readings)
-        if abs(right[0]) + abs(right[1]) + abs(right[2]) < _TOLERANCE * weight * max(1.0, v.l_f + v.l_r):
+        if abs(right[0]) + abs(right[1]) + abs(right[2]) < _TOLERANCE * weight * max(1.0, base):
             break
         for i in range(3):
             kept = x[places[i]]
@@ -102,9 +120,12 @@ def _balance(plant: Plant, x: FloatArray, warm: FloatArray, readings: FloatArray
             matrix[0, i] = (force - right[0]) / _CHANGE
             matrix[1, i] = (pitching - right[1]) / _CHANGE
             matrix[2, i] = (rolling - right[2]) / _CHANGE
-        step = np.linalg.solve(matrix, right)
+        matrix[0, 0] -= springs
+        matrix[1, 1] -= springs * base * base
+        matrix[2, 2] -= springs * four.track_f * four.track_r
+        steps = _solve(matrix, right)
         for i in range(3):
-            x[places[i]] -= step[i]
+            x[places[i]] -= min(max(steps[i], -_LONGEST), _LONGEST)
     return status
 
 

@@ -25,7 +25,7 @@ class PackedPlant(NamedTuple):
     waves: FloatArray
     patches: FloatArray
     effects: FloatArray | None
-    four_wheel: FourWheel | None = None
+    four_wheel: FourWheel | None
 
 
 def pack(plant: Plant) -> PackedPlant:
