@@ -173,7 +173,7 @@ def mobilised_in_series(u: float, soil: float, tread: float) -> float:
     u = soil (-ln(1 - y)) + tread y: Janosi & Hanamoto's law of the soil and a linear tread under the same
     stress. ``soil`` is the engaged Janosi modulus, ``tread`` the tread's displacement at full strength,
     all in the same unit. For ``tread`` = 0 this is 1 - exp(-u/soil), for ``soil`` -> 0 the brush model's
-    min(u/tread, 1). Three steps of Halley's method in v = -ln(1 - y) leave 5e-6.
+    min(u/tread, 1). Three steps of Halley's method in v = -ln(1 - y) leave 1e-5.
     """
     both = soil + tread
     # Two starts below the root, one close for a small and one for a large displacement.
