@@ -179,8 +179,8 @@ def _check_load_curve(soil: Soil) -> None:
         if not _EXIT_LOW <= share_r <= high:
             where = "behind" if share_r < _EXIT_LOW else "ahead of"
             raise InvalidParameter(
-                f"theta_r/theta_f = b_0 + b_1 s must be in [{_EXIT_LOW:g}, {_EXIT_HIGH:g}] (below slip 0 only "
-                f"the lower bound), but is {share_r:.3g} at slip {s:g}, from b_0={soil.b_0:g}, "
+                f"theta_r/theta_f = b_0 + b_1 s must be in [{_EXIT_LOW:g}, {_EXIT_HIGH:g}] (below slip 0 "
+                f"only the lower bound), but is {share_r:.3g} at slip {s:g}, from b_0={soil.b_0:g}, "
                 f"b_1={soil.b_1:g}: a contact that ends so far {where} the axle has no monotone load curve "
                 "- published soils use -0.1 ... 0; is the sign right?"
             )

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies import any_soils, any_wheels
 
 from offroad_env.errors import SolverFailure
 from offroad_env.physics.contact import (
@@ -24,6 +23,7 @@ from offroad_env.physics.records import ContactOptions, Wheel, WheelMotion
 from offroad_env.physics.wheel_soil import wheel_reaction
 from offroad_env.simulation.wheel import wheel_forces
 from offroad_env.world.soils import SOILS, make_soil
+from strategies import any_soils, any_wheels
 
 WHEEL = Wheel(r=0.33, b=0.21)
 LEVEL = slope_frame(0.0, 0.0)

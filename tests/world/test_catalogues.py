@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies import any_soils, any_wheels
 
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import Soil, Vehicle
@@ -18,6 +17,7 @@ from offroad_env.simulation.wheel import wheel_forces
 from offroad_env.world.catalogue import Catalogue, Entry, UnknownNameError
 from offroad_env.world.soils import SOILS, make_soil
 from offroad_env.world.vehicles import VEHICLES, make_vehicle, make_wheel, static_loads
+from strategies import any_soils, any_wheels
 
 DEFORMABLE = [name for name, soil in SOILS.items() if soil.rigid < 0.5]
 
