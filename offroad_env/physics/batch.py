@@ -37,9 +37,7 @@ def _command_like(sort: tuple[float, ...], held: FloatArray) -> tuple[float, ...
 @inline_kernel
 def _row_plant(fleet: PackedPlant, i: int) -> Plant:
     """The plant of row ``i``."""
-    return unpack(
-        PackedPlant(fleet.numbers[i], fleet.waves, fleet.patches, fleet.effects, fleet.four_wheel)
-    )
+    return unpack(PackedPlant(fleet.numbers[i], fleet.waves, fleet.patches, fleet.effects, fleet.four_wheel))
 
 
 @kernel

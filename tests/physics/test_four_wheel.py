@@ -268,9 +268,8 @@ def test_the_axes_of_the_wheels_meet_in_one_point():
 
 
 def test_a_bump_stop_ends_the_travel():
-    free, stopped = (
-        four(SOILS["hard_ground"], flat(), **{f"bump_{a}": bump for a in "fr"}) for bump in (1.0, 0.05)
-    )
+    hard = SOILS["hard_ground"]
+    free, stopped = (four(hard, flat(), bump_f=bump, bump_r=bump) for bump in (1.0, 0.02))
     lowest = []
     for plant in (free, stopped):
         state, warm = settled_state(plant)
