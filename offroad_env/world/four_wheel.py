@@ -172,6 +172,11 @@ def make_four_wheel(vehicle: Vehicle, **fields: Unpack[FourWheelFields]) -> Four
         )
     given = given_fields("make_four_wheel", cast("Mapping[str, float | None]", fields), FOUR_WHEEL_FIELDS)
     values = {name: FOUR_WHEEL_FIELDS[name].check(name, value) for name, value in given.items()}
+    return _completed(vehicle, values)
+
+
+def _completed(vehicle: Vehicle, values: dict[str, float]) -> FourWheel:
+    """The record with the rules' values for what is not given."""
     for name, rule in _RULES.items():
         if name not in values:
             values[name] = rule(vehicle, values)
