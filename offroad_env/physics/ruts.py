@@ -149,7 +149,7 @@ def find_rut(leader: FloatArray, begin: float, x: float, y: float, b: float) -> 
 def follow_rut(
     structure: Structure | None, leader: FloatArray, row: FloatArray, b: float, x: float, y: float
 ) -> None:
-    """The rut under a following wheel of width ``b`` [m] at a place, into its ``row`` of the contact state."""
+    """The rut under a wheel of width ``b`` [m] at a place, into its ``row`` of the contact state."""
     if structure is None:
         return
     if structure.ruts > 0.5:

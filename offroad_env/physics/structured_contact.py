@@ -253,7 +253,7 @@ def solve_structured_contact(
 
 @kernel
 def exit_angle(structure: Structure, soil: Soil, wheel: Wheel, h: float) -> float:
-    """Angle behind the bottom where soil that rebounds leaves a rim at sinkage ``h`` [m], without slip [rad]."""
+    """Angle behind the bottom where soil leaves a rim at sinkage ``h`` [m] and no slip [rad]."""
     return rebound_angle(_rim(structure, soil, wheel, h, 0.0), structure, h)
 
 

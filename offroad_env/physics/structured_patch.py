@@ -308,7 +308,7 @@ def _virgin_strip(rim: Rim, structure: Structure, h: float) -> _Strip:
 
 @inline_kernel
 def _next_break(strip: _Strip, turn: float, d: float) -> float:
-    """Next angle from the entry where an integrand has a kink; ``turn``: of the rim where slip changes sign."""
+    """Next angle from the entry where an integrand has a kink; ``turn``: where slip changes its sign."""
     end, after = strip.end, d + _SHORT
     if after < strip.yielding < end:
         end = strip.yielding
@@ -406,7 +406,7 @@ def _growths(rim: Rim, speeds: SlipSpeeds, strip: _Strip, fine: bool) -> _Growth
 def _strip_forces(
     rim: Rim, structure: Structure, speeds: SlipSpeeds, strip: _Strip, shear: float, fine: bool
 ) -> RimForces:
-    """Forces of a strip of the whole width; ``shear``: displacement that its soil has already [Janosi moduli].
+    """Forces of a strip of the whole width, whose soil has the displacement ``shear`` already.
 
     A few pieces at a time, whose nodes do not wait for each other: only the displacements add up.
     """
