@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, merged_kernel
-from offroad_env.physics.contact import Support, slope_frame, solve_contact
+from offroad_env.physics.contact import ContactFrame, Support, slope_frame
 from offroad_env.physics.ground import ground_readings, sinkage_exponent
 from offroad_env.physics.hooks import change_soil, change_wheel_forces
 from offroad_env.physics.numerics import GRAVITY, smooth_step
@@ -23,11 +23,13 @@ from offroad_env.physics.records import (
     Soil,
     SoilMap,
     SpringState,
+    Structure,
     Vehicle,
     Wheel,
     WheelMotion,
 )
 from offroad_env.physics.slip import slip_ratio
+from offroad_env.physics.structured_contact import contact_solution
 
 __all__ = [
     "AxleLoad",
@@ -40,6 +42,8 @@ __all__ = [
     "Velocity",
     "axle_contact",
     "axle_motion",
+    "borne_contact",
+    "contact_columns",
     "contact_options",
     "contact_shape",
     "readings_size",
@@ -66,6 +70,7 @@ class Plant(NamedTuple):
     fine: bool  #: reference quadrature instead of the fast one
     effects: FloatArray | None = None  #: rows of `hooks`; None = the base model, without any trace of them
     four_wheel: FourWheel | None = None  #: None = two axles, without any trace of four wheels
+    structure: Structure | None = None  #: laws of the wheels; None = Wong-Reece wheels, without ruts
 
 
 class Directions(NamedTuple):
@@ -135,12 +140,6 @@ class AxleReaction(NamedTuple):
 
 
 @inline_kernel
-def contact_shape(plant: Plant) -> tuple[int, int]:
-    """(rows, columns) of the warm start of a plant's contacts."""
-    return 2 if plant.four_wheel is None else at.WHEEL_COUNT, at.CONTACT_SIZE
-
-
-@inline_kernel
 def state_size(plant: Plant) -> int:
     """How many numbers the state of a plant's vehicle has."""
     return at.STATE_SIZE if plant.four_wheel is None else at.FOUR_WHEEL_SIZE
@@ -162,6 +161,20 @@ def with_pressure(soil: Soil, n: float, factor: float) -> Soil:
 def with_exponent(soil: Soil, n: float) -> Soil:
     """The same soil with another sinkage exponent."""
     return replace(soil, n=n)
+
+
+@inline_kernel
+def contact_columns(structure: Structure | None) -> int:
+    """Numbers in a wheel's row of the contact state."""
+    if structure is None:
+        return at.CONTACT_SIZE
+    return at.STRUCTURED_CONTACT_SIZE
+
+
+def contact_shape(structure: Structure | None, four_wheel: FourWheel | None = None) -> tuple[int, int]:
+    """Shape of a contact state, (axles or wheels, numbers): the warm start of each contact, and the ruts."""
+    columns = at.CONTACT_SIZE if structure is None else at.STRUCTURED_CONTACT_SIZE
+    return 2 if four_wheel is None else at.WHEEL_COUNT, columns
 
 
 @inline_kernel
@@ -240,13 +253,30 @@ def axle_contact(
     readings: FloatArray,
 ) -> AxleReaction:
     """Solve one axle's contact and note it in ``readings``, the axle's part of the readings."""
+    frame = slope_frame(stance.g_l, stance.g_c)
+    reaction: AxleReaction = borne_contact(plant, motion, stance, support, frame, warm, readings)
+    return reaction
+
+
+@merged_kernel
+def borne_contact(
+    plant: Plant,
+    motion: WheelMotion,
+    stance: AxleStance,
+    support: Support,
+    bearing: ContactFrame,
+    warm: FloatArray,
+    readings: FloatArray,
+) -> AxleReaction:
+    """`axle_contact` where the z components of ``bearing`` say how the forces add to what bears the load."""
     vehicle, arm = plant.vehicle, stance.arm
     n = sinkage_exponent(plant.soil_map, plant.soil.n, stance.x, stance.y)
     place = AxlePlace(stance.x, stance.y, arm, plant.v_eps)
     soil = change_soil(plant.effects, with_exponent(plant.soil, n), motion, place)
     frame = slope_frame(stance.g_l, stance.g_c)
     wheel = Wheel(vehicle.r, vehicle.b)
-    solution = solve_contact(soil, wheel, motion, frame, support, warm, contact_options(plant))
+    options = contact_options(plant)
+    solution = contact_solution(plant.structure, soil, wheel, motion, bearing, support, warm, options)
     F_n, h = solution.F_n, solution.sinkage
     forces = AxleForces(solution.F_l, solution.F_c, solution.torque)
     contact = AxleContact(F_n, h, arm, plant.v_eps, vehicle.r, vehicle.b, vehicle.wheels_per_axle)

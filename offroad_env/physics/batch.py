@@ -11,12 +11,13 @@ import numpy as np
 
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel
-from offroad_env.physics.axle import Plant, readings_size
+from offroad_env.physics.axle import readings_size
 from offroad_env.physics.contact import NO_ROOT, SUNK
 from offroad_env.physics.full_vehicle import WORK_ROWS, full_continue, full_derivative
 from offroad_env.physics.numerics import all_finite, copy_into
 from offroad_env.physics.packing import PackedPlant, unpack
 from offroad_env.physics.paper_vehicle import paper_derivative, paper_step
+from offroad_env.physics.record_operations import replace
 from offroad_env.physics.records import FloatArray
 
 __all__ = ["PLAIN_COMMAND", "WHEEL_COMMAND", "full_rows", "paper_rows"]
@@ -32,12 +33,6 @@ def _command_like(sort: tuple[float, ...], held: FloatArray) -> tuple[float, ...
     if len(sort) > 3:
         return held[0], held[1], held[2], held[3], held[4], held[5], held[6]
     return held[0], held[1], held[2]
-
-
-@inline_kernel
-def _row_plant(fleet: PackedPlant, i: int) -> Plant:
-    """The plant of row ``i``."""
-    return unpack(PackedPlant(fleet.numbers[i], fleet.waves, fleet.patches, fleet.effects, fleet.four_wheel))
 
 
 @kernel
@@ -68,7 +63,7 @@ def full_rows(
     kept, readings, outcome = found
     boundaries = kept.shape[0]
     for i in range(rows[0], rows[1]):
-        plant = _row_plant(fleet, i)
+        plant = unpack(replace(fleet, numbers=fleet.numbers[i]))
         work, seen = np.empty((WORK_ROWS, readings_size(plant))), np.empty(readings_size(plant))
         held = commands[i if commands.shape[0] > 1 else 0]
         x, warm = states[i], warms[i]
@@ -103,7 +98,7 @@ def paper_rows(
     boundaries = kept.shape[0]
     work = np.empty((3, at.STATE_SIZE))
     for i in range(rows[0], rows[1]):
-        plant = _row_plant(fleet, i)
+        plant = unpack(replace(fleet, numbers=fleet.numbers[i]))
         given = inputs[i if inputs.shape[0] > 1 else 0]
         x, warm = states[i], warms[i]
         copy_into(kept[0, i], x)

@@ -81,18 +81,25 @@ def apply_command(
 
 @inline_kernel
 def _stiffnesses(
-    four: FourWheel | None, plant: Plant, x: FloatArray, readings: FloatArray, stiffness: FloatArray
+    four: FourWheel | None,
+    plant: Plant,
+    x: FloatArray,
+    warm: FloatArray,
+    readings: FloatArray,
+    stiffness: FloatArray,
 ) -> None:
     if four is None:
-        axle_stiffnesses(plant, x, readings, stiffness)
+        axle_stiffnesses(plant, x, warm, readings, stiffness)
     else:
-        wheel_stiffnesses(plant, x, readings, stiffness)
+        wheel_stiffnesses(plant, x, warm, readings, stiffness)
 
 
 @inline_kernel
-def stiffnesses(plant: Plant, x: FloatArray, readings: FloatArray, stiffness: FloatArray) -> None:
+def stiffnesses(
+    plant: Plant, x: FloatArray, warm: FloatArray, readings: FloatArray, stiffness: FloatArray
+) -> None:
     """What the Jacobian holds, into ``stiffness``, a row of `readings_size` numbers."""
-    _stiffnesses(plant.four_wheel, plant, x, readings, stiffness)
+    _stiffnesses(plant.four_wheel, plant, x, warm, readings, stiffness)
 
 
 @inline_kernel

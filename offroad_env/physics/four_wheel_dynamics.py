@@ -23,11 +23,11 @@ from offroad_env.physics.axle import (
     Plant,
     Pose,
     Velocity,
-    axle_contact,
     axle_motion,
+    borne_contact,
     suspension_load,
 )
-from offroad_env.physics.contact import Support
+from offroad_env.physics.contact import ContactFrame, Support, slope_frame
 from offroad_env.physics.four_wheel_geometry import (
     Attitude,
     Levers,
@@ -51,7 +51,9 @@ from offroad_env.physics.full_dynamics import (
     slope_motion,
 )
 from offroad_env.physics.hooks import change_load
+from offroad_env.physics.record_operations import replace
 from offroad_env.physics.records import AxleSpring, FloatArray, FourWheel, SpringState, Vehicle
+from offroad_env.physics.ruts import follow_rut
 
 __all__ = [
     "FourWheelForces",
@@ -217,6 +219,23 @@ def _turn_wheels(four: FourWheel, d: FloatArray) -> None:
     d[at.SPLIT_R] *= 1.0 - four.lock_r
 
 
+@inline_kernel
+def _bearing(frame: ContactFrame, place: WheelPlace) -> ContactFrame:
+    """A contact's frame whose z components say what its forces press on the spring.
+
+    The links carry the side force along the line from the contact point to the roll centre, so that a part
+    of it lifts or presses the wheel (jacking; T. D. Gillespie, Fundamentals of Vehicle Dynamics, ch. 7). By
+    virtual work that part is the motion to the left per extension, with which the wheel scrubs.
+    """
+    sin, cos = place.steer
+    return replace(
+        frame,
+        l_z=frame.l_z - place.scrub * sin * frame.l_x,
+        c_z=frame.c_z - place.scrub * (sin * frame.c_x + cos * frame.c_y),
+        n_z=frame.n_z - place.scrub * (sin * frame.n_x + cos * frame.n_y),
+    )
+
+
 @merged_kernel
 def _wheel_reaction(
     plant: Plant, place: WheelPlace, omega: float, other: float, warm: FloatArray, row: FloatArray
@@ -227,7 +246,8 @@ def _wheel_reaction(
     load = _wheel_load(plant, place, motion, state, other, warm[0])
     stance = AxleStance(motion.x, motion.y, motion.H, motion.g_l, motion.g_c, place.arm)
     turning = slope_motion(motion, plant.vehicle.r * omega)
-    reaction = axle_contact(plant, turning, stance, Support(load.N_0, load.k, 1.0), warm, row)
+    bearing = _bearing(slope_frame(motion.g_l, motion.g_c), place)
+    reaction = borne_contact(plant, turning, stance, Support(load.N_0, load.k, 1.0), bearing, warm, row)
     return reaction, load.inertia
 
 
@@ -253,6 +273,8 @@ def wheel_forces(
         omega = wheel_spin(x, wheel)
         lever = levers(v, body, place)
         extension = row[_EXTENSION]
+        if wheel > 1:
+            follow_rut(plant.structure, warm[wheel - 2], warm[wheel], v.b, row[_X], row[_Y])
         found, inertia = _wheel_reaction(wheel_plant, place, omega, other, warm[wheel], row)
         # A right wheel's neighbour is solved already, a left one's is still to come.
         other = extension

@@ -37,7 +37,9 @@ _SPEEDS = (at.V_X, at.V_Y, at.YAW_RATE, at.PITCH_RATE, at.ROLL_RATE)
 
 
 @kernel
-def wheel_stiffnesses(plant: Plant, x: FloatArray, readings: FloatArray, stiffness: FloatArray) -> None:
+def wheel_stiffnesses(
+    plant: Plant, x: FloatArray, warm: FloatArray, readings: FloatArray, stiffness: FloatArray
+) -> None:
     """What the Jacobian holds, into the first 16 numbers of ``stiffness`` (`readings_size`,)."""
     wheel_plant, four = one_wheel(plant), four_wheels(plant)
     v = wheel_plant.vehicle
@@ -45,9 +47,8 @@ def wheel_stiffnesses(plant: Plant, x: FloatArray, readings: FloatArray, stiffne
     for wheel in range(_W):
         omega, seen = wheel_spin(x, wheel), wheel_row(readings, wheel)
         brake = torques.brake_f if wheel < 2 else torques.brake_r
-        stiffness[_SLIP_TORQUE + wheel], stiffness[_SLIP_FORCE + wheel] = slip_stiffness(
-            wheel_plant, omega, seen
-        )
+        torque, force = slip_stiffness(wheel_plant, omega, warm[wheel], seen)
+        stiffness[_SLIP_TORQUE + wheel], stiffness[_SLIP_FORCE + wheel] = torque, force
         held = held_spin_stiffness(v, omega, seen[at.N], 0.5 * brake, plant.v_eps)
         stiffness[_HELD + wheel] = held - four.servo / v.I_w
         stiffness[_SIDE + wheel] = side_stiffness(seen)

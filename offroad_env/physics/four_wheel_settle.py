@@ -13,13 +13,14 @@ import numpy as np
 
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel
-from offroad_env.physics.axle import Plant, contact_shape, readings_size, state_size
+from offroad_env.physics.axle import Plant, contact_columns, readings_size, state_size
 from offroad_env.physics.contact import CONTACT, slope_frame
 from offroad_env.physics.four_wheel_dynamics import note_motions, noted_motion, wheel_forces
 from offroad_env.physics.four_wheel_geometry import attitude, four_wheels, one_wheel, wheel_place, wheel_row
-from offroad_env.physics.numerics import GRAVITY
+from offroad_env.physics.numerics import GRAVITY, sin_cos
 from offroad_env.physics.records import FloatArray
-from offroad_env.physics.rolling import Rolling, rest_reaction, rolling_rim
+from offroad_env.physics.rolling import Rolling, come_straight, rest_reaction, rolling_rim
+from offroad_env.physics.ruts import Place, follow_rut
 
 __all__ = ["settle_four_wheels"]
 
@@ -41,17 +42,22 @@ def _roll_wheels(
     Their speeds go into ``x``; where the rims' lowest points are and how fast the ground rises under them
     into ``heights`` and ``rates`` (4,).
     """
-    four, wheel_plant = four_wheels(plant), one_wheel(plant)
+    v, four, wheel_plant = plant.vehicle, four_wheels(plant), one_wheel(plant)
     readings = np.empty(readings_size(plant))
     note_motions(plant, x, attitude(x), readings)
     worst = CONTACT
     spins = np.empty(at.WHEEL_COUNT)
     for wheel in range(at.WHEEL_COUNT):
-        seen, arm = wheel_row(readings, wheel), wheel_place(four, plant.vehicle, x[at.STEER], wheel).arm
+        seen, arm = wheel_row(readings, wheel), wheel_place(four, v, x[at.STEER], wheel).arm
         rolling = Rolling(noted_motion(seen), arm, loads[wheel])
+        if wheel > 1:
+            follow_rut(plant.structure, warm[wheel - 2], warm[wheel], v.b, rolling.motion.x, rolling.motion.y)
         rim = rolling_rim(wheel_plant, rolling, warm[wheel], seen)
         worst = max(worst, rest_reaction(wheel_plant, rolling, rim, warm[wheel], seen).status)
-        spins[wheel] = rim / plant.vehicle.r
+        spins[wheel] = rim / v.r
+        if wheel < 2:
+            place = Place(rolling.motion.x, rolling.motion.y, sin_cos(x[at.YAW]))
+            come_straight(plant.structure, warm[wheel], place, seen[at.SINKAGE], v.l_f + v.l_r)
         heights[wheel], rates[wheel] = rolling.motion.H - seen[at.SINKAGE], rolling.motion.H_dot
     for axle in range(2):
         lock = four.lock_f if axle == 0 else four.lock_r
@@ -136,7 +142,7 @@ def settle_four_wheels(
     """`settle` of a vehicle with four wheels: state (19,), warm start (4, columns)."""
     x, warm, readings = (
         np.zeros(state_size(plant)),
-        np.zeros(contact_shape(plant)),
+        np.zeros((at.WHEEL_COUNT, contact_columns(plant.structure))),
         np.empty(readings_size(plant)),
     )
     v, four = plant.vehicle, four_wheels(plant)

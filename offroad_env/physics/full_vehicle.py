@@ -9,15 +9,53 @@ from __future__ import annotations
 import numpy as np
 
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import merged_kernel
+from offroad_env.physics._jit import inline_kernel, merged_kernel
 from offroad_env.physics.axle import Plant, readings_size
 from offroad_env.physics.contact import NO_ROOT
 from offroad_env.physics.equations import apply_command, full_derivative
-from offroad_env.physics.numerics import all_finite
-from offroad_env.physics.records import FloatArray
+from offroad_env.physics.four_wheel_geometry import wheel_row
+from offroad_env.physics.numerics import all_finite, sin_cos
+from offroad_env.physics.records import FloatArray, FourWheel, Structure, Vehicle
 from offroad_env.physics.rosenbrock import WORK_ROWS, StepArrays, StepReuse, rosenbrock_step
+from offroad_env.physics.ruts import Place, lay_track, track_spacing
 
 __all__ = ["WORK_ROWS", "full_advance", "full_continue", "full_derivative", "full_step"]
+
+
+@inline_kernel
+def _leave_track(
+    structure: Structure, vehicle: Vehicle, x: FloatArray, row: FloatArray, seen: FloatArray
+) -> None:
+    """Let a leading wheel note the rut that it leaves; ``seen`` is its part of the readings."""
+    place = Place(seen[at.WHEEL_X], seen[at.WHEEL_Y], sin_cos(x[at.YAW]))
+    lay_track(structure, row, place, seen[at.SINKAGE], track_spacing(vehicle.l_f + vehicle.l_r))
+
+
+@inline_kernel
+def _leave_tracks(
+    four: FourWheel | None,
+    structure: Structure,
+    vehicle: Vehicle,
+    x: FloatArray,
+    warm: FloatArray,
+    readings: FloatArray,
+) -> None:
+    if four is None:
+        _leave_track(structure, vehicle, x, warm[0], readings)
+    else:
+        for wheel in range(2):
+            _leave_track(structure, vehicle, x, warm[wheel], wheel_row(readings, wheel))
+
+
+@inline_kernel
+def leave_tracks(
+    structure: Structure | None, plant: Plant, x: FloatArray, warm: FloatArray, readings: FloatArray
+) -> None:
+    """Let the front wheels note the ruts that they leave at the state of ``readings``, for the rear ones."""
+    if structure is None:
+        return
+    if structure.ruts > 0.5:
+        _leave_tracks(plant.four_wheel, structure, plant.vehicle, x, warm, readings)
 
 
 @merged_kernel
@@ -37,6 +75,7 @@ def full_step(
     full_derivative(x, command, plant, warm, work[0], readings)
     arrays = StepArrays(work, readings, work[6])
     status = rosenbrock_step(x, warm, command, plant, dt, StepReuse(0.0, 0.0), arrays)
+    leave_tracks(plant.structure, plant, x, warm, readings)
     worst: float = max(status, readings[at.STATUS])
     return worst
 
@@ -66,6 +105,7 @@ def full_continue(
         worst = max(worst, rosenbrock_step(x, warm, command, plant, dt, reuse, arrays))
         if worst >= NO_ROOT or not all_finite(x):
             return NO_ROOT
+        leave_tracks(plant.structure, plant, x, warm, readings)
     return worst
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from offroad_env.physics._jit import inline_kernel
 from offroad_env.physics.axle import Plant
 from offroad_env.physics.record_operations import numbers_of, record_from
-from offroad_env.physics.records import FloatArray, FourWheel
+from offroad_env.physics.records import FloatArray, FourWheel, Structure
 
 __all__ = ["PackedPlant", "pack", "unpack"]
 
@@ -21,22 +21,27 @@ __all__ = ["PackedPlant", "pack", "unpack"]
 class PackedPlant(NamedTuple):
     """A `Plant` as arrays."""
 
-    numbers: FloatArray  #: (51,) every float of the plant, in the order of its records
+    numbers: (
+        FloatArray  #: (51,) every float of the plant but those of its structure, in the order of its records
+    )
     waves: FloatArray
     patches: FloatArray
     effects: FloatArray | None
     four_wheel: FourWheel | None
+    structure: Structure | None
 
 
 def pack(plant: Plant) -> PackedPlant:
     """The plant as arrays; `unpack` gives back the same plant."""
     numbers = np.array(numbers_of(plant))
     ground, soil_map = plant.ground, plant.soil_map
-    return PackedPlant(numbers, ground.waves, soil_map.patches, plant.effects, plant.four_wheel)
+    return PackedPlant(
+        numbers, ground.waves, soil_map.patches, plant.effects, plant.four_wheel, plant.structure
+    )
 
 
 @inline_kernel
 def unpack(packed: PackedPlant) -> Plant:
     """The `Plant` that was packed."""
-    others = (packed.waves, packed.patches, packed.effects, packed.four_wheel)
-    return record_from(Plant, packed.numbers, others)
+    parts = (packed.waves, packed.patches, packed.effects, packed.four_wheel, packed.structure)
+    return record_from(Plant, packed.numbers, parts)

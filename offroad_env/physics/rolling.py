@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from offroad_env.physics._jit import kernel, merged_kernel
+from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
 from offroad_env.physics.axle import AxleMotion, AxleReaction, AxleStance, Plant, axle_contact
 from offroad_env.physics.contact import Support
-from offroad_env.physics.records import FloatArray, WheelMotion
+from offroad_env.physics.records import FloatArray, Structure, WheelMotion
+from offroad_env.physics.ruts import Place, prefill_track, track_spacing
 
-__all__ = ["Rolling", "rest_reaction", "rolling_rim"]
+__all__ = ["Rolling", "come_straight", "rest_reaction", "rolling_rim"]
 
 
 class Rolling(NamedTuple):
@@ -69,3 +70,13 @@ def rolling_rim(plant: Plant, axle: Rolling, warm: FloatArray, readings: FloatAr
             side = -1.0
         rim = (low * T_high - high * T_low) / (T_high - T_low)
     return rim
+
+
+@inline_kernel
+def come_straight(
+    structure: Structure | None, row: FloatArray, place: Place, sinkage: float, wheelbase: float
+) -> None:
+    """The track of a wheel that has come straight to a place."""
+    if structure is None:
+        return
+    prefill_track(structure, row, place, sinkage, track_spacing(wheelbase))

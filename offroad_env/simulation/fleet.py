@@ -16,6 +16,7 @@ import numpy as np
 
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
+from offroad_env.physics.axle import contact_shape
 from offroad_env.physics.batch import PLAIN_COMMAND, WHEEL_COMMAND, full_rows, paper_rows
 from offroad_env.physics.packing import PackedPlant, pack
 from offroad_env.physics.records import FourWheel, Soil, Vehicle
@@ -43,6 +44,11 @@ class Fleet:
 
     def __len__(self) -> int:
         return len(self.packed.numbers)
+
+    @property
+    def contact_shape(self) -> tuple[int, int, int]:
+        """Shape of the contact states, (N, wheels, numbers)."""
+        return len(self), *contact_shape(self.packed.structure, self.packed.four_wheel)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,6 +89,8 @@ def make_fleet(plants: Sequence[Plant]) -> Fleet:
             raise InvalidParameter("the plants of a fleet must share their effects")
         if not _same(other.four_wheel, first.four_wheel):
             raise InvalidParameter("the plants of a fleet must share vehicle model and four-wheel fields")
+        if other.structure != first.structure:
+            raise InvalidParameter("the plants of a fleet must share their structure")
     models = {plant_model(plant) for plant in plants}
     if len(models) > 1:
         raise InvalidParameter("the plants of a fleet must be all full or all paper")
@@ -204,7 +212,8 @@ def simulate_fleet_commands(
 
     Parameters
     ----------
-    states, warm : (N, 15) and (N, 2, 3), or (15,) and (2, 3) for all; with four wheels (19,) and (4, 3)
+    states, warm : (N, 15) and (N, 2, 3), or (15,) and (2, 3) for all; with four wheels (19,); warm as
+        `Fleet.contact_shape`
     commands : (N, K, 3), or (K, 3) for all
         Steering angle [rad], drive torque [N m], brake torque [N m], each held for ``interval`` [s]; with
         four wheels four more columns may follow, see `simulate_commands`.
@@ -218,8 +227,8 @@ def simulate_fleet_commands(
     held = _inputs("commands", commands, count, (3, 7) if four else (3,))
     if not np.isfinite(held).all():
         raise InvalidParameter("commands must be finite, got NaN or infinity")
-    sizes, contacts = at.sizes(fleet.packed.four_wheel), (4 if four else 2, at.CONTACT_SIZE)
-    start = _rows("states", states, (count, sizes[0])), _rows("warm", warm, (count, *contacts))
+    sizes = at.sizes(fleet.packed.four_wheel)
+    start = _rows("states", states, (count, sizes[0])), _rows("warm", warm, fleet.contact_shape)
     found = _found(count, held.shape[1] + 1 if every else 1, sizes)
     timing = float(dt), steps
     sort = PLAIN_COMMAND if held.shape[2] == 3 else WHEEL_COMMAND
@@ -259,7 +268,7 @@ def simulate_fleet(
     if given.shape[1] % 2 == 0:
         raise InvalidParameter(f"inputs must hold 2 T + 1 rows, one for each half step, got {given.shape[1]}")
     intervals = given.shape[1] // 2
-    start = _rows("states", states, (count, at.STATE_SIZE)), _rows("warm", warm, (count, 2, at.CONTACT_SIZE))
+    start = _rows("states", states, (count, at.STATE_SIZE)), _rows("warm", warm, fleet.contact_shape)
     found = _found(count, intervals + 1 if every else 1)
 
     def work(rows: tuple[int, int]) -> None:

@@ -20,9 +20,10 @@ from offroad_env.physics.contact import SUNK
 from offroad_env.physics.four_wheel_settle import settle_four_wheels
 from offroad_env.physics.packing import pack
 from offroad_env.physics.paper_vehicle import simulate_paper
-from offroad_env.physics.records import FourWheel, Ground, Soil, SoilMap, Vehicle
+from offroad_env.physics.records import FourWheel, Ground, Soil, SoilMap, Structure, Vehicle
 from offroad_env.physics.settle import settle
 from offroad_env.world.four_wheel import make_four_wheel
+from offroad_env.world.structures import read_structure
 
 __all__ = [
     "FULL_STEP",
@@ -64,7 +65,7 @@ def _choice(name: str, value: str, allowed: tuple[str, ...]) -> str:
     return value
 
 
-def make_plant(
+def make_plant(  # noqa: PLR0913 - options by name
     vehicle: Vehicle,
     soil: Soil,
     ground: Ground,
@@ -74,6 +75,7 @@ def make_plant(
     slip: float = 0.0,
     soil_map: SoilMap | None = None,
     four_wheel: FourWheel | None = None,
+    structure: str | Structure | None = None,
 ) -> Plant:
     """Bundle validated parts into what the kernels take.
 
@@ -91,6 +93,9 @@ def make_plant(
     four_wheel : FourWheel, optional
         Roll, steering and driveline of a vehicle with four wheels, see `world.four_wheel`; by default the
         rules of `make_four_wheel`.
+    structure : str or Structure, optional
+        Laws of the wheels, by a name that `world.structures.read_structure` knows. None or "full": a rigid
+        rim with Wong-Reece contact angles. "paper" is a ``model``.
     """
     _choice("model", model, MODELS)
     _choice("vehicle_model", vehicle_model, (*VEHICLE_MODELS, "four_wheel"))
@@ -112,6 +117,7 @@ def make_plant(
         v_eps=(0.3 if soil.rigid else 0.2) if full else 1e-3,
         fine=False,
         four_wheel=four_wheel,
+        structure=_wheel_laws(structure, model),
     )
 
 
@@ -126,6 +132,17 @@ def _four_wheel(
     if model != "full":
         raise InvalidParameter(f"vehicle_model 'four_wheel' needs model 'full', got {model!r}")
     return make_four_wheel(vehicle) if given is None else given
+
+
+def _wheel_laws(structure: str | Structure | None, model: str) -> Structure | None:
+    """The structure of a plant; None for the model's own wheels."""
+    if structure is None or structure == model:
+        return None
+    if model == "paper":
+        raise InvalidParameter(
+            f"the paper's model has wheels of its own; for structure={structure!r} take model='full'"
+        )
+    return read_structure(structure) if isinstance(structure, str) else structure
 
 
 def plant_model(plant: Plant) -> str:
