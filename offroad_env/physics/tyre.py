@@ -1,0 +1,214 @@
+"""A pneumatic tyre on soil: how far it deflects, the curve of its belt, and what its tread adds to shear.
+
+On hard ground a tyre carries its load by a deflection that its inflation pressure decides. Wong's criterion
+says how much of it is left on soil: where the ground pressure of the tyre exceeds the critical one, the
+largest pressure under a rigid wheel at the same load, the tyre is a rigid wheel; far below, it is a tyre on a
+road. The deflected belt is an arc of a larger circle through the point where the undeflected tyre meets the
+ground (Schmid, J. Terramechanics 32, 1995; Harnisch, Lach, Jakobs, Troulis & Nehls, Vehicle System Dynamics
+43 Suppl., 2005). It runs along that arc at the speed of the effective rolling radius.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from offroad_env.physics._jit import inline_kernel
+from offroad_env.physics.numerics import fast_exp, fast_log
+from offroad_env.physics.records import Wheel
+
+__all__ = [
+    "Tyre",
+    "TyreLoad",
+    "critical_ground_pressure",
+    "effective_rolling_radius",
+    "engaged_share",
+    "flexible_share",
+    "friction_limited_strength",
+    "ground_pressure",
+    "hard_ground_deflection",
+    "mobilised_in_series",
+    "substitute_circle_ratio",
+    "tread_stiffness",
+    "tyre_load",
+    "tyre_stiffness",
+]
+
+#: Deflection over the radius to which `tyre_stiffness` refers: that of a tyre at its rated load.
+REFERENCE_DEFLECTION = 0.08
+#: Sharpness of the smaller of two strengths: where they are equal the result is 3 % below both.
+_ROUNDING = 0.004
+_SMALLEST = 1e-300
+
+
+class Tyre(NamedTuple):
+    """A pneumatic tyre, besides the radius and width of its wheel (`world.tyres` makes and checks them)."""
+
+    r: float  #: radius that the stiffness belongs to [m]
+    b: float  #: width that the stiffness belongs to [m]
+    inflation: float  #: inflation pressure above the atmosphere [Pa]
+    k_carcass: float  #: vertical stiffness without inflation pressure [N/m]
+    k_per_pressure: float  #: growth of the vertical stiffness with inflation pressure [N/m per Pa]
+    stiffening: float  #: growth exponent of the secant stiffness with deflection [-]
+    mu: float  #: friction coefficient of the tread [-]
+    cornering: float  #: cornering stiffness on hard ground per load [1/rad]
+    rolling: float  #: loss of effective rolling radius per deflection [-]
+
+
+class TyreLoad(NamedTuple):
+    """A tyre under its load."""
+
+    load: float  #: of one wheel [N]
+    deflection: float  #: of the tyre on this soil [m]
+    hard_deflection: float  #: that it would have on hard ground [m]
+    relief: float  #: how much less load the wheel takes per sinkage [N/m]
+
+
+@inline_kernel
+def tyre_stiffness(tyre: Tyre) -> float:
+    """Vertical stiffness [N/m], linear in inflation pressure, at a deflection of 0.08 of the radius.
+
+    So measured tyres behave (data in `world.tyres`); that the carcass acts like an added pressure is the
+    form of Ragheb, El-Gindy & Kishawy (SAE 2013).
+    """
+    return tyre.k_carcass + tyre.k_per_pressure * tyre.inflation
+
+
+@inline_kernel
+def hard_ground_deflection(tyre: Tyre, load: float) -> float:
+    """Deflection [m] on hard ground: load = stiffness f (f / f_0)^stiffening, f_0 = 0.08 of the radius."""
+    f_0 = REFERENCE_DEFLECTION * tyre.r
+    relative = max(load, _SMALLEST) / (tyre_stiffness(tyre) * f_0)
+    return f_0 * fast_exp(fast_log(relative) / (1.0 + tyre.stiffening))
+
+
+@inline_kernel
+def ground_pressure(load: float, r: float, b: float, hard_deflection: float) -> float:
+    """Mean pressure of a tyre on hard ground [Pa]: Wong's p_i + p_c, what inflation and carcass bear.
+
+    Over the patch of width ``b`` and of the length 2 sqrt(2 r f) of the substitute circle [m].
+    """
+    return load / (2.0 * b * math.sqrt(2.0 * r * hard_deflection))
+
+
+@inline_kernel
+def critical_ground_pressure(modulus: float, n: float, r: float, b: float, load: float) -> float:
+    """Wong's critical ground pressure p_gcr [Pa]: Bekker's pressure under the bottom of a rigid wheel.
+
+    (k_c/b + k_phi)^(1/(2n+1)) [3 W / ((3 - n) b sqrt(D))]^(2n/(2n+1)) (Wong, Theory of Ground Vehicles, 4th
+    ed., ch. 2), ``modulus`` = k_c/b + k_phi [Pa/m^n]. For n >= 2.5 the shape factor 3 - n stays at 0.5:
+    Bekker's integral holds for n < 1.3.
+    """
+    bearing = 3.0 * max(load, _SMALLEST) / (max(3.0 - n, 0.5) * b * math.sqrt(2.0 * r))
+    return fast_exp((fast_log(modulus) + 2.0 * n * fast_log(bearing)) / (2.0 * n + 1.0))
+
+
+@inline_kernel
+def flexible_share(critical: float, bearing: float) -> float:
+    """Deflection on soil over that on hard ground [-]: half at Wong's criterion p_i + p_c = p_gcr.
+
+    1 / (1 + ((p_i + p_c) / p_gcr)^4) instead of Wong's switch: 6 % and 94 % at twice and half the critical
+    pressure.
+    """
+    ratio = bearing / critical
+    square = ratio * ratio
+    return 1.0 / (1.0 + square * square)
+
+
+@inline_kernel
+def substitute_circle_ratio(f: float, z: float, rebound: float) -> float:
+    """Radius of the deflected belt's circle over that of the tyre [-].
+
+    ``f`` deflection, ``z`` sinkage of the bottom, ``rebound`` by how much the soil rises behind it [m]. The
+    arc is as long as the patch of the undeflected circle, sqrt(2 r) (sqrt(z + f) + sqrt(rebound + f)),
+    parabolas for circles. Without rebound it is the larger substitute circle of Schmid (1995),
+    (sqrt(1 + f/z) + sqrt(f/z))^2; 1 for f = 0, a flat patch for z -> 0.
+    """
+    grown = math.sqrt(z + f) + math.sqrt(rebound + f)
+    own = math.sqrt(z) + math.sqrt(rebound)
+    ratio = grown / own
+    return ratio * ratio
+
+
+@inline_kernel
+def effective_rolling_radius(tyre: Tyre, r: float, f: float) -> float:
+    """Distance per angle of a tyre that rolls freely [m]: r - f/3 by default (Jazar, Vehicle Dynamics, 3)."""
+    return r - tyre.rolling * f
+
+
+@inline_kernel
+def tread_stiffness(tyre: Tyre, r: float, b: float, load: float, hard_deflection: float) -> float:
+    """Shear stiffness of tread and carcass per area [Pa/m] of the brush model.
+
+    C_alpha = k_t b L^2 / 2 with L = 2 sqrt(2 r f) on hard ground (Pacejka, Tire and Vehicle Dynamics, ch. 3),
+    solved for k_t at a cornering stiffness C_alpha that is proportional to the load.
+    """
+    return tyre.cornering * load / (4.0 * r * b * hard_deflection)
+
+
+@inline_kernel
+def engaged_share(circle_ratio: float) -> float:
+    """Share of the soil's Janosi modulus that acts in series with the tread [-]: r / R*.
+
+    An interpolation between two limits, not a measured law. A belt as curved as a rigid wheel shears the
+    soil (K), one that lies flat on ground that does not yield shears its tread only. Rubber plates on three
+    soils of the Keweenaw Research Center had 0.24, 0.25 and 0.48 of the soils' own modulus.
+    """
+    return 1.0 / circle_ratio
+
+
+@inline_kernel
+def friction_limited_strength(mu: float, sigma: float, strength: float) -> float:
+    """Smaller of rubber friction ``mu sigma`` and soil ``strength`` [Pa], smooth: 3 % below where equal."""
+    rubber = mu * sigma
+    difference = strength - rubber
+    root = math.sqrt(difference * difference + _ROUNDING * strength * rubber)
+    return 0.5 * (strength + rubber - root)
+
+
+@inline_kernel
+def mobilised_in_series(u: float, soil: float, tread: float) -> float:
+    """Share y of the strength at a shear displacement ``u`` of tread and soil in series [-].
+
+    u = soil (-ln(1 - y)) + tread y: Janosi & Hanamoto's law of the soil and a linear tread under the same
+    stress. ``soil`` is the engaged Janosi modulus, ``tread`` the tread's displacement at full strength,
+    all in the same unit. For ``tread`` = 0 this is 1 - exp(-u/soil), for ``soil`` -> 0 the brush model's
+    min(u/tread, 1). Three steps of Halley's method in v = -ln(1 - y) leave 1e-5.
+    """
+    both = soil + tread
+    # Two starts below the root, one close for a small and one for a large displacement.
+    early = min(u / both, 0.95)
+    v = max((u / both * soil - fast_log(1.0 - early) * tread) / both, (u - tread) / soil)
+    v = min(v, 700.0)
+    for _ in range(3):
+        left = tread * fast_exp(-v)
+        miss = soil * v + tread - left - u
+        slope = soil + left
+        v -= 2.0 * miss * slope / (2.0 * slope * slope + miss * left)
+        v = min(max(v, 0.0), 700.0)
+    return 1.0 - fast_exp(-v)
+
+
+@inline_kernel
+def tyre_load(tyre: Tyre, wheel: Wheel, modulus: float, n: float, pressing: float, k: float) -> TyreLoad:
+    """Load and deflection of a tyre whose sinkage is known, solved together.
+
+    The hub comes down by sinkage and deflection, which relieves the spring: load + k f(load) = ``pressing``,
+    the load [N] of the wheel had its tyre not deflected, ``k`` [N/m] of the spring for this wheel.
+    ``modulus`` = k_c/b + k_phi [Pa/m^n]. Newton's method, two steps, to 1e-8.
+    """
+    r, b = wheel
+    growth = 1.0 / (1.0 + tyre.stiffening)
+    # d ln p_gcr - d ln (p_i + p_c) per d ln load, four times.
+    shift = 4.0 * (2.0 * n / (2.0 * n + 1.0) - 1.0 + 0.5 * growth)
+    load = pressing
+    f = hard = relief = 0.0
+    for _ in range(3):
+        hard = hard_ground_deflection(tyre, load)
+        critical = critical_ground_pressure(modulus, n, r, b, load)
+        share = flexible_share(critical, ground_pressure(load, r, b, hard))
+        f = share * hard
+        fall = 1.0 + max(k * f / load * (growth + shift * (1.0 - share)), 0.0)
+        relief = k / fall
+        load = min(max(load - (load + k * f - pressing) / fall, 1e-3 * pressing), pressing)
+    return TyreLoad(load, f, hard, relief)
