@@ -2,7 +2,10 @@
 
 The sinkage is the root of  V(h) = N_0 - k h:  V is the vertical force of the soil, N_0 the load
 that the suspension would press on an unyielding ground, k its stiffness (the axle sinks with the
-wheel, which relieves the spring). V grows with h and the right side falls, so there is one root.
+wheel, which relieves the spring). V of a wheel that rolls grows with h and the right side falls, so there
+is one root. Under a braked rim the shear stress pulls down where the rim dips into the soil: cohesion may
+hold a small load down until the pressure outgrows it, and V may fall again where the rim is steeper than
+the angle of friction. The contact is then the first sinkage at which V rises to the load.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ from offroad_env.physics.hard_ground import hard_ground_forces
 from offroad_env.physics.numerics import fast_exp, fast_log
 from offroad_env.physics.records import ContactOptions, FloatArray, Soil, Wheel, WheelMotion, WheelReaction
 from offroad_env.physics.soil_constants import soil_constants
-from offroad_env.physics.wheel_soil import directed_reaction, wheel_pattern
+from offroad_env.physics.wheel_soil import directed_reaction, wheel_pattern, wheel_reaction
 
 __all__ = [
     "AIRBORNE",
@@ -25,6 +28,7 @@ __all__ = [
     "ContactFrame",
     "ContactSolution",
     "Support",
+    "balances",
     "deepest_sinkage",
     "hard_ground_contact",
     "measured_exponent",
@@ -45,6 +49,13 @@ _TOLERANCE = 1e-11
 #: gets wrong of the forces is a fraction of it.
 _SAME = 5e-8
 _ITERATIONS = 60
+#: Largest share of the load by which the forces may miss it after the last correction.
+_IMBALANCE = 1e-7
+#: Search for the root from the surface down: first sinkage over the radius, ratio from one to the next.
+_SHALLOWEST, _STRIDE = 1e-9, 1.3
+#: Halvings of an interval of that ratio until its ends are neighbouring numbers, and steps of a golden
+#: section that narrow the place of the largest force to 1e-7.
+_HALVINGS, _SECTIONS, _GOLDEN = 50, 32, 0.6180339887498949
 #: Columns of a warm start.
 _SINKAGE, _EXPONENT, _FORCE = range(3)
 
@@ -68,6 +79,14 @@ class Support(NamedTuple):
     N_0: float  #: its load on ground that does not yield [N]
     k: float  #: how much less it is per sinkage [N/m]
     wheels: float  #: wheels of the axle [-]
+
+
+class Trial(NamedTuple):
+    """A sinkage that was tried, and how much the soil carries there."""
+
+    h: float  #: sinkage [m]
+    forces: WheelReaction  #: of one wheel
+    excess: float  #: what all wheels carry beyond the load that presses them [N]
 
 
 class ContactSolution(NamedTuple):
@@ -184,6 +203,12 @@ def measured_exponent(ratio_V: float, ratio_h: float) -> float:
     return min(max(fast_log(ratio_V) / fast_log(ratio_h), 0.02), 6.0)
 
 
+@inline_kernel
+def balances(V: float, target: float) -> bool:
+    """Whether the vertical force is the load."""
+    return abs(V - target) <= _IMBALANCE * abs(target)
+
+
 @merged_kernel
 def _soil_contact(
     soil: Soil,
@@ -222,16 +247,21 @@ def _soil_contact(
         if measured:
             exponent = measured_exponent(V / V_old, h / h_old)
         step = (target - V) / (exponent * abs(V) / h + k)
-        if measured and abs(step) * abs(change) <= _TOLERANCE * h * h and abs(step) <= 1e-4 * h:
+        small = abs(step) * abs(change) <= _TOLERANCE * h * h and abs(step) <= 1e-4 * h
+        if measured and small and balances(V + step / change * (V - V_old), target - k * step):
             status, forces = CONTACT, _beyond(forces, before, step / change)
             h += step
             break
-        if abs(step) <= (_SAME if i == 0 else _TOLERANCE) * h:
-            status, forces = CONTACT, _scaled(forces, 1.0 + exponent * step / h)
+        share = 1.0 + exponent * step / h
+        if abs(step) <= (_SAME if i == 0 else _TOLERANCE) * h and balances(share * V, target - k * step):
+            status, forces = CONTACT, _scaled(forces, share)
             h += step
             break
         if high - low <= 1e-13 * high:
-            status = SUNK if h > 0.9 * _DEEPEST * wheel.r else CONTACT
+            if h > 0.9 * _DEEPEST * wheel.r:
+                status = SUNK
+            elif balances(V, target):
+                status = CONTACT
             break
         h_old, V_old, before = h, V, forces
         h = next_sinkage(h, V, target, step, exponent, k)
@@ -240,6 +270,87 @@ def _soil_contact(
     warm[_SINKAGE], warm[_EXPONENT], warm[_FORCE] = h, exponent, N_0 - k * h
     forces = _scaled(forces, wheels)
     return ContactSolution(status, forces.F_x, forces.F_y, forces.F_z, forces.torque, h)
+
+
+@kernel
+def _trial(
+    soil: Soil,
+    wheel: Wheel,
+    h: float,
+    motion: WheelMotion,
+    frame: ContactFrame,
+    support: Support,
+    options: ContactOptions,
+) -> Trial:
+    """What the soil carries at sinkage ``h`` [m]."""
+    forces = wheel_reaction(soil, wheel, h, motion, options)
+    V = support.wheels * (forces.F_x * frame.l_z + forces.F_y * frame.c_z + forces.F_z * frame.n_z)
+    return Trial(h, forces, V - (support.N_0 - support.k * h))
+
+
+@kernel
+def _bracket(
+    soil: Soil,
+    wheel: Wheel,
+    motion: WheelMotion,
+    frame: ContactFrame,
+    support: Support,
+    options: ContactOptions,
+) -> tuple[Trial, Trial]:
+    """(below, above) the first sinkage at which the soil carries the load; above.excess < 0: nowhere."""
+    low, top = Trial(0.0, WheelReaction(0.0, 0.0, 0.0, 0.0), -support.N_0), _DEEPEST * wheel.r
+    ahead = before = best = low
+    h = _SHALLOWEST * wheel.r
+    while low.h < top:
+        here = _trial(soil, wheel, min(h, top), motion, frame, support, options)
+        if here.excess >= 0.0:
+            return low, here
+        if here.excess > best.excess:
+            best, before, ahead = here, low, here
+        elif low.h == best.h:
+            ahead = here
+        low, h = here, _STRIDE * h
+    # A summit between two trials: golden section between the neighbours of the best one.
+    a, b = before.h, ahead.h
+    for _ in range(_SECTIONS):
+        left, right = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)
+        first = _trial(soil, wheel, left, motion, frame, support, options)
+        second = _trial(soil, wheel, right, motion, frame, support, options)
+        if max(first.excess, second.excess) >= 0.0:
+            return before, first if first.excess >= 0.0 else second
+        if first.excess > second.excess:
+            b = right
+        else:
+            a = left
+    return before, best
+
+
+@kernel
+def _first_contact(
+    soil: Soil,
+    wheel: Wheel,
+    motion: WheelMotion,
+    frame: ContactFrame,
+    support: Support,
+    options: ContactOptions,
+) -> ContactSolution:
+    """The contact found from the surface down, by halving: for the few that the chord iteration fails.
+
+    Where V jumps across the load from one number to the next (a rule of the quadrature ends there), the
+    forces lie between those of both sides.
+    """
+    low, high = _bracket(soil, wheel, motion, frame, support, options)
+    if not high.excess >= 0.0:
+        return ContactSolution(NO_ROOT, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for _ in range(_HALVINGS):
+        middle = _trial(soil, wheel, 0.5 * (low.h + high.h), motion, frame, support, options)
+        if middle.excess < 0.0:
+            low = middle
+        else:
+            high = middle
+    forces = _beyond(high.forces, low.forces, -high.excess / (high.excess - low.excess))
+    forces = _scaled(forces, support.wheels)
+    return ContactSolution(CONTACT, forces.F_x, forces.F_y, forces.F_z, forces.torque, high.h)
 
 
 @kernel
@@ -258,4 +369,12 @@ def solve_contact(
         return ContactSolution(AIRBORNE if support.N_0 <= 0.0 else NO_ROOT, 0.0, 0.0, 0.0, 0.0, 0.0)
     if soil.rigid > 0.5:
         return hard_ground_contact(soil, wheel.r, motion, options.v_eps, frame, support)
-    return _soil_contact(soil, wheel, motion, frame, support, warm, options)
+    solution = _soil_contact(soil, wheel, motion, frame, support, warm, options)
+    if solution.status == CONTACT:
+        return solution
+    found = _first_contact(soil, wheel, motion, frame, support, options)
+    if found.status != CONTACT:
+        return solution
+    warm[_SINKAGE], warm[_EXPONENT] = found.sinkage, soil.n + 0.5
+    warm[_FORCE] = support.N_0 - support.k * found.sinkage
+    return found

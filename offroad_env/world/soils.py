@@ -42,7 +42,8 @@ def make_soil(
     a_0, a_1
         theta_m / theta_f = a_0 + a_1 s [-]; default 0.43, 0.32 (compact sand).
     b_0, b_1
-        theta_r / theta_f = b_0 + b_1 s [-]; default -0.1, 0 (contact ends a little behind the axle).
+        theta_r / theta_f = b_0 + b_1 s [-]; default -0.1, 0 (contact ends a little behind the axle). From
+        -0.5 to 0.1: beyond, the vertical force of a rolling wheel does not grow with its sinkage.
     mu
         Friction coefficient of hard ground [-]; default 0.8.
     C_alpha

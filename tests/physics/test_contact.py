@@ -6,7 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from offroad_env.errors import SolverFailure
 from offroad_env.physics.contact import (
     AIRBORNE,
     CONTACT,
@@ -18,13 +21,16 @@ from offroad_env.physics.contact import (
 )
 from offroad_env.physics.records import ContactOptions, Wheel, WheelMotion
 from offroad_env.physics.wheel_soil import wheel_reaction
+from offroad_env.simulation.wheel import wheel_forces
 from offroad_env.world.soils import SOILS, make_soil
+from strategies import any_soils, any_wheels
 
 WHEEL = Wheel(r=0.33, b=0.21)
 LEVEL = slope_frame(0.0, 0.0)
 STATIC = 6000.0  # axle load [N]
 OPTIONS = ContactOptions(v_eps=0.1, resultant=1.0, fine=False)
 ROLLING = WheelMotion(3.1, 3.0, 0.1)
+SHEARS = ("independent", "resultant")
 
 
 def solve(soil="clay", load=STATIC, k=45e3, motion=ROLLING, frame=LEVEL, warm=None, options=OPTIONS):
@@ -133,6 +139,68 @@ def test_a_suspension_spring_unloads_before_the_wheel_drowns():
 def test_an_input_that_is_no_number_is_a_status(broken):
     assert solve(**broken)[0] >= SUNK
     assert NO_ROOT > SUNK
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(soil=any_soils(), wheel=any_wheels(), seed=st.integers(0, 2**32 - 1))
+def test_a_wheel_that_finds_contact_carries_exactly_its_load(soil, wheel, seed):
+    rng = np.random.default_rng(seed)
+    for slip in (-1.0, -0.3, 0.0, 1.0, *rng.uniform(-1.0, 1.0, 16)):
+        load, slip_angle = 10.0 ** rng.uniform(-1.0, 5.0), float(rng.choice([0.0, rng.uniform(-1.5, 1.5)]))
+        motion = {"slip": slip, "slip_angle": slip_angle, "shear": SHEARS[rng.integers(2)]}
+        try:
+            found = wheel_forces(soil, wheel, load=load, **motion)
+        except SolverFailure:
+            continue
+        assert found.F_z == pytest.approx(load, rel=1e-6)
+        again = wheel_forces(soil, wheel, sinkage=found.sinkage, **motion)
+        assert again.F_z == pytest.approx(load, rel=1e-6), "the forces are those of the sinkage beside them"
+
+
+@pytest.mark.parametrize(
+    ("r", "b", "load", "slip", "slip_angle"),
+    [
+        (0.16, 0.59, 0.419, -1.0, 0.4),
+        (0.19, 0.60, 0.634, -1.0, -0.45),
+        (0.31, 0.37, 0.265, -0.906, 1.41),
+    ],
+)
+def test_a_small_load_that_cohesion_holds_down_sinks_until_the_pressure_carries_it(
+    r, b, load, slip, slip_angle
+):
+    """Under a braked rim V is negative first and crosses the load steeply, where no power law holds."""
+    soil, wheel = SOILS["snow_sweden"], Wheel(r, b)
+    found = wheel_forces(soil, wheel, load=load, slip=slip, slip_angle=slip_angle, shear="resultant")
+    assert found.F_z == pytest.approx(load, rel=1e-9)
+    above = wheel_forces(
+        soil,
+        wheel,
+        sinkage=np.linspace(0.01, 0.999, 40) * found.sinkage,
+        slip=slip,
+        slip_angle=slip_angle,
+        shear="resultant",
+    )
+    assert above.F_z[5] < 0.0 < above.F_z.max() + load
+    assert (above.F_z < load).all(), "the first sinkage at which the soil carries the load"
+
+
+@pytest.mark.parametrize("start", [0.0, 0.01, 0.1, 0.5, 0.9])
+def test_where_the_load_curve_falls_again_the_wheel_stays_where_it_first_rises_to_the_load(start):
+    """A locked rim steeper than the angle of friction pulls itself down; the shallow contact counts."""
+    soil = make_soil(k_phi=1e6, n=0.2, c=0.0, phi=1.1, k_x=0.001)
+    locked, options = WheelMotion(0.0, 3.0, 0.0), ContactOptions(0.0, 1.0, True)
+    depths = np.linspace(1e-3, 0.95, 300) * WHEEL.r
+    carried = np.array([wheel_reaction(soil, WHEEL, h, locked, options).F_z for h in depths])
+    load = 0.9 * carried.max()
+    first = depths[np.argmax(carried > load)]
+    assert carried[-1] < 0.5 * load
+    warm = np.array([start * WHEEL.r, 0.7, 0.5 * load]) if start else np.zeros(3)
+    found = solve_contact(soil, WHEEL, locked, LEVEL, Support(load, 0.0, 1.0), warm, options)
+    assert found.status == CONTACT
+    assert found.F_n == pytest.approx(load, rel=1e-9)
+    assert found.sinkage == pytest.approx(first, abs=depths[1] - depths[0])
+    sunk = solve_contact(soil, WHEEL, locked, LEVEL, Support(1.3 * load, 0.0, 1.0), warm, options)
+    assert sunk.status >= SUNK
 
 
 def test_hard_ground_gives_at_most_its_friction():

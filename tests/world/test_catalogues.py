@@ -8,12 +8,16 @@ import pickle
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import Soil, Vehicle
+from offroad_env.simulation.wheel import wheel_forces
 from offroad_env.world.catalogue import Catalogue, Entry, UnknownNameError
 from offroad_env.world.soils import SOILS, make_soil
 from offroad_env.world.vehicles import VEHICLES, make_vehicle, make_wheel, static_loads
+from strategies import any_soils, any_wheels
 
 DEFORMABLE = [name for name, soil in SOILS.items() if soil.rigid < 0.5]
 
@@ -185,6 +189,42 @@ def test_contact_angles_out_of_order_are_refused():
         make_soil("clay", a_0=-0.1, a_1=0.0, b_0=0.43)
     with pytest.raises(InvalidParameter, match="slip 1 "):
         make_soil("clay", a_0=0.8, a_1=0.3)
+
+
+@pytest.mark.parametrize(
+    ("b_0", "b_1", "said"),
+    [(-0.6, 0.0, "behind the axle"), (-0.4, 0.2, "slip -1"), (0.2, 0.0, "ahead of"), (0.0, 0.15, "slip 1")],
+)
+def test_a_contact_that_ends_where_no_wheel_is_carried_is_refused(b_0, b_1, said):
+    with pytest.raises(InvalidParameter, match=said) as caught:
+        make_soil("clay", b_0=b_0, b_1=b_1)
+    assert "no monotone load curve" in str(caught.value)
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(soil=any_soils(), wheel=any_wheels(), turned=st.floats(0.0, 1.0))
+def test_a_rolling_wheel_is_carried_the_better_the_deeper_on_every_soil_of_the_factory(soil, wheel, turned):
+    depths = np.concatenate([np.geomspace(1e-6, 1e-2, 15), np.linspace(0.02, 0.95, 30)]) * wheel.r
+    for slip in (0.0, 0.3, turned, 1.0):
+        for shear in ("independent", "resultant"):
+            carried = wheel_forces(soil, wheel, sinkage=depths, slip=slip, shear=shear).F_z
+            assert np.diff(carried).min() > -1e-6 * carried.max()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"k_phi": 24e3, "n": 2.47, "c": 276e3, "phi": 0.16, "k_x": 0.006, "a_0": 0.09, "b_0": -0.88},
+        {"a_0": 0.8, "a_1": 0.15, "b_0": 0.7, "b_1": 0.0},
+    ],
+    ids=["behind", "ahead"],
+)
+def test_the_load_curve_of_a_refused_soil_does_fall(changes):
+    """Without this the bounds on the exit angle would be a matter of taste."""
+    soil = SOILS["clay"]._replace(**changes)
+    depths = np.concatenate([np.geomspace(1e-6, 1e-2, 15), np.linspace(0.02, 0.95, 30)]) * 0.33
+    carried = wheel_forces(soil, make_wheel(r=0.33, b=0.21), sinkage=depths, slip=0.0).F_z
+    assert np.diff(carried).min() < -1e-3 * np.abs(carried).max()
 
 
 def test_soil_without_stiffness_or_strength_is_refused():
