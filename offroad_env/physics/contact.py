@@ -28,6 +28,7 @@ __all__ = [
     "ContactFrame",
     "ContactSolution",
     "Support",
+    "balances",
     "deepest_sinkage",
     "hard_ground_contact",
     "measured_exponent",
@@ -203,7 +204,7 @@ def measured_exponent(ratio_V: float, ratio_h: float) -> float:
 
 
 @inline_kernel
-def _balances(V: float, target: float) -> bool:
+def balances(V: float, target: float) -> bool:
     """Whether the vertical force is the load."""
     return abs(V - target) <= _IMBALANCE * abs(target)
 
@@ -247,19 +248,19 @@ def _soil_contact(
             exponent = measured_exponent(V / V_old, h / h_old)
         step = (target - V) / (exponent * abs(V) / h + k)
         small = abs(step) * abs(change) <= _TOLERANCE * h * h and abs(step) <= 1e-4 * h
-        if measured and small and _balances(V + step / change * (V - V_old), target - k * step):
+        if measured and small and balances(V + step / change * (V - V_old), target - k * step):
             status, forces = CONTACT, _beyond(forces, before, step / change)
             h += step
             break
         share = 1.0 + exponent * step / h
-        if abs(step) <= (_SAME if i == 0 else _TOLERANCE) * h and _balances(share * V, target - k * step):
+        if abs(step) <= (_SAME if i == 0 else _TOLERANCE) * h and balances(share * V, target - k * step):
             status, forces = CONTACT, _scaled(forces, share)
             h += step
             break
         if high - low <= 1e-13 * high:
             if h > 0.9 * _DEEPEST * wheel.r:
                 status = SUNK
-            elif _balances(V, target):
+            elif balances(V, target):
                 status = CONTACT
             break
         h_old, V_old, before = h, V, forces

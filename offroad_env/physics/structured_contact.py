@@ -17,6 +17,7 @@ from offroad_env.physics.contact import (
     ContactFrame,
     ContactSolution,
     Support,
+    balances,
     deepest_sinkage,
     hard_ground_contact,
     measured_exponent,
@@ -237,7 +238,10 @@ def solve_structured_contact(
             h += step
             break
         if high - low <= 1e-13 * high:
-            status = SUNK if h > 0.9 * deepest_sinkage(wheel.r) else CONTACT
+            if h > 0.9 * deepest_sinkage(wheel.r):
+                status = SUNK
+            elif balances(V, target):
+                status = CONTACT
             break
         e_old, V_old, before = e, V, forces
         h = 0.5 * (low + high)
