@@ -17,8 +17,15 @@ from offroad_env.physics.numerics import LANES, half_angle, lane_block, lane_row
 from offroad_env.physics.pressure_sinkage import bekker_pressure, rebound_modulus, rebound_pressure
 from offroad_env.physics.quadrature import ENTRY, EXIT, RUNNING, SMOOTH
 from offroad_env.physics.record_operations import replace
-from offroad_env.physics.records import FloatArray, RutSection, Structure
+from offroad_env.physics.records import FloatArray, RutSection, Structure, Tyre
 from offroad_env.physics.shear_stress import janosi_hanamoto_mobilisation
+from offroad_env.physics.tyre import (
+    Belt,
+    TyreLoad,
+    belt_on_soil,
+    friction_limited_strength,
+    mobilised_in_series,
+)
 
 __all__ = ["Rim", "RimForces", "SlipSpeeds", "rebound_angle", "rim_forces"]
 
@@ -50,6 +57,8 @@ class Rim(NamedTuple):
     per_k_x: float  #: 1 / Janosi modulus along the wheel [1/m]
     per_k_y: float  #: across it [1/m]
     shares: AngleShares  #: Wong-Reece angles over the entry angle
+    carried: TyreLoad  #: how a tyre carries its load; of a rigid rim without meaning
+    belt: Belt  #: and lies on its soil
 
 
 class SlipSpeeds(NamedTuple):
@@ -210,11 +219,27 @@ def _integrands(
 
 
 @inline_kernel
+def _strength(tyre: Tyre | None, rim: Rim, sigma: float) -> float:
+    """Shear strength of soil under a rim, of soil and rubber under a tyre [Pa]."""
+    if tyre is None:
+        return rim.c + sigma * rim.tan_phi
+    return friction_limited_strength(tyre.mu, sigma, rim.c + sigma * rim.tan_phi)
+
+
+@inline_kernel
+def _mobilised(tyre: Tyre | None, rim: Rim, strength: float, j: float) -> float:
+    """Share of a ``strength`` [Pa] that a shear displacement mobilises [-]."""
+    if tyre is None:
+        return janosi_hanamoto_mobilisation(j)
+    return mobilised_in_series(j, rim.belt.soil, rim.belt.tread * strength)
+
+
+@inline_kernel
 def _sums(
     rim: Rim, structure: Structure, rates: _Rates, started: tuple[float, float], rule: int, rows: FloatArray
 ) -> tuple[float, float, float, float]:
     """(F_x, F_y, F_z, torque) of a piece over its length and r b; ``started``: displacements at its start."""
-    j_x0, j_y0 = started
+    tyre, (j_x0, j_y0) = structure.tyre, started
     sides, out, rate_x, rate_y = (
         _Sides(structure.ground_normal, structure.soil_path),
         lane_rows(),
@@ -225,17 +250,22 @@ def _sums(
         for i in range(LANES):
             u_x = rates.along * rows[_COS, i] - rates.across
             size = math.sqrt(u_x * u_x + rates.side * rates.side) + _TINY
-            mobilised = janosi_hanamoto_mobilisation(j_x0 + rates.length * _running(rate_x, rule, i))
-            tau = (rim.c + rows[_SIGMA, i] * rim.tan_phi) * mobilised / size
+            strength = _strength(tyre, rim, rows[_SIGMA, i])
+            j = j_x0 + rates.length * _running(rate_x, rule, i)
+            tau = strength * _mobilised(tyre, rim, strength, j) / size
             tau_xy = tau * u_x, tau * rates.side
             out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(
                 rows, i, sides, RUNNING[rule, 1, i], tau_xy
             )
     elif structure.soil_path > 0.5:
         for i in range(LANES):
-            strength = rim.c + rows[_SIGMA, i] * rim.tan_phi
-            tau_x = strength * janosi_hanamoto_mobilisation(j_x0 + rates.length * _running(rate_x, rule, i))
-            tau_y = strength * janosi_hanamoto_mobilisation(j_y0 + rates.length * _running(rate_y, rule, i))
+            strength = _strength(tyre, rim, rows[_SIGMA, i])
+            j_x, j_y = (
+                j_x0 + rates.length * _running(rate_x, rule, i),
+                j_y0 + rates.length * _running(rate_y, rule, i),
+            )
+            tau_x = strength * _mobilised(tyre, rim, strength, j_x)
+            tau_y = strength * _mobilised(tyre, rim, strength, j_y)
             u_x = rates.along * rows[_COS, i] - rates.across
             tau_xy = math.copysign(tau_x, u_x), math.copysign(tau_y, rates.side)
             out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(
@@ -246,7 +276,8 @@ def _sums(
             j_x = j_x0 + rates.length * _running(rate_x, rule, i)
             j_y = j_y0 + rates.length * _running(rate_y, rule, i)
             j = math.sqrt(j_x * j_x + j_y * j_y) + _TINY
-            tau = (rim.c + rows[_SIGMA, i] * rim.tan_phi) * janosi_hanamoto_mobilisation(j) / j
+            strength = _strength(tyre, rim, rows[_SIGMA, i])
+            tau = strength * _mobilised(tyre, rim, strength, j) / j
             tau_xy = tau * j_x, tau * j_y
             out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(
                 rows, i, sides, RUNNING[rule, 1, i], tau_xy
@@ -255,13 +286,29 @@ def _sums(
         for i in range(LANES):
             j_x = j_x0 + rates.length * _running(rate_x, rule, i)
             j_y = j_y0 + rates.length * _running(rate_y, rule, i)
-            strength = rim.c + rows[_SIGMA, i] * rim.tan_phi
-            tau_x = math.copysign(strength * janosi_hanamoto_mobilisation(abs(j_x)), j_x)
-            tau_xy = tau_x, math.copysign(strength * janosi_hanamoto_mobilisation(abs(j_y)), j_y)
+            strength = _strength(tyre, rim, rows[_SIGMA, i])
+            tau_x = math.copysign(strength * _mobilised(tyre, rim, strength, abs(j_x)), j_x)
+            tau_xy = tau_x, math.copysign(strength * _mobilised(tyre, rim, strength, abs(j_y)), j_y)
             out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(
                 rows, i, sides, RUNNING[rule, 1, i], tau_xy
             )
     return lane_sum(out[0]), lane_sum(out[1]), lane_sum(out[2]), lane_sum(out[3])
+
+
+@inline_kernel
+def _flexed(tyre: Tyre | None, rim: Rim, structure: Structure, h: float, depth: float) -> Rim:
+    """The rim as it lies on a strip of soil whose surface is ``depth`` [m] deep: a tyre deflects."""
+    if tyre is None:
+        return rim
+    bearing = bekker_pressure(rim.modulus, rim.n, h)
+    slope = rebound_modulus(structure.elastic_modulus, bearing, h)
+    z = h - depth
+    peak = min(slope * z, bearing)
+    strength = _strength(tyre, rim, peak)
+    modulus = 1.0 / math.sqrt(rim.per_k_x * rim.per_k_y)
+    belt = belt_on_soil(rim.carried, rim.radius, z, peak / slope, modulus, strength)
+    per_k_x, per_k_y = rim.per_k_x / belt.unit, rim.per_k_y / belt.unit
+    return replace(rim, radius=belt.radius, per_k_x=per_k_x, per_k_y=per_k_y, belt=belt)
 
 
 @inline_kernel
@@ -452,13 +499,14 @@ def rim_forces(
         depth = 0.0 if i == 0 else rut.depth
         if share <= 0.0 or h <= depth:
             continue
-        strip = _virgin_strip(rim, structure, h) if i == 0 else _rut_strip(rim, structure, h, depth)
-        carried = structure.shear_carry * rut.shear if i == 1 else 0.0
-        part = _strip_forces(rim, structure, speeds, strip, carried, fine)
+        own = _flexed(structure.tyre, rim, structure, h, depth)
+        strip = _virgin_strip(own, structure, h) if i == 0 else _rut_strip(own, structure, h, depth)
+        carried = structure.shear_carry * rut.shear / own.belt.unit if i == 1 else 0.0
+        part = _strip_forces(own, structure, speeds, strip, carried, fine)
         F_x += share * part.F_x
         F_y += share * part.F_y
         F_z += share * part.F_z
         torque += share * part.torque
         peak += share * part.peak
-        shear += share * part.shear
+        shear += share * (part.shear * own.belt.unit)
     return RimForces(F_x, F_y, F_z, torque, peak, shear)
