@@ -16,8 +16,16 @@ from offroad_env.physics.contact_patch import Patch, PatchPoint, patch_point
 from offroad_env.physics.numerics import LANES, half_angle, lane_block, lane_rows, lane_sum
 from offroad_env.physics.pressure_sinkage import bekker_pressure, rebound_modulus, rebound_pressure
 from offroad_env.physics.quadrature import ENTRY, EXIT, HALVES, RUNNING, SMOOTH
-from offroad_env.physics.records import FloatArray, RutSection, Structure
+from offroad_env.physics.record_operations import replace
+from offroad_env.physics.records import FloatArray, RutSection, Structure, Tyre
 from offroad_env.physics.shear_stress import janosi_hanamoto_mobilisation
+from offroad_env.physics.tyre import (
+    Belt,
+    TyreLoad,
+    belt_on_soil,
+    friction_limited_strength,
+    mobilised_in_series,
+)
 
 __all__ = ["Rim", "RimForces", "SlipSpeeds", "rebound_angle", "rim_forces"]
 
@@ -53,6 +61,8 @@ class Rim(NamedTuple):
     per_k_x: float  #: 1 / Janosi modulus along the wheel [1/m]
     per_k_y: float  #: across it [1/m]
     shares: AngleShares  #: Wong-Reece angles over the entry angle
+    carried: TyreLoad  #: how a tyre carries its load; of a rigid rim without meaning
+    belt: Belt  #: and lies on its soil
 
 
 class SlipSpeeds(NamedTuple):
@@ -213,34 +223,50 @@ def _integrands(
 
 
 @inline_kernel
+def _strength(tyre: Tyre | None, rim: Rim, sigma: float) -> float:
+    """Shear strength of soil under a rim, of soil and rubber under a tyre [Pa]."""
+    if tyre is None:
+        return rim.c + sigma * rim.tan_phi
+    return friction_limited_strength(tyre.mu, sigma, rim.c + sigma * rim.tan_phi)
+
+
+@inline_kernel
+def _mobilised(tyre: Tyre | None, rim: Rim, strength: float, j: float) -> float:
+    """Share of a ``strength`` [Pa] that a shear displacement mobilises [-]."""
+    if tyre is None:
+        return janosi_hanamoto_mobilisation(j)
+    return mobilised_in_series(j, rim.belt.soil, rim.belt.tread * strength)
+
+
+@inline_kernel
 def _sums(
     rim: Rim, structure: Structure, rates: _Rates, rule: int, rows: FloatArray
 ) -> tuple[float, float, float, float]:
     """(F_x, F_y, F_z, torque) of a block over r b, from its nodes."""
-    sides = _Sides(structure.ground_normal, structure.soil_path)
+    tyre, sides = structure.tyre, _Sides(structure.ground_normal, structure.soil_path)
     out, rate_x, rate_y = lane_rows(), rows[_RATE_X], rows[_RATE_Y]
     if structure.soil_path > 0.5 and structure.resultant > 0.5:
         for i in range(LANES):
             u_x = rates.along * rows[_COS, i] - rates.across
             size = math.sqrt(u_x * u_x + rates.side * rates.side) + _TINY
-            mobilised = janosi_hanamoto_mobilisation(rows[_J_X, i] + _running(rate_x, rule, i))
-            tau = (rim.c + rows[_SIGMA, i] * rim.tan_phi) * mobilised / size
+            strength = _strength(tyre, rim, rows[_SIGMA, i])
+            tau = strength * _mobilised(tyre, rim, strength, rows[_J_X, i] + _running(rate_x, rule, i)) / size
             weight, tau_xy = RUNNING[rule, 1, i] * rows[_LENGTH, i], (tau * u_x, tau * rates.side)
             out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(rows, i, sides, weight, tau_xy)
     else:
         path, shared = structure.soil_path, structure.resultant
         for i in range(LANES):
-            strength = rim.c + rows[_SIGMA, i] * rim.tan_phi
+            strength = _strength(tyre, rim, rows[_SIGMA, i])
             j_x = rows[_J_X, i] + _running(rate_x, rule, i)
             j_y = rows[_J_Y, i] + _running(rate_y, rule, i)
             u_x = rates.along * rows[_COS, i] - rates.across
             # The displacement's own direction along the rim, that of the slip in the soil.
             tau_x = math.copysign(
-                strength * janosi_hanamoto_mobilisation(abs(j_x)), path * u_x + (1.0 - path) * j_x
+                strength * _mobilised(tyre, rim, strength, abs(j_x)), path * u_x + (1.0 - path) * j_x
             )
-            tau_y = math.copysign(strength * janosi_hanamoto_mobilisation(abs(j_y)), rates.side)
+            tau_y = math.copysign(strength * _mobilised(tyre, rim, strength, abs(j_y)), rates.side)
             j = math.sqrt(j_x * j_x + j_y * j_y) + _TINY
-            both = strength * janosi_hanamoto_mobilisation(j) / j
+            both = strength * _mobilised(tyre, rim, strength, j) / j
             tau_xy = (
                 shared * both * j_x + (1.0 - shared) * tau_x,
                 shared * both * j_y + (1.0 - shared) * tau_y,
@@ -248,6 +274,22 @@ def _sums(
             weight = RUNNING[rule, 1, i] * rows[_LENGTH, i]
             out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(rows, i, sides, weight, tau_xy)
     return lane_sum(out[0]), lane_sum(out[1]), lane_sum(out[2]), lane_sum(out[3])
+
+
+@inline_kernel
+def _flexed(tyre: Tyre | None, rim: Rim, structure: Structure, h: float, depth: float) -> Rim:
+    """The rim as it lies on a strip of soil whose surface is ``depth`` [m] deep: a tyre deflects."""
+    if tyre is None:
+        return rim
+    bearing = bekker_pressure(rim.modulus, rim.n, h)
+    slope = rebound_modulus(structure.elastic_modulus, bearing, h)
+    z = h - depth
+    peak = min(slope * z, bearing)
+    strength = _strength(tyre, rim, peak)
+    modulus = 1.0 / math.sqrt(rim.per_k_x * rim.per_k_y)
+    belt = belt_on_soil(rim.carried, rim.radius, z, peak / slope, modulus, strength)
+    per_k_x, per_k_y = rim.per_k_x / belt.unit, rim.per_k_y / belt.unit
+    return replace(rim, radius=belt.radius, per_k_x=per_k_x, per_k_y=per_k_y, belt=belt)
 
 
 @inline_kernel
@@ -456,13 +498,14 @@ def rim_forces(
         depth = 0.0 if i == 0 else rut.depth
         if share <= 0.0 or h <= depth:
             continue
-        strip = _virgin_strip(rim, structure, h) if i == 0 else _rut_strip(rim, structure, h, depth)
-        carried = structure.shear_carry * rut.shear if i == 1 else 0.0
-        part = _strip_forces(rim, structure, speeds, strip, carried, fine)
+        own = _flexed(structure.tyre, rim, structure, h, depth)
+        strip = _virgin_strip(own, structure, h) if i == 0 else _rut_strip(own, structure, h, depth)
+        carried = structure.shear_carry * rut.shear / own.belt.unit if i == 1 else 0.0
+        part = _strip_forces(own, structure, speeds, strip, carried, fine)
         F_x += share * part.F_x
         F_y += share * part.F_y
         F_z += share * part.F_z
         torque += share * part.torque
         peak += share * part.peak
-        shear += share * part.shear
+        shear += share * (part.shear * own.belt.unit)
     return RimForces(F_x, F_y, F_z, torque, peak, shear)
