@@ -16,6 +16,7 @@ from offroad_env.physics.full_vehicle import WORK_ROWS, full_continue, full_deri
 from offroad_env.physics.numerics import all_finite, copy_into
 from offroad_env.physics.packing import PackedPlant, unpack
 from offroad_env.physics.paper_vehicle import paper_derivative, paper_step
+from offroad_env.physics.record_operations import replace
 from offroad_env.physics.records import FloatArray
 
 __all__ = ["full_rows", "paper_rows"]
@@ -48,7 +49,7 @@ def full_rows(
     boundaries = kept.shape[0]
     work, seen = np.empty((WORK_ROWS, at.READINGS_SIZE)), np.empty(at.READINGS_SIZE)
     for i in range(rows[0], rows[1]):
-        plant = unpack(PackedPlant(fleet.numbers[i], fleet.waves, fleet.patches, fleet.effects))
+        plant = unpack(replace(fleet, numbers=fleet.numbers[i]))
         held = commands[i if commands.shape[0] > 1 else 0]
         x, warm = states[i], warms[i]
         copy_into(kept[0, i], x)
@@ -82,7 +83,7 @@ def paper_rows(
     boundaries = kept.shape[0]
     work = np.empty((3, at.STATE_SIZE))
     for i in range(rows[0], rows[1]):
-        plant = unpack(PackedPlant(fleet.numbers[i], fleet.waves, fleet.patches, fleet.effects))
+        plant = unpack(replace(fleet, numbers=fleet.numbers[i]))
         given = inputs[i if inputs.shape[0] > 1 else 0]
         x, warm = states[i], warms[i]
         copy_into(kept[0, i], x)

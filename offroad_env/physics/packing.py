@@ -13,7 +13,7 @@ import numpy as np
 from offroad_env.physics._jit import inline_kernel
 from offroad_env.physics.axle import Plant
 from offroad_env.physics.record_operations import numbers_of, record_from
-from offroad_env.physics.records import FloatArray
+from offroad_env.physics.records import FloatArray, SoilField
 
 __all__ = ["PackedPlant", "pack", "unpack"]
 
@@ -25,15 +25,16 @@ class PackedPlant(NamedTuple):
     waves: FloatArray
     patches: FloatArray
     effects: FloatArray | None
+    soil_field: SoilField | None
 
 
 def pack(plant: Plant) -> PackedPlant:
     """The plant as arrays; `unpack` gives back the same plant."""
     numbers = np.array(numbers_of(plant))
-    return PackedPlant(numbers, plant.ground.waves, plant.soil_map.patches, plant.effects)
+    return PackedPlant(numbers, plant.ground.waves, plant.soil_map.patches, plant.effects, plant.soil_field)
 
 
 @inline_kernel
 def unpack(packed: PackedPlant) -> Plant:
     """The `Plant` that was packed."""
-    return record_from(Plant, packed.numbers, (packed.waves, packed.patches, packed.effects))
+    return record_from(Plant, packed.numbers, (packed.waves, packed.patches, packed.effects, packed.soil_field))

@@ -19,7 +19,7 @@ from offroad_env.physics.batch import full_rows
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.packing import pack
 from offroad_env.physics.paper_vehicle import simulate_paper
-from offroad_env.physics.records import Ground, Soil, SoilMap, Vehicle
+from offroad_env.physics.records import Ground, Soil, SoilField, SoilMap, Vehicle
 from offroad_env.physics.settle import settle
 
 __all__ = [
@@ -70,6 +70,7 @@ def make_plant(
     vehicle_model: str = "half_car",
     slip: float = 0.0,
     soil_map: SoilMap | None = None,
+    soil_field: SoilField | None = None,
 ) -> Plant:
     """Bundle validated parts into what the kernels take.
 
@@ -83,11 +84,15 @@ def make_plant(
         Constant slip of the paper's model [-], in (-1, 1).
     soil_map : SoilMap, optional
         Where n differs from ``soil.n``.
+    soil_field : SoilField, optional
+        How the whole soil varies, from `world.natural_soil.natural_soil`, for a deformable soil.
     """
     _choice("model", model, MODELS)
     _choice("vehicle_model", vehicle_model, VEHICLE_MODELS)
     if not -1.0 < slip < 1.0:
         raise InvalidParameter(f"slip must be in (-1, 1), got {slip} - in percent?")
+    if soil_field is not None and soil.rigid > 0.5:
+        raise InvalidParameter("soil_field must be None on hard ground, which has no parameters of soil")
     if soil_map is None:
         soil_map = SoilMap(0.3, np.empty((0, 4)))
     full = model == "full"
@@ -102,6 +107,7 @@ def make_plant(
         # Below this speed resistance is viscous. Hard ground is stiffer than soil: it needs a wider seam.
         v_eps=(0.3 if soil.rigid else 0.2) if full else 1e-3,
         fine=False,
+        soil_field=soil_field,
     )
 
 
