@@ -25,6 +25,7 @@ __all__ = [
     "offset",
     "resolution",
     "timing",
+    "uninterrupted",
     "unwrapped",
 ]
 
@@ -34,6 +35,8 @@ _SPAN, _AROUND = 0.2, 0.5
 _JUMP = 5.0
 #: Grid on which positions and offsets are interpolated [s].
 _GRID = 0.02
+#: A step between rows longer than this many usual ones, and than this [s], interrupts the run.
+_PAUSE_STEPS, _SHORTEST_PAUSE = 5.0, 0.15
 _LONGEST_GAP = 0.25  # a window with a longer silence than this (or 3 steps) is left out [s]
 
 
@@ -132,6 +135,17 @@ def jumps(log: Log) -> list[tuple[float, float]]:
         return []
     groups = np.split(wild, np.flatnonzero(np.diff(wild) * _GRID > _AROUND) + 1)
     return [(float(grid[g[0]]) - _SPAN, float(grid[g[-1]]) + _SPAN) for g in groups]
+
+
+def uninterrupted(log: Log, times: np.ndarray) -> np.ndarray:
+    """Which of the ``times`` (K,) [s] lie neither in a gap of the log nor where its position jumps."""
+    t = log.times
+    before = np.clip(np.searchsorted(t, times) - 1, 0, len(t) - 2)
+    steps = np.diff(t)
+    fine = steps[before] <= max(_PAUSE_STEPS * float(np.median(steps)), _SHORTEST_PAUSE)
+    for start, stop in jumps(log):
+        fine &= (times < start) | (times > stop)
+    return np.asarray(fine)
 
 
 class Windows:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, merged_kernel
-from offroad_env.physics.contact import Support, slope_frame, solve_contact
+from offroad_env.physics.contact import Support, slope_frame
 from offroad_env.physics.ground import ground_readings, sinkage_exponent
 from offroad_env.physics.hooks import change_soil, change_wheel_forces
 from offroad_env.physics.numerics import GRAVITY, smooth_step
@@ -23,12 +23,14 @@ from offroad_env.physics.records import (
     SoilField,
     SoilMap,
     SpringState,
+    Structure,
     Vehicle,
     Wheel,
     WheelMotion,
 )
 from offroad_env.physics.slip import slip_ratio
 from offroad_env.physics.soil_field import local_soil
+from offroad_env.physics.structured_contact import contact_solution
 
 __all__ = [
     "AxleLoad",
@@ -41,7 +43,9 @@ __all__ = [
     "Velocity",
     "axle_contact",
     "axle_motion",
+    "contact_columns",
     "contact_options",
+    "contact_shape",
     "soil_at",
     "static_loads",
     "suspension_force",
@@ -64,6 +68,7 @@ class Plant(NamedTuple):
     v_eps: float  #: low-speed regularisation [m/s]
     fine: bool  #: reference quadrature instead of the fast one
     effects: FloatArray | None = None  #: rows of `hooks`; None = the base model, without any trace of them
+    structure: Structure | None = None  #: laws of the wheels; None = Wong-Reece wheels, without ruts
     soil_field: SoilField | None = None  #: natural soil; None = the same soil everywhere but for the map
 
 
@@ -143,6 +148,19 @@ def with_pressure(soil: Soil, n: float, factor: float) -> Soil:
 def with_exponent(soil: Soil, n: float) -> Soil:
     """The same soil with another sinkage exponent."""
     return replace(soil, n=n)
+
+
+@inline_kernel
+def contact_columns(structure: Structure | None) -> int:
+    """Numbers in a wheel's row of the contact state."""
+    if structure is None:
+        return at.CONTACT_SIZE
+    return at.STRUCTURED_CONTACT_SIZE
+
+
+def contact_shape(structure: Structure | None) -> tuple[int, int]:
+    """Shape of a contact state, (wheels, numbers): the warm start of each contact, and the ruts."""
+    return 2, at.CONTACT_SIZE if structure is None else at.STRUCTURED_CONTACT_SIZE
 
 
 @inline_kernel
@@ -233,7 +251,8 @@ def axle_contact(
     soil = change_soil(plant.effects, soil_at(plant, stance.x, stance.y), motion, place)
     frame = slope_frame(stance.g_l, stance.g_c)
     wheel = Wheel(vehicle.r, vehicle.b)
-    solution = solve_contact(soil, wheel, motion, frame, support, warm, contact_options(plant))
+    options = contact_options(plant)
+    solution = contact_solution(plant.structure, soil, wheel, motion, frame, support, warm, options)
     F_n, h = solution.F_n, solution.sinkage
     forces = AxleForces(solution.F_l, solution.F_c, solution.torque)
     contact = AxleContact(F_n, h, arm, plant.v_eps, vehicle.r, vehicle.b, vehicle.wheels_per_axle)

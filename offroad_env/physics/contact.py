@@ -28,6 +28,12 @@ __all__ = [
     "ContactFrame",
     "ContactSolution",
     "Support",
+    "balances",
+    "deepest_sinkage",
+    "hard_ground_contact",
+    "measured_exponent",
+    "next_sinkage",
+    "predicted_sinkage",
     "slope_frame",
     "solve_contact",
 ]
@@ -112,7 +118,13 @@ def slope_frame(g_l: float, g_c: float) -> ContactFrame:
 
 
 @inline_kernel
-def _predict(h: float, exponent: float, force: float, N_0: float, k: float) -> float:
+def deepest_sinkage(r: float) -> float:
+    """Sinkage [m] beyond which a wheel of radius ``r`` [m] counts as sunk."""
+    return _DEEPEST * r
+
+
+@inline_kernel
+def predicted_sinkage(h: float, exponent: float, force: float, N_0: float, k: float) -> float:
     """Root of force (x/h)^exponent = N_0 - k x: the last solution carried to the new load.
 
     One step of Halley's method in ln x, of order 3: half a percent of change leaves 1e-8.
@@ -137,7 +149,7 @@ def _log_step(h: float, V: float, target: float, exponent: float, k: float) -> f
 
 
 @inline_kernel
-def _next_sinkage(h: float, V: float, target: float, step: float, exponent: float, k: float) -> float:
+def next_sinkage(h: float, V: float, target: float, step: float, exponent: float, k: float) -> float:
     """Sinkage to try next: by ``step``, or by a Newton step in ln h where that is a large one."""
     if abs(step) > 0.05 * h and V > 0.0 and target > 0.0:
         return _log_step(h, V, target, exponent, k)
@@ -164,7 +176,7 @@ def _scaled(forces: WheelReaction, factor: float) -> WheelReaction:
 
 
 @kernel
-def _hard_ground_contact(
+def hard_ground_contact(
     soil: Soil, r: float, motion: WheelMotion, v_eps: float, frame: ContactFrame, support: Support
 ) -> ContactSolution:
     """An axle on hard ground: every force is proportional to the normal load."""
@@ -178,7 +190,7 @@ def _first_sinkage(soil: Soil, r: float, support: Support, warm: FloatArray) -> 
     """(sinkage [m], local exponent d ln V / d ln h) to begin with."""
     h, exponent = warm[_SINKAGE], warm[_EXPONENT]
     if h > 0.0:
-        h = _predict(h, exponent, warm[_FORCE], support.N_0, support.k)
+        h = predicted_sinkage(h, exponent, warm[_FORCE], support.N_0, support.k)
     else:
         # Pressure grows like h^n, the length of the patch like the root of h.
         h, exponent = 0.1 * r, soil.n + 0.5
@@ -186,13 +198,13 @@ def _first_sinkage(soil: Soil, r: float, support: Support, warm: FloatArray) -> 
 
 
 @inline_kernel
-def _measured_exponent(ratio_V: float, ratio_h: float) -> float:
+def measured_exponent(ratio_V: float, ratio_h: float) -> float:
     """Local exponent d ln V / d ln h of two evaluations, within what any soil has."""
     return min(max(fast_log(ratio_V) / fast_log(ratio_h), 0.02), 6.0)
 
 
 @inline_kernel
-def _balances(V: float, target: float) -> bool:
+def balances(V: float, target: float) -> bool:
     """Whether the vertical force is the load."""
     return abs(V - target) <= _IMBALANCE * abs(target)
 
@@ -233,26 +245,26 @@ def _soil_contact(
         # A remembered exponent proves nothing about the last step, so that one must itself be small.
         measured = i > 0 and abs(change) > 1e-8 * h and V > 0.0 and V_old > 0.0
         if measured:
-            exponent = _measured_exponent(V / V_old, h / h_old)
+            exponent = measured_exponent(V / V_old, h / h_old)
         step = (target - V) / (exponent * abs(V) / h + k)
         small = abs(step) * abs(change) <= _TOLERANCE * h * h and abs(step) <= 1e-4 * h
-        if measured and small and _balances(V + step / change * (V - V_old), target - k * step):
+        if measured and small and balances(V + step / change * (V - V_old), target - k * step):
             status, forces = CONTACT, _beyond(forces, before, step / change)
             h += step
             break
         share = 1.0 + exponent * step / h
-        if abs(step) <= (_SAME if i == 0 else _TOLERANCE) * h and _balances(share * V, target - k * step):
+        if abs(step) <= (_SAME if i == 0 else _TOLERANCE) * h and balances(share * V, target - k * step):
             status, forces = CONTACT, _scaled(forces, share)
             h += step
             break
         if high - low <= 1e-13 * high:
             if h > 0.9 * _DEEPEST * wheel.r:
                 status = SUNK
-            elif _balances(V, target):
+            elif balances(V, target):
                 status = CONTACT
             break
         h_old, V_old, before = h, V, forces
-        h = _next_sinkage(h, V, target, step, exponent, k)
+        h = next_sinkage(h, V, target, step, exponent, k)
         if not low < h < high:
             h = 0.5 * (low + high)
     warm[_SINKAGE], warm[_EXPONENT], warm[_FORCE] = h, exponent, N_0 - k * h
@@ -356,7 +368,7 @@ def solve_contact(
         warm[_SINKAGE] = 0.0
         return ContactSolution(AIRBORNE if support.N_0 <= 0.0 else NO_ROOT, 0.0, 0.0, 0.0, 0.0, 0.0)
     if soil.rigid > 0.5:
-        return _hard_ground_contact(soil, wheel.r, motion, options.v_eps, frame, support)
+        return hard_ground_contact(soil, wheel.r, motion, options.v_eps, frame, support)
     solution = _soil_contact(soil, wheel, motion, frame, support, warm, options)
     if solution.status == CONTACT:
         return solution

@@ -39,6 +39,7 @@ from offroad_env.physics.records import (
     Vehicle,
     WheelMotion,
 )
+from offroad_env.physics.ruts import follow_rut
 
 __all__ = ["AxleTorques", "actuators", "available_torque", "axle_torques", "full_derivative"]
 
@@ -84,11 +85,11 @@ def _full_axle(
     directions: Directions,
     arm: float,
     spring: AxleSpring,
-    omega: float,
     warm: FloatArray,
+    axle: int,
     readings: FloatArray,
 ) -> AxlePush:
-    """One axle ``arm`` [m] ahead of the CG, whose wheels turn at ``omega`` [rad/s], on its slope."""
+    """One axle ``arm`` [m] ahead of the CG on its slope; ``axle``: its row of the contact state ``warm``."""
     sin, cos = directions.pitch
     sin_d, cos_d = directions.steer
     v = plant.vehicle
@@ -109,10 +110,12 @@ def _full_axle(
         N_0 = change_load(plant.effects, N_0, state, spring)
     else:
         k = 0.0
-    turning = _slope_motion(motion, v.r * omega)
+    turning = _slope_motion(motion, v.r * x[at.OMEGA_F + axle])
     stance = AxleStance(motion.x, motion.y, motion.H, motion.g_l, motion.g_c, arm)
     support = Support(N_0, k, v.wheels_per_axle)
-    found = axle_contact(plant, turning, stance, support, warm, readings)
+    if axle > 0:
+        follow_rut(plant.structure, warm[0], warm[axle], v.b, motion.x, motion.y)
+    found = axle_contact(plant, turning, stance, support, warm[axle], readings)
     return AxlePush(
         found.status,
         found.F_l * cos_d - found.F_c * sin_d,
@@ -204,7 +207,7 @@ def full_derivative(
             arm, spring, omega = -v.l_r, AxleSpring(N_r, v.k_r, v.c_r), x[at.OMEGA_R]
             wheel, torques = (0.0, 1.0), (both.drive_r, both.brake_r)
         seen = readings[axle * at.AXLE : (axle + 1) * at.AXLE]
-        push = _full_axle(plant, x, Directions(yaw, pitch, wheel), arm, spring, omega, warm[axle], seen)
+        push = _full_axle(plant, x, Directions(yaw, pitch, wheel), arm, spring, warm, axle, seen)
         d[at.OMEGA_F + axle] = _spin_acceleration(v, omega, seen[at.TORQUE], push.V, torques, plant.v_eps)
         worst = max(worst, push.status)
         traction += push.F_x

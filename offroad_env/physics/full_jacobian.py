@@ -16,7 +16,7 @@ from offroad_env.physics.full_dynamics import axle_torques
 from offroad_env.physics.hard_ground import hard_ground_forces
 from offroad_env.physics.numerics import sin_cos
 from offroad_env.physics.records import FloatArray, Soil, Vehicle, Wheel, WheelMotion
-from offroad_env.physics.wheel_soil import wheel_reaction
+from offroad_env.physics.structured_contact import reaction_at_sinkage, rut_section_of
 
 __all__ = ["solve_stages", "stiffnesses"]
 
@@ -34,7 +34,9 @@ def _soil_under(plant: Plant, readings: FloatArray) -> Soil:
 
 
 @merged_kernel
-def _plain_reaction(plant: Plant, motion: WheelMotion, readings: FloatArray) -> tuple[float, float]:
+def _plain_reaction(
+    plant: Plant, motion: WheelMotion, warm: FloatArray, readings: FloatArray
+) -> tuple[float, float]:
     """(F_l, torque) of an axle for ``motion`` by the base model's law, sinkage and load of ``readings``."""
     v = plant.vehicle
     if plant.soil.rigid > 0.5:
@@ -42,22 +44,33 @@ def _plain_reaction(plant: Plant, motion: WheelMotion, readings: FloatArray) -> 
         return hard.F_x, hard.torque
     soil = with_exponent(_soil_under(plant, readings), readings[at.EXPONENT])
     wheel = Wheel(v.r, v.b)
-    one = wheel_reaction(soil, wheel, readings[at.SINKAGE], motion, contact_options(plant))
+    options = contact_options(plant)
+    one = reaction_at_sinkage(
+        plant.structure,
+        soil,
+        wheel,
+        motion,
+        readings[at.SINKAGE],
+        rut_section_of(plant.structure, warm),
+        options,
+    )
     return v.wheels_per_axle * one.F_x, v.wheels_per_axle * one.torque
 
 
 @inline_kernel
 def _reaction_before(
-    effects: FloatArray | None, plant: Plant, motion: WheelMotion, readings: FloatArray
+    effects: FloatArray | None, plant: Plant, motion: WheelMotion, warm: FloatArray, readings: FloatArray
 ) -> tuple[float, float]:
     """(F_l, torque) of an axle that a change of its slip starts from; effects have changed the readings'."""
     if effects is None:
         return readings[at.F_L], readings[at.TORQUE]
-    return _plain_reaction(plant, motion, readings)
+    return _plain_reaction(plant, motion, warm, readings)
 
 
 @merged_kernel
-def _slip_stiffness(plant: Plant, omega: float, readings: FloatArray) -> tuple[float, float]:
+def _slip_stiffness(
+    plant: Plant, omega: float, warm: FloatArray, readings: FloatArray
+) -> tuple[float, float]:
     """(dT/ds [N s], dF_l/ds [N s/m]) of an axle, s = r omega - v_l [m/s], neither negative.
 
     One more evaluation at fixed sinkage and load.
@@ -65,9 +78,9 @@ def _slip_stiffness(plant: Plant, omega: float, readings: FloatArray) -> tuple[f
     rim, v_l, v_c = plant.vehicle.r * omega, readings[at.V_L], readings[at.V_C]
     # A step well inside the regularised band, large against rounding; the same forwards and backwards.
     change = math.copysign(1e-4 * (abs(rim) + plant.v_eps), omega)
-    force, torque = _plain_reaction(plant, WheelMotion(rim + change, v_l, v_c), readings)
+    force, torque = _plain_reaction(plant, WheelMotion(rim + change, v_l, v_c), warm, readings)
     before = WheelMotion(rim, v_l, v_c)
-    force_before, torque_before = _reaction_before(plant.effects, plant, before, readings)
+    force_before, torque_before = _reaction_before(plant.effects, plant, before, warm, readings)
     return max((torque - torque_before) / change, 0.0), max((force - force_before) / change, 0.0)
 
 
@@ -93,14 +106,17 @@ def _side_stiffness(readings: FloatArray) -> float:
 
 
 @kernel
-def stiffnesses(plant: Plant, x: FloatArray, readings: FloatArray, stiffness: FloatArray) -> None:
+def stiffnesses(
+    plant: Plant, x: FloatArray, warm: FloatArray, readings: FloatArray, stiffness: FloatArray
+) -> None:
     """What the Jacobian holds, into ``stiffness`` (8,)."""
     v = plant.vehicle
     torques = axle_torques(v, x)
     brake = torques.brake_f
     for axle in range(2):
         omega, seen = x[at.OMEGA_F + axle], readings[axle * at.AXLE : (axle + 1) * at.AXLE]
-        stiffness[_SLIP_TORQUE + axle], stiffness[_SLIP_FORCE + axle] = _slip_stiffness(plant, omega, seen)
+        torque, force = _slip_stiffness(plant, omega, warm[axle], seen)
+        stiffness[_SLIP_TORQUE + axle], stiffness[_SLIP_FORCE + axle] = torque, force
         stiffness[_HELD + axle] = _held_spin_stiffness(v, omega, seen[at.N], brake, plant.v_eps)
         stiffness[_SIDE + axle] = _side_stiffness(seen)
         brake = torques.brake_r

@@ -8,15 +8,29 @@ from __future__ import annotations
 import numpy as np
 
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import merged_kernel
+from offroad_env.physics._jit import inline_kernel, merged_kernel
 from offroad_env.physics.axle import Plant
 from offroad_env.physics.contact import NO_ROOT
 from offroad_env.physics.full_dynamics import actuators, full_derivative
-from offroad_env.physics.numerics import all_finite
-from offroad_env.physics.records import FloatArray
+from offroad_env.physics.numerics import all_finite, sin_cos
+from offroad_env.physics.records import FloatArray, Structure, Vehicle
 from offroad_env.physics.rosenbrock import WORK_ROWS, StepArrays, StepReuse, rosenbrock_step
+from offroad_env.physics.ruts import Place, lay_track, track_spacing
 
 __all__ = ["WORK_ROWS", "full_advance", "full_continue", "full_derivative", "full_step"]
+
+
+@inline_kernel
+def leave_tracks(
+    structure: Structure | None, vehicle: Vehicle, x: FloatArray, warm: FloatArray, readings: FloatArray
+) -> None:
+    """Let the front wheels note the ruts that they leave at the state of ``readings``, for the rear ones."""
+    if structure is None:
+        return
+    if structure.ruts > 0.5:
+        place = Place(readings[at.WHEEL_X], readings[at.WHEEL_Y], sin_cos(x[at.YAW]))
+        spacing = track_spacing(vehicle.l_f + vehicle.l_r)
+        lay_track(structure, warm[0], place, readings[at.SINKAGE], spacing)
 
 
 @merged_kernel
@@ -37,6 +51,7 @@ def full_step(
     full_derivative(x, command, plant, warm, work[0], readings)
     arrays = StepArrays(work, readings, work[6])
     status = rosenbrock_step(x, warm, command, plant, dt, StepReuse(0.0, 0.0), arrays)
+    leave_tracks(plant.structure, plant.vehicle, x, warm, readings)
     worst: float = max(status, readings[at.STATUS])
     return worst
 
@@ -66,6 +81,7 @@ def full_continue(
         worst = max(worst, rosenbrock_step(x, warm, command, plant, dt, reuse, arrays))
         if worst >= NO_ROOT or not all_finite(x):
             return NO_ROOT
+        leave_tracks(plant.structure, plant.vehicle, x, warm, readings)
     return worst
 
 

@@ -7,7 +7,15 @@ import math
 import numba
 import numpy as np
 
-from offroad_env.physics._intrinsics import LANES, ROWS, bits_of_float, float_of_bits, stacked_rows
+from offroad_env.physics._intrinsics import (
+    BLOCK_ROWS,
+    LANES,
+    ROWS,
+    bits_of_float,
+    float_of_bits,
+    stacked_block,
+    stacked_rows,
+)
 from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.records import FloatArray
 
@@ -20,6 +28,7 @@ __all__ = [
     "fast_exp",
     "fast_log",
     "half_angle",
+    "lane_block",
     "lane_rows",
     "lane_sum",
     "sin_cos",
@@ -191,6 +200,14 @@ def _plain_rows() -> FloatArray:
 # (8, LANES) of scratch that costs nothing: on the stack, where an array of numpy's is an allocation.
 # It lives as long as the kernel that asks for it.
 lane_rows = _plain_rows if numba.config.DISABLE_JIT else stacked_rows
+
+
+def _plain_block() -> FloatArray:
+    return np.empty((BLOCK_ROWS, LANES))
+
+
+# The same with (32, LANES).
+lane_block = _plain_block if numba.config.DISABLE_JIT else stacked_block
 
 
 @inline_kernel

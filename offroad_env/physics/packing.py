@@ -13,7 +13,7 @@ import numpy as np
 from offroad_env.physics._jit import inline_kernel
 from offroad_env.physics.axle import Plant
 from offroad_env.physics.record_operations import numbers_of, record_from
-from offroad_env.physics.records import FloatArray, SoilField
+from offroad_env.physics.records import FloatArray, SoilField, Structure
 
 __all__ = ["PackedPlant", "pack", "unpack"]
 
@@ -21,20 +21,25 @@ __all__ = ["PackedPlant", "pack", "unpack"]
 class PackedPlant(NamedTuple):
     """A `Plant` as arrays."""
 
-    numbers: FloatArray  #: (51,) every float of the plant, in the order of its records
+    numbers: (
+        FloatArray  #: (51,) every float of the plant but those of its structure, in the order of its records
+    )
     waves: FloatArray
     patches: FloatArray
     effects: FloatArray | None
+    structure: Structure | None
     soil_field: SoilField | None
 
 
 def pack(plant: Plant) -> PackedPlant:
     """The plant as arrays; `unpack` gives back the same plant."""
     numbers = np.array(numbers_of(plant))
-    return PackedPlant(numbers, plant.ground.waves, plant.soil_map.patches, plant.effects, plant.soil_field)
+    options = plant.effects, plant.structure, plant.soil_field
+    return PackedPlant(numbers, plant.ground.waves, plant.soil_map.patches, *options)
 
 
 @inline_kernel
 def unpack(packed: PackedPlant) -> Plant:
     """The `Plant` that was packed."""
-    return record_from(Plant, packed.numbers, (packed.waves, packed.patches, packed.effects, packed.soil_field))
+    parts = (packed.waves, packed.patches, packed.effects, packed.structure, packed.soil_field)
+    return record_from(Plant, packed.numbers, parts)

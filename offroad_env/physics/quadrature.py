@@ -13,7 +13,7 @@ import numpy as np
 
 from offroad_env.physics.records import FloatArray
 
-__all__ = ["COARSE", "FINE", "WHOLE", "Rule"]
+__all__ = ["COARSE", "ENTRY", "EXIT", "FINE", "RUNNING", "SMOOTH", "WHOLE", "Rule", "running_rule"]
 
 
 class Rule:
@@ -49,3 +49,32 @@ WHOLE: FloatArray = np.array(
         ],
     ]
 )  # fmt: skip
+
+
+def running_rule(u: FloatArray, weights: FloatArray) -> FloatArray:
+    """A rule that also integrates up to each of its nodes.
+
+    Returns (2 + N, N): shares u on [0, 1], weights, and in row 2 + k what the integrand at node k
+    contributes to the integral from 0 to each node, by the polynomial through all nodes.
+    """
+    count = len(u)
+    powers = np.arange(count)
+    values = np.polynomial.legendre.legvander(2.0 * u - 1.0, count - 1)
+    # Integrals of the Legendre polynomials from 0 to u: (P_{k+1} - P_{k-1}) / (2 (2 k + 1)).
+    wide = np.polynomial.legendre.legvander(2.0 * u - 1.0, count)
+    before = np.concatenate([-np.ones((count, 1)), wide[:, : count - 1]], axis=1)
+    integrals = (wide[:, 1:] - before) / (2.0 * (2.0 * powers + 1.0))
+    running = integrals @ np.linalg.inv(values)
+    return np.ascontiguousarray(np.vstack([u, weights, running.T]))
+
+
+#: Running rules of eight nodes, (3, 10, 8): for a piece that begins where the pressure does, one that ends
+#: there, and one between. In one array, whose strides a compiler knows.
+RUNNING: FloatArray = np.stack(
+    [
+        running_rule(WHOLE[0], WHOLE[1]),
+        running_rule(1.0 - WHOLE[0, ::-1], WHOLE[1, ::-1]),
+        running_rule(COARSE.table[0], COARSE.table[1]),
+    ]
+)
+ENTRY, EXIT, SMOOTH = range(3)

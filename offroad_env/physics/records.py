@@ -21,10 +21,12 @@ __all__ = [
     "ContactOptions",
     "FloatArray",
     "Ground",
+    "RutSection",
     "Soil",
     "SoilField",
     "SoilMap",
     "SpringState",
+    "Structure",
     "Vehicle",
     "Wheel",
     "WheelMotion",
@@ -213,3 +215,31 @@ class ContactOptions(NamedTuple):
     v_eps: float  #: low-speed regularisation; 0 for the plain law [m/s]
     resultant: float  #: 1.0 = shear stresses share one strength, 0.0 = each has the whole
     fine: bool  #: reference quadrature instead of the fast one
+
+
+class Structure(NamedTuple):
+    """Which laws a wheel follows where it presses and shears soil (`world.structures` names them).
+
+    Flags are 1.0 or 0.0.
+    """
+
+    ground_normal: float  #: pressure acts along the undeformed ground's normal; 0.0 = normal to the rim
+    own_sinkage: float  #: from each point's own sinkage, elastic exit; 0.0 = Wong-Reece contact angles
+    soil_path: float  #: shear displacement is path length in the soil; 0.0 = along the rim, per direction
+    resultant: float  #: shear stresses share one strength; 0.0 = each direction has the whole
+    ruts: float  #: the following wheel meets compacted soil
+    shear_carry: float  #: and starts at the shear displacement that the leading wheel left
+    hull: float  #: k_c is divided by the contact hull's width instead of the wheel's
+    slip_sinkage: float  #: 0 = none, 1 = linear in slip, 2 = Lyasko
+    slip_sinkage_rate: float  #: growth of the linear law [-]
+    elastic_modulus: float  #: slope of unloading and reloading [Pa/m]
+    damping: float  #: pressure per downward speed of the rim [Pa s/m]
+    grouser_height: float  #: radial height of the grousers beyond the wheel's radius [m]
+
+
+class RutSection(NamedTuple):
+    """What a leading wheel has left where a wheel stands."""
+
+    share: float  #: share of the wheel's width on the rut [-]
+    depth: float  #: of the rut's bottom, unloaded, below the undisturbed surface [m]
+    shear: float  #: shear displacement it has, in Janosi moduli [-]

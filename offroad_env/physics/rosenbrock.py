@@ -90,13 +90,13 @@ def rosenbrock_step(
     part, left, worst = dt, dt, 0.0
     while True:
         if known < 0.5:
-            stiffnesses(plant, x, seen, work[5])
+            stiffnesses(plant, x, warm, seen, work[5])
         while True:
             status, error = _stages(x, warm, command, plant, part, work)
             if not (error > _SPIN_ERROR * plant.v_eps and (known > 0.5 or part > _SHORTEST * dt)):
                 break
             if known > 0.5:
-                stiffnesses(plant, x, seen, work[5])
+                stiffnesses(plant, x, warm, seen, work[5])
                 known = 0.0
             else:
                 part *= 0.5

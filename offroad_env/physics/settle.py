@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import kernel, merged_kernel
+from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
 from offroad_env.physics.axle import (
     AxleMotion,
     AxleReaction,
@@ -22,11 +22,13 @@ from offroad_env.physics.axle import (
     Velocity,
     axle_contact,
     axle_motion,
+    contact_columns,
     static_loads,
 )
 from offroad_env.physics.contact import CONTACT, Support
 from offroad_env.physics.numerics import sin_cos
-from offroad_env.physics.records import FloatArray, WheelMotion
+from offroad_env.physics.records import FloatArray, Structure, WheelMotion
+from offroad_env.physics.ruts import Place, follow_rut, prefill_track, track_spacing
 from offroad_env.physics.slip import constant_slip_rim
 
 __all__ = ["settle"]
@@ -88,6 +90,16 @@ def _rolling_rim(plant: Plant, axle: Rolling, warm: FloatArray, readings: FloatA
     return rim
 
 
+@inline_kernel
+def _come_straight(
+    structure: Structure | None, row: FloatArray, place: Place, sinkage: float, wheelbase: float
+) -> None:
+    """The track of a wheel that has come straight to a place."""
+    if structure is None:
+        return
+    prefill_track(structure, row, place, sinkage, track_spacing(wheelbase))
+
+
 @kernel
 def settle(
     plant: Plant, pose: tuple[float, float, float], v_x: float
@@ -98,7 +110,8 @@ def settle(
     and rates follow the ground. In the full model the wheels turn without soil torque; in the
     paper's the constant slip of the plant sets their speeds.
     """
-    x, warm, readings = np.zeros(at.STATE_SIZE), np.zeros((2, 3)), np.empty(at.READINGS_SIZE)
+    x, readings = np.zeros(at.STATE_SIZE), np.empty(at.READINGS_SIZE)
+    warm = np.zeros((2, contact_columns(plant.structure)))
     v = plant.vehicle
     X, Y, yaw = pose
     x[at.X], x[at.Y], x[at.YAW], x[at.V_X] = X, Y, yaw, v_x
@@ -110,6 +123,8 @@ def settle(
         seen = readings[i * at.AXLE : (i + 1) * at.AXLE]
         motion = axle_motion(plant.ground, Pose(X, Y, direction), Velocity(v_x, 0.0, 0.0), arm, (0.0, 1.0))
         axle = Rolling(motion, arm, loads[i] + v.m_w * motion.H_ddot)
+        if i == 1:
+            follow_rut(plant.structure, warm[0], warm[1], v.b, motion.x, motion.y)
         if plant.resultant > 0.5:
             rim = _rolling_rim(plant, axle, warm[i], seen)
         else:
@@ -117,6 +132,9 @@ def settle(
         worst = max(worst, _rest(plant, axle, rim, warm[i], seen).status)
         x[at.OMEGA_F + i] = rim / v.r
         heights[i], rates[i] = motion.H - seen[at.SINKAGE], motion.H_dot
+        if i == 0:
+            place = Place(motion.x, motion.y, direction)
+            _come_straight(plant.structure, warm[0], place, seen[at.SINKAGE], v.l_f + v.l_r)
     if plant.half_car > 0.5:
         base = v.l_f + v.l_r
         sin = min(max((heights[0] - heights[1]) / base, -1.0), 1.0)

@@ -46,7 +46,7 @@ class Deviation(NamedTuple):
     n: float  #: of the exponent [-]
     log_c: float  #: of the logarithm of the cohesion
     log_tan_phi: float  #: of the logarithm of tan(phi)
-    log_K: float  #: of the logarithm of both shear moduli
+    log_shear_modulus: float  #: of the logarithm of both shear moduli
 
 
 @kernel
@@ -129,7 +129,7 @@ def _natural_soil(field: SoilField, base: Soil, X: float, Y: float) -> Soil:
     n = smooth_clamp(soil.n + moved.n, _N_LOW, _N_HIGH, _N_EDGE)
     # (k_c/b + k_phi) 0.05^n times exp(log_pressure), whatever the width.
     factor = fast_exp(moved.log_pressure) * _power(REFERENCE_SINKAGE, soil.n - n)
-    longer = fast_exp(moved.log_K)
+    longer = fast_exp(moved.log_shear_modulus)
     return replace(
         soil,
         k_c=factor * soil.k_c,

@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-__all__ = ["AXLE", "CONTACT_SIZE", "MOTION", "READINGS_SIZE", "STATE_NAMES", "STATE_SIZE"]
+__all__ = [
+    "AXLE",
+    "CELLS",
+    "CELL_SIZE",
+    "CONTACT_SIZE",
+    "MOTION",
+    "READINGS_SIZE",
+    "STATE_NAMES",
+    "STATE_SIZE",
+    "STRUCTURED_CONTACT_SIZE",
+]
 
 # Vehicle state. The paper's ten states come first; `full` adds wheel spin and actuators.
 (X, Y, YAW, Z, PITCH, V_X, V_Y, V_Z, PITCH_RATE, YAW_RATE) = range(10)  # [m, rad, m/s, rad/s]
@@ -16,6 +26,14 @@ STATE_NAMES = (
 # Warm start of the sinkage solve, per axle: part of the state, so that copies and sigma points
 # carry their own (sinkage [m], local exponent d ln F_z / d ln h [-], vertical force [N]).
 CONTACT_SIZE = 3
+# With a structure of its own (`records.Structure`) a wheel's row goes on: sinkage above the rut's bottom
+# [m], pressure at the bottom [Pa], shear displacement at the exit [Janosi moduli]; the rut it stands in
+# (`records.RutSection`); cell of the leader's track nearest to it, number of cells that it has laid itself;
+# and the ring of these cells: x, y [m], depth of the unloaded rut [m], shear displacement.
+(SINKAGE_ROW, EXPONENT_OF_RISE, FORCE_ROW, RISE, PEAK, SHEAR) = range(6)
+(RUT_SHARE, RUT_DEPTH, RUT_SHEAR, NEAREST, LAID, TRACK) = range(6, 12)
+CELLS, CELL_SIZE = 64, 4
+STRUCTURED_CONTACT_SIZE = TRACK + CELLS * CELL_SIZE
 
 # Readings of one evaluation. Front axle at 0, rear axle at AXLE.
 (N, F_L, F_C, TORQUE, SINKAGE, SLIP, R_OMEGA, V_L, V_C, EXPONENT, WHEEL_X, WHEEL_Y, HEIGHT) = range(13)

@@ -16,6 +16,7 @@ import numpy as np
 
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
+from offroad_env.physics.axle import contact_shape
 from offroad_env.physics.batch import full_rows, paper_rows
 from offroad_env.physics.packing import PackedPlant, pack
 from offroad_env.physics.records import Soil, SoilField, Vehicle
@@ -43,6 +44,11 @@ class Fleet:
 
     def __len__(self) -> int:
         return len(self.packed.numbers)
+
+    @property
+    def contact_shape(self) -> tuple[int, int, int]:
+        """Shape of the contact states, (N, wheels, numbers)."""
+        return len(self), *contact_shape(self.packed.structure)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +93,8 @@ def make_fleet(plants: Sequence[Plant]) -> Fleet:
             raise InvalidParameter("the plants of a fleet must share ground waves and soil map")
         if not _same(other.effects, first.effects):
             raise InvalidParameter("the plants of a fleet must share their effects")
+        if other.structure != first.structure:
+            raise InvalidParameter("the plants of a fleet must share their structure")
         if not _same_field(other.soil_field, first.soil_field):
             raise InvalidParameter("the plants of a fleet must share their soil field")
     models = {plant_model(plant) for plant in plants}
@@ -206,7 +214,7 @@ def simulate_fleet_commands(
 
     Parameters
     ----------
-    states, warm : (N, 15) and (N, 2, 3), or (15,) and (2, 3) for all
+    states, warm : (N, 15) and (N, 2, 3), or (15,) and (2, 3) for all; warm as `Fleet.contact_shape`
     commands : (N, K, 3), or (K, 3) for all
         Steering angle [rad], drive torque [N m], brake torque [N m], each held for ``interval`` [s].
     every : bool
@@ -218,7 +226,7 @@ def simulate_fleet_commands(
     held = _inputs("commands", commands, count)
     if not np.isfinite(held).all():
         raise InvalidParameter("commands must be finite, got NaN or infinity")
-    start = _rows("states", states, (count, at.STATE_SIZE)), _rows("warm", warm, (count, 2, at.CONTACT_SIZE))
+    start = _rows("states", states, (count, at.STATE_SIZE)), _rows("warm", warm, fleet.contact_shape)
     found = _found(count, held.shape[1] + 1 if every else 1)
     timing = float(dt), steps
 
@@ -257,7 +265,7 @@ def simulate_fleet(
     if given.shape[1] % 2 == 0:
         raise InvalidParameter(f"inputs must hold 2 T + 1 rows, one for each half step, got {given.shape[1]}")
     intervals = given.shape[1] // 2
-    start = _rows("states", states, (count, at.STATE_SIZE)), _rows("warm", warm, (count, 2, at.CONTACT_SIZE))
+    start = _rows("states", states, (count, at.STATE_SIZE)), _rows("warm", warm, fleet.contact_shape)
     found = _found(count, intervals + 1 if every else 1)
 
     def work(rows: tuple[int, int]) -> None:

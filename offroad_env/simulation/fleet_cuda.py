@@ -95,12 +95,12 @@ class Kept(NamedTuple):
 
 
 def _bare_plant(plants: Plants, i: int) -> Plant:
-    return unpack(PackedPlant(plants.numbers[i], plants.waves[1:], plants.patches[1:], None, None))
+    return unpack(PackedPlant(plants.numbers[i], plants.waves[1:], plants.patches[1:], None, None, None))
 
 
 def _changed_plant(plants: ChangedPlants, i: int) -> Plant:
     effects = plants.effects[1:]
-    return unpack(PackedPlant(plants.numbers[i], plants.waves[1:], plants.patches[1:], effects, None))
+    return unpack(PackedPlant(plants.numbers[i], plants.waves[1:], plants.patches[1:], effects, None, None))
 
 
 @cache

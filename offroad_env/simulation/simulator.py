@@ -19,8 +19,9 @@ from offroad_env.physics.batch import full_rows
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.packing import pack
 from offroad_env.physics.paper_vehicle import simulate_paper
-from offroad_env.physics.records import Ground, Soil, SoilField, SoilMap, Vehicle
+from offroad_env.physics.records import Ground, Soil, SoilField, SoilMap, Structure, Vehicle
 from offroad_env.physics.settle import settle
+from offroad_env.world.structures import read_structure
 
 __all__ = [
     "FULL_STEP",
@@ -61,7 +62,7 @@ def _choice(name: str, value: str, allowed: tuple[str, ...]) -> str:
     return value
 
 
-def make_plant(
+def make_plant(  # noqa: PLR0913 - options of a plant, each with a default
     vehicle: Vehicle,
     soil: Soil,
     ground: Ground,
@@ -70,6 +71,7 @@ def make_plant(
     vehicle_model: str = "half_car",
     slip: float = 0.0,
     soil_map: SoilMap | None = None,
+    structure: str | Structure | None = None,
     soil_field: SoilField | None = None,
 ) -> Plant:
     """Bundle validated parts into what the kernels take.
@@ -84,6 +86,9 @@ def make_plant(
         Constant slip of the paper's model [-], in (-1, 1).
     soil_map : SoilMap, optional
         Where n differs from ``soil.n``.
+    structure : str or Structure, optional
+        Laws of the wheels, by a name that `world.structures.read_structure` knows. None or "full": a rigid
+        rim with Wong-Reece contact angles. "paper" is a ``model``.
     soil_field : SoilField, optional
         How the whole soil varies, from `world.natural_soil.natural_soil`, for a deformable soil.
     """
@@ -107,8 +112,20 @@ def make_plant(
         # Below this speed resistance is viscous. Hard ground is stiffer than soil: it needs a wider seam.
         v_eps=(0.3 if soil.rigid else 0.2) if full else 1e-3,
         fine=False,
+        structure=_wheel_laws(structure, model),
         soil_field=soil_field,
     )
+
+
+def _wheel_laws(structure: str | Structure | None, model: str) -> Structure | None:
+    """The structure of a plant; None for the model's own wheels."""
+    if structure is None or structure == model:
+        return None
+    if model == "paper":
+        raise InvalidParameter(
+            f"the paper's model has wheels of its own; for structure={structure!r} take model='full'"
+        )
+    return read_structure(structure) if isinstance(structure, str) else structure
 
 
 def plant_model(plant: Plant) -> str:

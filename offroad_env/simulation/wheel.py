@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from offroad_env.errors import InvalidParameter, SolverFailure
-from offroad_env.physics._jit import kernel
-from offroad_env.physics.contact import SUNK, Support, slope_frame, solve_contact
-from offroad_env.physics.contact_angles import entry_angle, wong_reece_angles
+from offroad_env.physics import state as at
+from offroad_env.physics._jit import inline_kernel, kernel
+from offroad_env.physics.contact import SUNK, Support, slope_frame
+from offroad_env.physics.contact_angles import AngleShares, entry_angle, wong_reece_angles
 from offroad_env.physics.hard_ground import hard_ground_forces
-from offroad_env.physics.records import ContactOptions, Soil, Wheel, WheelMotion
-from offroad_env.physics.wheel_soil import wheel_reaction
+from offroad_env.physics.records import ContactOptions, RutSection, Soil, Structure, Wheel, WheelMotion
+from offroad_env.physics.structured_contact import contact_solution, exit_angle, reaction_at_sinkage
+from offroad_env.world.structures import read_structure
 
 __all__ = ["WheelForces", "wheel_forces"]
 
@@ -43,6 +45,19 @@ def _wheel_motion(slip: float, slip_angle: float) -> WheelMotion:
     return WheelMotion(1.0 + slip, 1.0, tan_beta)
 
 
+@inline_kernel
+def _other_angles(
+    structure: Structure | None, soil: Soil, wheel: Wheel, h: float, shares: AngleShares
+) -> tuple[float, float]:
+    """(theta_m, theta_r) [rad] at sinkage ``h`` [m]."""
+    theta_f = entry_angle(h, wheel.r)
+    if structure is None:
+        return shares.m * theta_f, shares.r * theta_f
+    if structure.own_sinkage < 0.5:
+        return shares.m * theta_f, shares.r * theta_f
+    return 0.0, -exit_angle(structure, soil, wheel, h)
+
+
 @kernel
 def _many_wheels(
     soil: Soil,
@@ -50,19 +65,21 @@ def _many_wheels(
     values: np.ndarray,
     by_load: bool,
     resultant: float,
+    structure: Structure | None,
     out: np.ndarray,
     status: np.ndarray,
 ) -> None:
     """Row by row: ``values`` (M, 3) = load or sinkage, slip, slip angle; ``out`` (M, 8)."""
     frame, options = slope_frame(0.0, 0.0), ContactOptions(0.0, resultant, True)
-    warm = np.zeros(3)
+    warm, rut = np.zeros(at.STRUCTURED_CONTACT_SIZE), RutSection(0.0, 0.0, 0.0)
     for i in range(values.shape[0]):
         size, slip, slip_angle = values[i, 0], values[i, 1], values[i, 2]
         motion = _wheel_motion(slip, slip_angle)
         shares = wong_reece_angles(soil, slip)
         if by_load:
             warm[:] = 0.0
-            found = solve_contact(soil, wheel, motion, frame, Support(size, 0.0, 1.0), warm, options)
+            support = Support(size, 0.0, 1.0)
+            found = contact_solution(structure, soil, wheel, motion, frame, support, warm, options)
             status[i], h = found.status, found.sinkage
             out[i, 0], out[i, 1], out[i, 2], out[i, 3] = found.F_l, found.F_c, found.F_n, found.torque
         elif soil.rigid > 0.5:
@@ -70,10 +87,11 @@ def _many_wheels(
             out[i, 0], out[i, 1], out[i, 3] = hard_ground_forces(soil, wheel.r, 0.0, motion, 0.0)
         else:
             h = size
-            out[i, 0], out[i, 1], out[i, 2], out[i, 3] = wheel_reaction(soil, wheel, h, motion, options)
+            one = reaction_at_sinkage(structure, soil, wheel, motion, h, rut, options)
+            out[i, 0], out[i, 1], out[i, 2], out[i, 3] = one
         theta_f = entry_angle(h, wheel.r)
         out[i, 4], out[i, 5] = h, theta_f
-        out[i, 6], out[i, 7] = shares.m * theta_f, shares.r * theta_f
+        out[i, 6], out[i, 7] = _other_angles(structure, soil, wheel, h, shares)
 
 
 def _checked(name: str, value: ArrayLike, low: float, high: float, unit: str, hint: str) -> np.ndarray:
@@ -94,6 +112,7 @@ def wheel_forces(
     slip: ArrayLike,
     slip_angle: ArrayLike = 0.0,
     shear: str = "independent",
+    structure: str | Structure | None = None,
 ) -> WheelForces:
     """Forces of a rigid wheel on soil, at a given load or a given sinkage.
 
@@ -116,6 +135,9 @@ def wheel_forces(
     shear : {"independent", "resultant"}
         "independent": longitudinal and lateral shear each have the whole Mohr-Coulomb strength
         (Buzhardt & Tallapragada, ACC 2021). "resultant": one strength along the displacement.
+    structure : str or Structure, optional
+        All laws of the wheel together instead (`world.structures`), such as "grid" on virgin soil; its
+        shear strength then counts, ``shear`` does not.
 
     Returns
     -------
@@ -142,7 +164,8 @@ def wheel_forces(
     size, slip, slip_angle = np.broadcast_arrays(size, slip, slip_angle)
     values = np.stack([size.ravel(), slip.ravel(), slip_angle.ravel()], axis=1)
     out, status = np.zeros((len(values), _COLUMNS)), np.zeros(len(values))
-    _many_wheels(soil, wheel, values, by_load, 1.0 if shear == "resultant" else 0.0, out, status)
+    laws = read_structure(structure) if isinstance(structure, str) else structure
+    _many_wheels(soil, wheel, values, by_load, 1.0 if shear == "resultant" else 0.0, laws, out, status)
     _require_support(wheel, values, status)
     return WheelForces(*(out[:, i].reshape(size.shape) for i in range(_COLUMNS)))
 

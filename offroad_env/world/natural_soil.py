@@ -31,12 +31,10 @@ __all__ = [
     "soil_maps",
 ]
 
-#: Width of the plate whose pressure at 5 cm stands for the stiffness of a soil: a tyre of a light vehicle [m].
+#: Width of the plate whose pressure at 5 cm stands for a soil: a tyre of a light vehicle [m].
 REFERENCE_WIDTH = 0.2
 
-_CORRELATION_LENGTH = Quantity(
-    "in [0.2, 1000] m", 0.2, 1e3, mistakes=((1000.0000001, 1e6, "mm given as m"),)
-)
+_CORRELATION_LENGTH = Quantity("in [0.2, 1000] m", 0.2, 1e3, mistakes=((1000.0000001, 1e6, "mm given as m"),))
 _SPREAD = Quantity("in [0, 0.5]", 0.0, 0.5, mistakes=((0.5000001, 100.0, "per cent"),))
 _PLACE = Quantity("in [-1e4, 1e4] m", -1e4, 1e4)
 _LENGTH = Quantity("in (0, 1e4] m", 0.0, 1e4, low_open=True)
@@ -151,16 +149,16 @@ def _check_exponent(n: float, sd: float) -> None:
     low, high = _N_RANGE[0] + _MARGIN * sd, _N_RANGE[1] - _MARGIN * sd
     if not low <= n <= high:
         raise InvalidParameter(
-            f"spread.n = {sd:g} needs soils with n in [{low:.3g}, {high:.3g}], {_MARGIN:g} standard deviations "
-            f"inside {_N_RANGE[0]:g} ... {_N_RANGE[1]:g}, got n = {n:g} - a smaller spread?"
+            f"spread.n = {sd:g} needs soils with n in [{low:.3g}, {high:.3g}], {_MARGIN:g} of it inside "
+            f"{_N_RANGE[0]:g} ... {_N_RANGE[1]:g}, got n = {n:g} - a smaller spread?"
         )
 
 
 def _patch_row(i: int, patch: tuple[float, float, float, Soil], edge: float) -> list[float]:
     """A row of `SoilField.patches`."""
-    if len(patch) != 4 or not isinstance(patch[3], Soil):
+    if len(patch) != 4 or not isinstance(patch[-1], Soil):
         raise InvalidParameter(f"patches[{i}] must be (x, y, radius, soil), got {patch!r}")
-    (x, y, radius, soil) = patch
+    x, y, radius, soil = patch
     if soil.rigid > 0.5:
         raise InvalidParameter(f"patches[{i}] must be a deformable soil, got hard ground")
     x, y = _PLACE.check(f"patches[{i}] x", x), _PLACE.check(f"patches[{i}] y", y)
@@ -195,7 +193,7 @@ def _wave_rows(rng: np.random.Generator, count: int, length: float, factor: np.n
     """(M, 8) plane waves with the spectrum of Matern's correlation and amplitudes of covariance F F'."""
     if not 8 <= count <= 4096:
         raise InvalidParameter(f"waves must be in 8 ... 4096, got {count}")
-    # Over the plane the share of the variance beyond the wavenumber k is (1 + k^2/a^2)^(-3/2), a = reach/length.
+    # Share of the variance over the plane beyond wavenumber k: (1 + k^2/a^2)^(-3/2), a = reach / length.
     beyond = (np.arange(count) + 0.5) / count
     wavenumber = _MATERN_REACH / length * np.sqrt(beyond ** (-2.0 / 3.0) - 1.0)
     # One direction from each equal part of the half circle, dealt out to the wavenumbers at random.
@@ -217,5 +215,3 @@ def soil_maps(field: SoilField, base: Soil, X: ArrayLike, Y: ArrayLike) -> SoilM
     k_c, k_phi, n, c, phi, K = (column.reshape(X.shape) for column in out.T)
     pressure = (k_c / REFERENCE_WIDTH + k_phi) * REFERENCE_SINKAGE**n
     return SoilMaps(pressure, n, c, phi, K)
-
-

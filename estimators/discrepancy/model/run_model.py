@@ -24,7 +24,7 @@ from estimators.discrepancy.model.windows import Windows, cut
 from estimators.logs.clocks import pose_age
 from estimators.logs.log import Log
 from estimators.logs.runs import plant_of
-from estimators.logs.signals import jumps
+from estimators.logs.signals import uninterrupted
 from offroad_env.effects.protocol import Inputs, SensorErrors, Setup
 from offroad_env.errors import DataError, SolverFailure
 from offroad_env.physics import state as at
@@ -42,8 +42,6 @@ _FINEST, _COARSEST = 0.005, 0.02
 COURSE_SPEED = 1.0
 #: A vehicle with this wheelbase or a longer one is driven in windows and steps of full length [m].
 _FULL_SIZE = 2.0
-#: A step between rows longer than this many usual ones, and than this [s], is a gap.
-_GAP, _SHORTEST_GAP = 5.0, 0.15
 #: Half width of the mean that starts a window [s].
 _NEAR = 0.15
 
@@ -166,13 +164,8 @@ class RunModel:
         In a gap of the log the inputs are unknown; no start fits on both sides of a position that jumps. Near
         standstill on hard ground the slip of a tyre is undefined, and the model is regularised.
         """
-        usable = np.ones(self.count, dtype=bool)
         middle = self.t_0 + self.step * (np.arange(self.count) + 0.5)
-        t = self.log.times
-        before = np.clip(np.searchsorted(t, middle) - 1, 0, len(t) - 2)
-        usable &= np.diff(t)[before] <= max(_GAP * np.median(np.diff(t)), _SHORTEST_GAP)
-        for start, stop in jumps(self.log):
-            usable &= (middle < start) | (middle > stop)
+        usable = uninterrupted(self.log, middle)
         plant = self.setup.plant
         if plant.soil.rigid > 0.5:
             name = next((name for name in ("v_x", "speed", *_RIMS) if self._has(name)), None)

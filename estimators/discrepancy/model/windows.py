@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-__all__ = ["FIT", "REPORT", "SELECT", "Windows", "cut"]
+__all__ = ["FIT", "REPORT", "SELECT", "Windows", "cut", "stretches_of"]
 
 #: Use of a window: the search, its hold-out tests, and the report, which is evaluated once at the end.
 FIT, SELECT, REPORT = 0, 1, 2
@@ -53,7 +53,7 @@ def _pieces(start: int, stop: int, length: float) -> list[tuple[int, int]]:
     return list(pairwise(edges))
 
 
-def _stretches(usable: np.ndarray, lead: int, shortest: int) -> list[tuple[int, int]]:
+def stretches_of(usable: np.ndarray, lead: int, shortest: int) -> list[tuple[int, int]]:
     """Stretches of usable steps that are long enough, each without its first ``lead`` steps."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], usable.astype(int), [0]])))
     pairs = zip(edges[::2] + lead, edges[1::2], strict=True)
@@ -97,7 +97,7 @@ def cut(
         stretches, shortest = [(lead, steps)], 1
     else:
         shortest = round(_LEAST / step)
-        stretches = _stretches(usable, lead, shortest)
+        stretches = stretches_of(usable, lead, shortest)
     total = sum(b - a for a, b in stretches)
     if whole is None and (lead + total) * step < _SHORTEST:
         whole = FIT

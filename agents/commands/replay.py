@@ -1,0 +1,126 @@
+"""``offroad replay``: logs predicted open loop by several models, side by side."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from tyro.conf import Positional
+
+from agents.reports.output import Results, console, say, table
+from offroad_env.errors import InvalidParameter
+
+if TYPE_CHECKING:
+    from estimators.replay.replay import Replay
+    from estimators.replay.structures import Case
+
+__all__ = ["ReplayCommand"]
+
+#: Columns of the tables: channel, heading.
+_COLUMNS = {
+    "v_x": "v_x m/s", "v_y": "v_y m/s", "yaw_rate": "yaw rate rad/s", "omega_f": "ω front rad/s",
+    "omega_r": "ω rear rad/s", "a_y": "a_y m/s²", "position": "position m",
+}  # fmt: skip
+
+
+@dataclass(kw_only=True)
+class ReplayCommand(Results):
+    """Predict logs in windows from the logged steering and torques, and compare with what happened.
+
+    Vehicle, soil and ground are those of the log's description; nothing is fitted. Each window starts from a
+    smoother of the logged sensors after a lead-in of 1 s. Columns ref_* enter the errors only, where a log
+    has them. Prints root mean square errors over all logs and of each log, and writes the figure replay.png.
+    """
+
+    logs: Positional[tuple[Path, ...]]  #: logs: CSV or Parquet with a YAML of the same name, or ROS bags
+    structure: tuple[str, ...] = ("full",)  #: laws of wheel and soil, or all
+    vehicle_model: tuple[str, ...] = ("half_car",)  #: half_car, bicycle
+    window: float = 4.0  #: length of a window [s]
+    hold: Literal["stated", "zoh", "linear"] = "stated"  #: how inputs go on between their rows
+    jobs: int = 2  #: local processes; the results do not depend on it
+
+    def run(self) -> None:
+        """Predict, print both tables, draw and write."""
+        from agents.reports.figures.replay import replay_figure
+        from estimators.replay.replay import LEAD_IN, pooled
+        from estimators.replay.structures import cases_of
+
+        if not self.logs:
+            raise InvalidParameter("logs must name at least one file")
+        if self.jobs < 1:
+            raise InvalidParameter(f"jobs must be >= 1, got {self.jobs}")
+        cases = cases_of(self.structure, self.vehicle_model)
+        replays = self._replayed(cases)
+        groups = [pooled([replay for replay in replays if _case(replay) == case]) for case in cases]
+        title = f"{len(self.logs)} logs, windows of {self.window:g} s, root mean square errors"
+        console().print(table(title, _heading(), [_row(group) for group in groups], texts=2))
+        if len(self.logs) > 1:
+            rows = [(replay.log, *_row(replay)) for replay in replays]
+            console().print(table("each log", ("log", *_heading()), rows, texts=3))
+        compared = groups[0].references
+        say(f"compared with reference columns: {', '.join(compared) or 'none'}; else with smoothed sensors")
+        self.save_figure(replay_figure(groups), "replay")
+        self.save_numbers(
+            {
+                "command": " ".join(["offroad", *sys.argv[1:]]),
+                "window_s": self.window,
+                "lead_in_s": LEAD_IN,
+                "hold": self.hold,
+                "runs": [_numbers(replay) for replay in replays],
+                "pooled": [_numbers(group) | {"growth": {"t": group.t, **group.growth}} for group in groups],
+            }
+        )
+
+    def _replayed(self, cases: Sequence[Case]) -> list[Replay]:
+        """All logs, in the order given, with a progress bar."""
+        from joblib import Parallel, delayed
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        hold = None if self.hold == "stated" else self.hold
+        tasks = (delayed(_one)(path, cases, self.window, hold) for path in self.logs)
+        found: list[Replay] = []
+        with Progress(*columns, transient=True, disable=not sys.stderr.isatty()) as bar:
+            task = bar.add_task("logs", total=len(self.logs))
+            for replays in Parallel(n_jobs=min(self.jobs, len(self.logs)), return_as="generator")(tasks):
+                found.extend(replays)
+                bar.advance(task)
+        return found
+
+
+def _one(path: Path, cases: Sequence[Case], window: float, hold: str | None) -> tuple[Replay, ...]:
+    """One log; a function of the module, so that other processes find it."""
+    from estimators.logs import read_log
+    from estimators.replay.replay import replay_log
+
+    return replay_log(read_log(path), cases, window=window, hold=hold)
+
+
+def _case(replay: Replay) -> tuple[str, str]:
+    return replay.structure, replay.vehicle_model
+
+
+def _heading() -> tuple[str, ...]:
+    return ("structure", "vehicle model", *_COLUMNS.values(), "windows")
+
+
+def _row(replay: Replay) -> tuple[str, ...]:
+    errors = (f"{replay.rms[name]:.3g}" for name in _COLUMNS)
+    failed = f" ({replay.failed} failed)" if replay.failed else ""
+    return (replay.structure, replay.vehicle_model, *errors, f"{replay.windows}{failed}")
+
+
+def _numbers(replay: Replay) -> dict[str, Any]:
+    return {
+        "log": replay.log,
+        "structure": replay.structure,
+        "vehicle_model": replay.vehicle_model,
+        "window_s": replay.window_s,
+        "rms": replay.rms,
+        "windows": replay.windows,
+        "failed": replay.failed,
+        "references": replay.references,
+    }

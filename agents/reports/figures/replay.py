@@ -1,0 +1,114 @@
+"""Open-loop errors of several models: as bars by channel, and over the time since the start of a window."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
+
+from estimators.replay.replay import CHANNELS, Replay
+
+__all__ = ["replay_figure"]
+
+#: Okabe & Ito, the strongest contrasts first; more models than colours repeat them with other lines.
+_COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D31")
+_LINES = ("-", "--", ":")
+_PANELS = {
+    "v_x": "forward speed v_x", "v_y": "side speed v_y", "yaw_rate": "yaw rate", "omega_f": "front wheels ω",
+    "omega_r": "rear wheels ω", "a_y": "side acceleration a_y", "position": "position",
+}  # fmt: skip
+#: The smallest error on a bar is at least this share of the largest, so that logarithmic bars stay readable.
+_SPAN = 1e-3
+#: The scale of the growth shows all errors from this share of the window on.
+_SETTLED = 0.05
+
+
+def replay_figure(groups: Sequence[Replay]) -> Figure:
+    """Bars of the root mean square error above, its growth within a window below, a panel per channel.
+
+    Parameters
+    ----------
+    groups
+        One for each model, all logs together (`pooled`).
+    """
+    count = len(groups)
+    figure = Figure(figsize=(15.0, 4.6 + 0.32 * count + 3.0), layout="constrained")
+    grid = figure.add_gridspec(2, len(_PANELS), height_ratios=(1.0 + 0.24 * count, 3.0))
+    best = {name: _best(groups, name) for name in _PANELS}
+    for i, name in enumerate(_PANELS):
+        bars, growth = figure.add_subplot(grid[0, i]), figure.add_subplot(grid[1, i])
+        _draw_bars(bars, groups, name, best[name])
+        _draw_growth(growth, groups, name)
+        if i == 0:
+            bars.set_yticks(range(count), [_title(group) for group in groups], fontsize=9)
+            for label, k in zip(bars.get_yticklabels(), range(count), strict=True):
+                label.set_color(_COLOURS[k % len(_COLOURS)])
+        else:
+            bars.set_yticks([])
+    first = groups[0]
+    figure.suptitle(
+        f"{first.log}, {first.windows} windows of {first.window_s:g} s predicted open loop, nothing fitted: "
+        "r.m.s. error, the smaller the better (★ smallest)",
+        fontsize=12,
+        x=0.01,
+        ha="left",
+    )
+    return figure
+
+
+def _title(group: Replay) -> str:
+    return f"{group.structure} · {group.vehicle_model.replace('_', ' ')}"
+
+
+def _best(groups: Sequence[Replay], name: str) -> int:
+    errors = [group.rms[name] for group in groups]
+    return int(np.nanargmin(errors)) if np.isfinite(errors).any() else -1
+
+
+def _draw_bars(axes: Axes, groups: Sequence[Replay], name: str, best: int) -> None:
+    errors = np.array([group.rms[name] for group in groups])
+    finite = errors[np.isfinite(errors)]
+    axes.set_title(_PANELS[name], fontsize=10, loc="left")
+    axes.set_xticks([])
+    for side in ("top", "right", "bottom"):
+        axes.spines[side].set_visible(False)
+    axes.set_ylim(len(groups) - 0.4, -0.6)
+    if not len(finite):
+        axes.text(0.5, 0.5, "no data", transform=axes.transAxes, ha="center")
+        return
+    largest = max(float(finite.max()), 1e-12)
+    axes.set_xlim(0.0, 1.75 * largest)
+    for k, error in enumerate(errors):
+        if not math.isfinite(error):
+            continue
+        axes.barh(k, max(error, _SPAN * largest), height=0.7, color=_COLOURS[k % len(_COLOURS)])
+        star = " ★" if k == best and len(groups) > 1 else ""
+        weight = "bold" if star else "normal"
+        axes.text(error + 0.03 * largest, k, f"{error:.3g}{star}", va="center", fontsize=9, fontweight=weight)
+
+
+def _draw_growth(axes: Axes, groups: Sequence[Replay], name: str) -> None:
+    for k, group in enumerate(groups):
+        growth = group.growth[name]
+        if not np.isfinite(growth).any():
+            continue
+        line = _LINES[(k // len(_COLOURS)) % len(_LINES)]
+        axes.plot(group.t, growth, color=_COLOURS[k % len(_COLOURS)], ls=line, lw=1.6)
+    axes.set_yscale("log")
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    # The first instants, where an error is only that of the start, must not stretch the scale.
+    values = np.concatenate([group.growth[name][group.t >= _SETTLED * group.window_s] for group in groups])
+    values = values[values > 0.0]
+    if len(values):
+        axes.set_ylim(0.6 * values.min(), 1.5 * values.max())
+    axes.set_title(f"error [{CHANNELS[name]}]", fontsize=9, loc="left")
+    axes.set_xlabel("time in window [s]", fontsize=9)
+    axes.margins(x=0.0)
+    axes.grid(alpha=0.25)
+    axes.tick_params(labelsize=8)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)

@@ -1,0 +1,1 @@
+"""Open-loop replay of logs: what a model predicts from the logged inputs, with nothing fitted."""

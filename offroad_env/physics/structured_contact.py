@@ -1,0 +1,294 @@
+"""How deep a wheel of any named structure sinks, and the forces that follow.
+
+The equation is that of `contact`; a rut shifts the depth from which the force grows like a power.
+"""
+
+from __future__ import annotations
+
+import math
+
+from offroad_env.physics import state as at
+from offroad_env.physics._jit import inline_kernel, kernel
+from offroad_env.physics.contact import (
+    AIRBORNE,
+    CONTACT,
+    NO_ROOT,
+    SUNK,
+    ContactFrame,
+    ContactSolution,
+    Support,
+    balances,
+    deepest_sinkage,
+    hard_ground_contact,
+    measured_exponent,
+    next_sinkage,
+    predicted_sinkage,
+    solve_contact,
+)
+from offroad_env.physics.contact_angles import wong_reece_angles
+from offroad_env.physics.numerics import fast_exp, fast_log, sin_cos
+from offroad_env.physics.pressure_sinkage import bekker_modulus, hull_width
+from offroad_env.physics.records import (
+    ContactOptions,
+    FloatArray,
+    RutSection,
+    Soil,
+    Structure,
+    Wheel,
+    WheelMotion,
+    WheelReaction,
+)
+from offroad_env.physics.slip import TINY_SPEED, rolling_direction, slip_ratio
+from offroad_env.physics.slip_sinkage import linear_sinkage_factor, lyasko_sinkage_factor
+from offroad_env.physics.structured_patch import Rim, RimForces, SlipSpeeds, rebound_angle, rim_forces
+from offroad_env.physics.wheel_soil import wheel_reaction
+
+__all__ = [
+    "contact_solution",
+    "exit_angle",
+    "reaction_at_sinkage",
+    "rut_section_of",
+    "solve_structured_contact",
+    "structured_reaction",
+]
+
+_TOLERANCE, _SAME, _ITERATIONS = 1e-11, 5e-8, 60
+
+
+@inline_kernel
+def rut_section_of(structure: Structure | None, warm: FloatArray) -> RutSection:
+    """The rut under a wheel, as its row of the contact state holds it."""
+    if structure is None:
+        return RutSection(0.0, 0.0, 0.0)
+    return RutSection(warm[at.RUT_SHARE], warm[at.RUT_DEPTH], warm[at.RUT_SHEAR])
+
+
+@inline_kernel
+def _sinkage_factor(structure: Structure, slip: float) -> float:
+    """Sinkage at this slip over the static one [-]."""
+    if structure.slip_sinkage < 0.5:
+        return 1.0
+    if structure.slip_sinkage < 1.5:
+        return linear_sinkage_factor(structure.slip_sinkage_rate, slip)
+    return lyasko_sinkage_factor(slip)
+
+
+@kernel
+def _rim(structure: Structure, soil: Soil, wheel: Wheel, h: float, slip: float) -> Rim:
+    """The rim on its soil at sinkage ``h`` [m]."""
+    sin, cos = sin_cos(soil.phi)
+    b = hull_width(wheel.b, wheel.r, h) if structure.hull > 0.5 else wheel.b
+    factor = _sinkage_factor(structure, slip)
+    softer = fast_exp(-soil.n * fast_log(factor))
+    arm = wheel.r + structure.grouser_height
+    shares = wong_reece_angles(soil, slip)
+    modulus = softer * bekker_modulus(soil, b)
+    return Rim(
+        wheel.r, arm, wheel.b, modulus, soil.n, soil.c, sin / cos, 1.0 / soil.k_x, 1.0 / soil.k_y, shares
+    )
+
+
+@inline_kernel
+def _slip_speeds(structure: Structure, motion: WheelMotion, arm_ratio: float, v_eps: float) -> SlipSpeeds:
+    """Velocities of a rim, with what turns them into displacements.
+
+    The path in the soil grows with the travel, the displacement along the rim with the rim (BT).
+    """
+    speed = motion.v_l if structure.soil_path > 0.5 else motion.rim_speed
+    regular = math.sqrt(speed * speed + v_eps * v_eps) + TINY_SPEED
+    return SlipSpeeds(arm_ratio * motion.rim_speed, motion.v_l, motion.v_c, 1.0 / regular)
+
+
+@kernel
+def _directed(
+    structure: Structure,
+    soil: Soil,
+    wheel: Wheel,
+    motion: WheelMotion,
+    h: float,
+    rut: RutSection,
+    options: ContactOptions,
+) -> RimForces:
+    """Forces of a wheel at sinkage ``h`` [m], whichever way it travels; near standstill a blend."""
+    forward = rolling_direction(motion, options.v_eps)
+    slip = slip_ratio(motion.rim_speed, motion.v_l, options.v_eps)
+    F_x = F_y = F_z = torque = peak = shear = 0.0
+    share, way = forward, 1.0
+    for _ in range(2):
+        if share > 0.0:
+            rim = _rim(structure, soil, wheel, h, way * slip)
+            turned = WheelMotion(way * motion.rim_speed, way * motion.v_l, motion.v_c)
+            speeds = _slip_speeds(structure, turned, rim.arm / rim.radius, options.v_eps)
+            part = rim_forces(rim, structure, speeds, h, rut, options.fine)
+            F_x += way * share * part.F_x
+            F_y += share * part.F_y
+            F_z += share * part.F_z
+            torque += way * share * part.torque
+            peak += share * part.peak
+            shear += share * part.shear
+        share, way = 1.0 - forward, -1.0
+    return RimForces(F_x, F_y, F_z, torque, peak, shear)
+
+
+@kernel
+def structured_reaction(
+    structure: Structure,
+    soil: Soil,
+    wheel: Wheel,
+    motion: WheelMotion,
+    h: float,
+    rut: RutSection,
+    options: ContactOptions,
+) -> WheelReaction:
+    """Forces of a wheel at sinkage ``h`` [m]."""
+    found = _directed(structure, soil, wheel, motion, h, rut, options)
+    return WheelReaction(found.F_x, found.F_y, found.F_z, found.torque)
+
+
+@inline_kernel
+def _beyond(forces: RimForces, before: RimForces, share: float) -> RimForces:
+    """Forces beyond ``forces`` by a ``share`` of their change from ``before``."""
+    return RimForces(
+        forces.F_x + share * (forces.F_x - before.F_x),
+        forces.F_y + share * (forces.F_y - before.F_y),
+        forces.F_z + share * (forces.F_z - before.F_z),
+        forces.torque + share * (forces.torque - before.torque),
+        forces.peak,
+        forces.shear,
+    )
+
+
+@inline_kernel
+def _scaled(forces: RimForces, factor: float) -> RimForces:
+    """``factor`` times the forces."""
+    return RimForces(
+        factor * forces.F_x,
+        factor * forces.F_y,
+        factor * forces.F_z,
+        factor * forces.torque,
+        forces.peak,
+        forces.shear,
+    )
+
+
+@inline_kernel
+def _first_rise(
+    soil: Soil, r: float, rut: RutSection, support: Support, warm: FloatArray
+) -> tuple[float, float, float]:
+    """(depth that the rise counts from [m], rise [m], local exponent) to begin with."""
+    depth = rut.depth if rut.share > 0.5 else 0.0
+    rise, exponent = warm[at.RISE], warm[at.EXPONENT_OF_RISE]
+    if warm[at.SINKAGE_ROW] > 0.0 and rise > 0.0 and (depth > 0.0) == (warm[at.SINKAGE_ROW] > rise):
+        left = support.N_0 - support.k * depth
+        rise = predicted_sinkage(rise, exponent, warm[at.FORCE_ROW], left, support.k)
+    elif depth > 0.0:
+        rise, exponent = 2e-3 * r, 1.5
+    else:
+        rise, exponent = 0.1 * r, soil.n + 0.5
+    return depth, min(rise, 0.999 * (deepest_sinkage(r) - depth)), exponent
+
+
+@kernel
+def solve_structured_contact(
+    structure: Structure,
+    soil: Soil,
+    wheel: Wheel,
+    motion: WheelMotion,
+    frame: ContactFrame,
+    support: Support,
+    warm: FloatArray,
+    options: ContactOptions,
+) -> ContactSolution:
+    """Sinkage and forces of an axle; ``warm`` is its row of the contact state, see `state`.
+
+    Chord iteration on a remembered exponent, as in `contact`, in the rise above the rut's bottom.
+    """
+    if not support.N_0 > 0.0:
+        warm[at.SINKAGE_ROW] = 0.0
+        return ContactSolution(AIRBORNE if support.N_0 <= 0.0 else NO_ROOT, 0.0, 0.0, 0.0, 0.0, 0.0)
+    if soil.rigid > 0.5:
+        return hard_ground_contact(soil, wheel.r, motion, options.v_eps, frame, support)
+    rut = rut_section_of(structure, warm)
+    N_0, k, wheels = support
+    depth, e, exponent = _first_rise(soil, wheel.r, rut, support, warm)
+    h = depth + e
+    low, high = 0.0, deepest_sinkage(wheel.r)
+    e_old, V_old, before = 0.0, 0.0, RimForces(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    status = NO_ROOT
+    for i in range(_ITERATIONS):
+        forces = _directed(structure, soil, wheel, motion, h, rut, options)
+        V = wheels * (forces.F_x * frame.l_z + forces.F_y * frame.c_z + forces.F_z * frame.n_z)
+        target = N_0 - k * h
+        if target < V:
+            high = h
+        else:
+            low = h
+        e = h - depth
+        change = e - e_old
+        measured = i > 0 and abs(change) > 1e-8 * abs(e) and e > 0.0 < e_old and V > 0.0 and V_old > 0.0
+        if measured:
+            exponent = measured_exponent(V / V_old, e / e_old)
+        step = (target - V) / (exponent * abs(V) / max(e, 1e-12) + k)
+        if measured and abs(step) * abs(change) <= _TOLERANCE * e * e and abs(step) <= 1e-4 * e:
+            status, forces = CONTACT, _beyond(forces, before, step / change)
+            h += step
+            break
+        if e > 0.0 and abs(step) <= (_SAME if i == 0 else _TOLERANCE) * e:
+            status, forces = CONTACT, _scaled(forces, 1.0 + exponent * step / e)
+            h += step
+            break
+        if high - low <= 1e-13 * high:
+            if h > 0.9 * deepest_sinkage(wheel.r):
+                status = SUNK
+            elif balances(V, target):
+                status = CONTACT
+            break
+        e_old, V_old, before = e, V, forces
+        h = 0.5 * (low + high)
+        if e > 0.0:
+            h = depth + next_sinkage(e, V, target, step, exponent, k)
+        if not low < h < high:
+            h = 0.5 * (low + high)
+    warm[at.SINKAGE_ROW], warm[at.EXPONENT_OF_RISE], warm[at.FORCE_ROW] = h, exponent, N_0 - k * h
+    warm[at.RISE], warm[at.PEAK], warm[at.SHEAR] = h - depth, forces.peak, forces.shear
+    forces = _scaled(forces, wheels)
+    return ContactSolution(status, forces.F_x, forces.F_y, forces.F_z, forces.torque, h)
+
+
+@kernel
+def exit_angle(structure: Structure, soil: Soil, wheel: Wheel, h: float) -> float:
+    """Angle behind the bottom where soil leaves a rim at sinkage ``h`` [m] and no slip [rad]."""
+    return rebound_angle(_rim(structure, soil, wheel, h, 0.0), structure, h)
+
+
+@inline_kernel
+def contact_solution(
+    structure: Structure | None,
+    soil: Soil,
+    wheel: Wheel,
+    motion: WheelMotion,
+    frame: ContactFrame,
+    support: Support,
+    warm: FloatArray,
+    options: ContactOptions,
+) -> ContactSolution:
+    """Sinkage and forces of an axle by any structure; None: Wong-Reece wheels (`contact.solve_contact`)."""
+    if structure is None:
+        return solve_contact(soil, wheel, motion, frame, support, warm, options)
+    return solve_structured_contact(structure, soil, wheel, motion, frame, support, warm, options)
+
+
+@inline_kernel
+def reaction_at_sinkage(
+    structure: Structure | None,
+    soil: Soil,
+    wheel: Wheel,
+    motion: WheelMotion,
+    h: float,
+    rut: RutSection,
+    options: ContactOptions,
+) -> WheelReaction:
+    """Forces of a wheel at sinkage ``h`` [m] by any structure."""
+    if structure is None:
+        return wheel_reaction(soil, wheel, h, motion, options)
+    return structured_reaction(structure, soil, wheel, motion, h, rut, options)

@@ -1,0 +1,464 @@
+"""Forces of a rim on soil by any named structure, at a given sinkage.
+
+Where pressure acts, what it follows from, and how soil shears are separate choices (`Structure`). The
+contact is integrated over the angle ``d`` from its entry in pieces that end where an integrand has a
+kink: where reloaded soil yields, at the bottom, and where the slip changes its sign.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from offroad_env.physics._jit import inline_kernel, kernel
+from offroad_env.physics.contact_angles import AngleShares, entry_angle
+from offroad_env.physics.contact_patch import Patch, PatchPoint, patch_point
+from offroad_env.physics.numerics import LANES, half_angle, lane_block, lane_rows, lane_sum
+from offroad_env.physics.pressure_sinkage import bekker_pressure, rebound_modulus, rebound_pressure
+from offroad_env.physics.quadrature import ENTRY, EXIT, RUNNING, SMOOTH
+from offroad_env.physics.record_operations import replace
+from offroad_env.physics.records import FloatArray, RutSection, Structure
+from offroad_env.physics.shear_stress import janosi_hanamoto_mobilisation
+
+__all__ = ["Rim", "RimForces", "SlipSpeeds", "rebound_angle", "rim_forces"]
+
+#: What the pressure of a piece follows from.
+_VIRGIN, _RELOADING, _REBOUND, _MAPPED = range(4)
+#: Largest growth of j/K over the piece at the entry, and the ratio of a later piece's end to its start;
+#: the same for reference accuracy.
+_GROWTH, _RATIO, _FINE_GROWTH, _FINE_RATIO = 4.0, 8.0, 0.5, 1.5
+#: Shortest piece [rad].
+_SHORT = 1e-9
+#: Pieces at a time, and how many times at most.
+_AT_ONCE, _BLOCKS = 5, 60
+_TINY = 1e-150
+# Rows of a piece's scratch.
+_COS, _SIN, _SIGMA, _RATE_X, _RATE_Y = range(5)
+_NODE_ROWS, _INFO = 5, 25
+
+
+class Rim(NamedTuple):
+    """A rim on its soil, for one evaluation."""
+
+    radius: float  #: of the contact's circle [m]
+    arm: float  #: of the shear stress about the hub, and of the rim's speed [m]
+    b: float  #: width [m]
+    modulus: float  #: Bekker modulus, k_c over the width that counts included [Pa/m^n]
+    n: float  #: sinkage exponent [-]
+    c: float  #: cohesion [Pa]
+    tan_phi: float  #: [-]
+    per_k_x: float  #: 1 / Janosi modulus along the wheel [1/m]
+    per_k_y: float  #: across it [1/m]
+    shares: AngleShares  #: Wong-Reece angles over the entry angle
+
+
+class SlipSpeeds(NamedTuple):
+    """Velocities of a rim that travels forward."""
+
+    rim: float  #: [m/s]
+    v_l: float  #: [m/s]
+    v_c: float  #: to the left [m/s]
+    per_speed: float  #: 1 / the speed that turns slip velocity into displacement [s/m]
+
+
+class RimForces(NamedTuple):
+    """Forces on a rim in the contact's axes, and what it leaves behind."""
+
+    F_x: float  #: along the wheel [N]
+    F_y: float  #: to the left [N]
+    F_z: float  #: along the normal [N]
+    torque: float  #: against the rotation [N m]
+    peak: float  #: pressure at the bottom, times the share of the width [Pa]
+    shear: float  #: shear displacement at the exit, likewise, in Janosi moduli [-]
+
+
+class _Piece(NamedTuple):
+    """A piece of the contact between two angles from the entry."""
+
+    start: float  #: [rad]
+    length: float  #: [rad]
+    pressure: int  #: `_VIRGIN`, `_RELOADING`, `_REBOUND` or `_MAPPED`
+
+
+class _Growths(NamedTuple):
+    """How long the pieces of a strip may be."""
+
+    first: float  #: the one at the entry [rad]
+    ratio: float  #: end over start of a later one
+    longest: float  #: any [rad]
+
+
+class _Rates(NamedTuple):
+    """What a piece needs for its shear displacements, in Janosi moduli per angle."""
+
+    along: float  #: of the rim's speed
+    across: float  #: of the travel
+    side: float  #: of the speed across, to the right
+    path: float  #: 1.0 = path length in the soil
+    shared: float  #: 1.0 = one strength for both directions
+    damping: float  #: pressure per sine of the angle [Pa]
+    length: float  #: of the piece [rad]
+
+
+class _Sides(NamedTuple):
+    """Along what the stresses act: 1.0 = along the ground."""
+
+    normal: float  #: the pressure: along the ground's normal
+    path: float  #: the shear stress
+
+
+class _Strip(NamedTuple):
+    """A strip of the rim's width with one history."""
+
+    patch: Patch  #: from the strip's own entry
+    depth: float  #: sinkage at the entry: that of the rut [m]
+    h: float  #: sinkage of the bottom [m]
+    bottom: float  #: angle from the entry to the bottom, or to the largest pressure [rad]
+    end: float  #: to the exit [rad]
+    yielding: float  #: to where the soil of a rut yields; 0 on virgin soil [rad]
+    peak: float  #: pressure at the bottom [Pa]
+    rebound: float  #: slope of unloading [Pa/m]
+
+
+@inline_kernel
+def _slip_rates(rates: _Rates, cos: float) -> tuple[float, float]:
+    """Growth per angle of both shear displacements [Janosi moduli/rad] at a node.
+
+    In the soil, path length: of the vector, or of each direction where each has its own strength. Along
+    the rim, the displacements of Buzhardt & Tallapragada (BT j_x, j_y), with their signs.
+    """
+    path, shared = rates.path, rates.shared
+    u_x = rates.along * cos - rates.across
+    length_x = math.sqrt(u_x * u_x + shared * rates.side * rates.side) * cos
+    rate_x = path * length_x + (1.0 - path) * (rates.along - rates.across * cos)
+    return rate_x, rates.side * (1.0 - path) + path * (1.0 - shared) * abs(rates.side) * cos
+
+
+@inline_kernel
+def _note(rows: FloatArray, i: int, point: PatchPoint, sigma: float, rates: _Rates) -> None:
+    """A node into the rows."""
+    rate_x, rate_y = _slip_rates(rates, point.cos)
+    rows[_COS, i], rows[_SIN, i], rows[_SIGMA, i] = point.cos, point.sin, sigma
+    rows[_RATE_X, i], rows[_RATE_Y, i] = rate_x, rate_y
+
+
+@inline_kernel
+def _nodes(rim: Rim, strip: _Strip, piece: _Piece, rates: _Rates, rule: int, rows: FloatArray) -> None:
+    """Cosine, sine, pressure and slip rates at the nodes of a piece.
+
+    The loops do much in one body: a compiler turns such loops into vector instructions, and unrolls small
+    ones instead.
+    """
+    patch, kind, start, length = strip.patch, piece.pressure, piece.start, piece.length
+    reference = bekker_pressure(rim.modulus, rim.n, rim.radius)
+    if kind == _VIRGIN:
+        offset = strip.depth / rim.radius
+        for i in range(LANES):
+            point = patch_point(patch, start + length * RUNNING[rule, 0, i])
+            sigma = bekker_pressure(reference, rim.n, point.drop + offset) + rates.damping * point.sin
+            _note(rows, i, point, max(sigma, 0.0), rates)
+    elif kind == _RELOADING:
+        slope = strip.rebound * rim.radius
+        for i in range(LANES):
+            point = patch_point(patch, start + length * RUNNING[rule, 0, i])
+            _note(rows, i, point, max(slope * point.drop + rates.damping * point.sin, 0.0), rates)
+    elif kind == _REBOUND:
+        for i in range(LANES):
+            point = patch_point(patch, start + length * RUNNING[rule, 0, i])
+            sigma = rebound_pressure(strip.peak, strip.rebound, rim.radius * (1.0 - point.cos))
+            _note(rows, i, point, sigma, rates)
+    else:
+        # Wong & Reece: the rear segment bears what the front one does at the same share of its length.
+        ratio = strip.bottom / max(strip.end - strip.bottom, _SHORT)
+        for i in range(LANES):
+            d = start + length * RUNNING[rule, 0, i]
+            ahead = patch_point(patch, ratio * (strip.end - d))
+            sigma = bekker_pressure(reference, rim.n, ahead.drop)
+            _note(rows, i, patch_point(patch, d), sigma, rates)
+
+
+@inline_kernel
+def _running(rates: FloatArray, rule: int, i: int) -> float:
+    """Integral of ``rates`` (8,) up to node ``i``, over the piece's length."""
+    first = (RUNNING[rule, 2, i] * rates[0] + RUNNING[rule, 3, i] * rates[1]) + (
+        RUNNING[rule, 4, i] * rates[2] + RUNNING[rule, 5, i] * rates[3]
+    )
+    last = (RUNNING[rule, 6, i] * rates[4] + RUNNING[rule, 7, i] * rates[5]) + (
+        RUNNING[rule, 8, i] * rates[6] + RUNNING[rule, 9, i] * rates[7]
+    )
+    total: float = first + last
+    return total
+
+
+@inline_kernel
+def _integrands(
+    rows: FloatArray, i: int, sides: _Sides, weight: float, tau: tuple[float, float]
+) -> tuple[float, float, float, float]:
+    """Integrands of (F_x, F_y, F_z, torque) at a node.
+
+    An area is a piece of the ground or of the rim, as the stress acts along the one or the other.
+    """
+    cos, sin, sigma = rows[_COS, i], rows[_SIN, i], weight * rows[_SIGMA, i]
+    tau_x, tau_y = weight * tau[0], weight * tau[1]
+    level = sides.path * cos + (1.0 - sides.path)
+    return (
+        tau_x * cos - (1.0 - sides.normal) * sigma * sin,
+        tau_y * level,
+        sigma * cos + (1.0 - sides.path) * tau_x * sin,
+        tau_x * level * level + sides.normal * sigma * sin * cos,
+    )
+
+
+@inline_kernel
+def _sums(
+    rim: Rim, structure: Structure, rates: _Rates, started: tuple[float, float], rule: int, rows: FloatArray
+) -> tuple[float, float, float, float]:
+    """(F_x, F_y, F_z, torque) of a piece over its length and r b; ``started``: displacements at its start."""
+    j_x0, j_y0 = started
+    sides, out, rate_x, rate_y = (
+        _Sides(structure.ground_normal, structure.soil_path),
+        lane_rows(),
+        rows[_RATE_X],
+        rows[_RATE_Y],
+    )
+    if structure.soil_path > 0.5 and structure.resultant > 0.5:
+        for i in range(LANES):
+            u_x = rates.along * rows[_COS, i] - rates.across
+            size = math.sqrt(u_x * u_x + rates.side * rates.side) + _TINY
+            mobilised = janosi_hanamoto_mobilisation(j_x0 + rates.length * _running(rate_x, rule, i))
+            tau = (rim.c + rows[_SIGMA, i] * rim.tan_phi) * mobilised / size
+            tau_xy = tau * u_x, tau * rates.side
+            out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(
+                rows, i, sides, RUNNING[rule, 1, i], tau_xy
+            )
+    elif structure.soil_path > 0.5:
+        for i in range(LANES):
+            strength = rim.c + rows[_SIGMA, i] * rim.tan_phi
+            tau_x = strength * janosi_hanamoto_mobilisation(j_x0 + rates.length * _running(rate_x, rule, i))
+            tau_y = strength * janosi_hanamoto_mobilisation(j_y0 + rates.length * _running(rate_y, rule, i))
+            u_x = rates.along * rows[_COS, i] - rates.across
+            tau_xy = math.copysign(tau_x, u_x), math.copysign(tau_y, rates.side)
+            out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(
+                rows, i, sides, RUNNING[rule, 1, i], tau_xy
+            )
+    elif structure.resultant > 0.5:
+        for i in range(LANES):
+            j_x = j_x0 + rates.length * _running(rate_x, rule, i)
+            j_y = j_y0 + rates.length * _running(rate_y, rule, i)
+            j = math.sqrt(j_x * j_x + j_y * j_y) + _TINY
+            tau = (rim.c + rows[_SIGMA, i] * rim.tan_phi) * janosi_hanamoto_mobilisation(j) / j
+            tau_xy = tau * j_x, tau * j_y
+            out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(
+                rows, i, sides, RUNNING[rule, 1, i], tau_xy
+            )
+    else:
+        for i in range(LANES):
+            j_x = j_x0 + rates.length * _running(rate_x, rule, i)
+            j_y = j_y0 + rates.length * _running(rate_y, rule, i)
+            strength = rim.c + rows[_SIGMA, i] * rim.tan_phi
+            tau_x = math.copysign(strength * janosi_hanamoto_mobilisation(abs(j_x)), j_x)
+            tau_xy = tau_x, math.copysign(strength * janosi_hanamoto_mobilisation(abs(j_y)), j_y)
+            out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(
+                rows, i, sides, RUNNING[rule, 1, i], tau_xy
+            )
+    return lane_sum(out[0]), lane_sum(out[1]), lane_sum(out[2]), lane_sum(out[3])
+
+
+@inline_kernel
+def _rut_strip(rim: Rim, structure: Structure, h: float, depth: float) -> _Strip:
+    """The strip of a rim that runs in a rut of ``depth`` [m]."""
+    bearing = bekker_pressure(rim.modulus, rim.n, h)
+    slope = rebound_modulus(structure.elastic_modulus, bearing, h)
+    theta = entry_angle(h - depth, rim.radius)
+    sin, versed = half_angle(theta)
+    patch = Patch(theta, sin, 1.0 - versed, theta, 0.0, 0.0)
+    peak = min(slope * (h - depth), bearing)
+    # Where the elastic line meets Bekker's law: one Newton step from there on is exact to a micrometre.
+    z = depth
+    for _ in range(3):
+        pressure = bekker_pressure(rim.modulus, rim.n, max(z, 1e-9))
+        z += (pressure - slope * (z - depth)) / max(slope - rim.n * pressure / max(z, 1e-9), 0.1 * slope)
+    yielding = theta
+    if z < h:
+        yielding = theta - entry_angle(h - z, rim.radius)
+    rise = min(peak / (slope * rim.radius), versed)
+    return _Strip(patch, depth, h, theta, theta + entry_angle(rise, 1.0), yielding, peak, slope)
+
+
+@kernel
+def rebound_angle(rim: Rim, structure: Structure, h: float) -> float:
+    """Angle behind the bottom where virgin soil that rebounds leaves a rim at sinkage ``h`` [m] [rad]."""
+    strip = _virgin_strip(rim, structure, h)
+    return strip.end - strip.patch.theta_f
+
+
+@inline_kernel
+def _virgin_strip(rim: Rim, structure: Structure, h: float) -> _Strip:
+    """The strip of a rim on undisturbed soil."""
+    theta = entry_angle(h, rim.radius)
+    sin, versed = half_angle(theta)
+    peak = bekker_pressure(rim.modulus, rim.n, h)
+    slope = rebound_modulus(structure.elastic_modulus, peak, h)
+    bottom, end = theta, theta + entry_angle(min(peak / (slope * rim.radius), versed), 1.0)
+    if structure.own_sinkage < 0.5:
+        bottom, end = theta * (1.0 - rim.shares.m), theta * (1.0 - rim.shares.r)
+    patch = Patch(theta, sin, 1.0 - versed, bottom, end - bottom, theta - end)
+    return _Strip(patch, 0.0, h, bottom, end, 0.0, peak, slope)
+
+
+@inline_kernel
+def _next_break(strip: _Strip, turn: float, d: float) -> float:
+    """Next angle from the entry where an integrand has a kink; ``turn``: where slip changes its sign."""
+    end, after = strip.end, d + _SHORT
+    if after < strip.yielding < end:
+        end = strip.yielding
+    if after < strip.bottom < end:
+        end = strip.bottom
+    before, behind = strip.patch.theta_f - turn, strip.patch.theta_f + turn
+    if after < before < end:
+        end = before
+    if after < behind < end:
+        end = behind
+    return end
+
+
+@inline_kernel
+def _kind(structure: Structure, strip: _Strip, d: float) -> int:
+    """What the pressure follows from just behind the angle ``d`` from the entry."""
+    if d + _SHORT < strip.yielding:
+        return _RELOADING
+    if d + _SHORT < strip.bottom:
+        return _VIRGIN
+    return _REBOUND if structure.own_sinkage > 0.5 else _MAPPED
+
+
+@inline_kernel
+def _turning_angle(structure: Structure, speeds: SlipSpeeds) -> float:
+    """Angle of the rim where the soil's slip changes its sign; beyond any patch where it does not [rad]."""
+    ratio = speeds.v_l / speeds.rim if speeds.rim != 0.0 else 0.0
+    if structure.soil_path < 0.5 or not 0.0 < ratio < 1.0:
+        return 4.0
+    return 2.0 * math.asin(math.sqrt(0.5 * (1.0 - ratio)))
+
+
+@inline_kernel
+def _steepest_growth(rim: Rim, speeds: SlipSpeeds, cos_f: float) -> float:
+    """Largest growth of j/K per angle over a patch [1/rad]."""
+    first, last = abs(speeds.rim * cos_f - speeds.v_l), abs(speeds.rim - speeds.v_l)
+    other = abs(speeds.rim - speeds.v_l * cos_f)
+    along = max(first, max(last, other)) * rim.per_k_x
+    return (along + abs(speeds.v_c) * rim.per_k_y) * rim.radius * speeds.per_speed
+
+
+@inline_kernel
+def _rates(rim: Rim, structure: Structure, speeds: SlipSpeeds) -> _Rates:
+    """Slip rates of a rim; the length is the piece's."""
+    scale = rim.radius * speeds.per_speed
+    return _Rates(
+        speeds.rim * rim.per_k_x * scale,
+        speeds.v_l * rim.per_k_x * scale,
+        -speeds.v_c * rim.per_k_y * scale,
+        structure.soil_path,
+        structure.resultant,
+        structure.damping * speeds.rim,
+        0.0,
+    )
+
+
+@inline_kernel
+def _rule(strip: _Strip, piece: _Piece, end: float) -> int:
+    """Quadrature rule of a piece: the pressure has an infinite slope where virgin soil begins."""
+    if piece.start == 0.0 and piece.pressure == _VIRGIN:
+        return ENTRY
+    if piece.pressure == _MAPPED and end >= strip.end:
+        return EXIT
+    return SMOOTH
+
+
+@inline_kernel
+def _cut(
+    strip: _Strip, structure: Structure, speeds: SlipSpeeds, growths: _Growths, d: float, block: FloatArray
+) -> tuple[int, float]:
+    """(pieces, where the last one ends): the contact from ``d`` on, in at most `_AT_ONCE` pieces."""
+    turn = _turning_angle(structure, speeds)
+    count = 0
+    while count < _AT_ONCE and d < strip.end - _SHORT:
+        end = min(_next_break(strip, turn, d), max(growths.ratio * d, growths.first))
+        end = min(end, d + growths.longest)
+        row = _INFO + count
+        kind = _kind(structure, strip, d)
+        block[row, 0], block[row, 1], block[row, 2] = d, end - d, float(kind)
+        block[row, 3] = float(_rule(strip, _Piece(d, end - d, kind), end))
+        d = end
+        count += 1
+    return count, d
+
+
+@inline_kernel
+def _growths(rim: Rim, speeds: SlipSpeeds, strip: _Strip, fine: bool) -> _Growths:
+    """How long pieces may be."""
+    growth, ratio = (_FINE_GROWTH, _FINE_RATIO) if fine else (_GROWTH, _RATIO)
+    first = growth / (_steepest_growth(rim, speeds, strip.patch.cos_f) + _TINY)
+    return _Growths(first, ratio, 0.125 * strip.end if fine else strip.end)
+
+
+@kernel
+def _strip_forces(
+    rim: Rim, structure: Structure, speeds: SlipSpeeds, strip: _Strip, shear: float, fine: bool
+) -> RimForces:
+    """Forces of a strip of the whole width, whose soil has the displacement ``shear`` already.
+
+    A few pieces at a time, whose nodes do not wait for each other: only the displacements add up.
+    """
+    block = lane_block()
+    rates, growths = _rates(rim, structure, speeds), _growths(rim, speeds, strip, fine)
+    F_x = F_y = F_z = torque = d = 0.0
+    j_x, j_y = shear, shear if structure.soil_path > 0.5 else 0.0
+    for _ in range(_BLOCKS):
+        count, d = _cut(strip, structure, speeds, growths, d, block)
+        for p in range(count):
+            info, rows = block[_INFO + p], block[_NODE_ROWS * p : _NODE_ROWS * (p + 1)]
+            _nodes(rim, strip, _Piece(info[0], info[1], int(info[2])), rates, int(info[3]), rows)
+        for p in range(count):
+            info, rows = block[_INFO + p], block[_NODE_ROWS * p : _NODE_ROWS * (p + 1)]
+            rule, length = int(info[3]), info[1]
+            part_x, part_y, part_z, part_t = _sums(
+                rim, structure, replace(rates, length=length), (j_x, j_y), rule, rows
+            )
+            F_x += length * part_x
+            F_y += length * part_y
+            F_z += length * part_z
+            torque += length * part_t
+            for i in range(LANES):
+                rows[_COS, i] = RUNNING[rule, 1, i] * rows[_RATE_X, i]
+                rows[_SIN, i] = RUNNING[rule, 1, i] * rows[_RATE_Y, i]
+            j_x += length * lane_sum(rows[_COS])
+            j_y += length * lane_sum(rows[_SIN])
+        if d >= strip.end - _SHORT:
+            break
+    area = rim.radius * rim.b
+    return RimForces(area * F_x, area * F_y, area * F_z, area * rim.arm * torque, strip.peak, j_x)
+
+
+@kernel
+def rim_forces(
+    rim: Rim, structure: Structure, speeds: SlipSpeeds, h: float, rut: RutSection, fine: bool
+) -> RimForces:
+    """Forces of a rim that travels forward at sinkage ``h`` [m], partly on a rut."""
+    F_x = F_y = F_z = torque = peak = shear = 0.0
+    # One call in a loop instead of two in a row: the integrals are most of what there is to compile.
+    for i in range(2):
+        share = 1.0 - rut.share if i == 0 else rut.share
+        depth = 0.0 if i == 0 else rut.depth
+        if share <= 0.0 or h <= depth:
+            continue
+        strip = _virgin_strip(rim, structure, h) if i == 0 else _rut_strip(rim, structure, h, depth)
+        carried = structure.shear_carry * rut.shear if i == 1 else 0.0
+        part = _strip_forces(rim, structure, speeds, strip, carried, fine)
+        F_x += share * part.F_x
+        F_y += share * part.F_y
+        F_z += share * part.F_z
+        torque += share * part.torque
+        peak += share * part.peak
+        shear += share * part.shear
+    return RimForces(F_x, F_y, F_z, torque, peak, shear)

@@ -1,0 +1,191 @@
+"""Structures: which laws a wheel follows on soil, as named choices that combine freely.
+
+No structure is the truth. Which one a log or a rig follows is a question for `offroad replay`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from offroad_env.errors import InvalidParameter
+from offroad_env.physics.records import Structure
+
+__all__ = ["LADDER", "LAWS", "STRUCTURES", "make_structure", "read_structure", "structure_laws"]
+
+#: Each choice with its options; the first is that of preset "full".
+LAWS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "pressure_direction": ("rim_normal", "ground_normal"),
+        "pressure_from": ("wong_reece", "own_sinkage"),
+        "shear": ("wheel_frame", "soil_path"),
+        "strength": ("resultant", "independent"),
+        "ruts": ("none", "pressure", "pressure_and_shear"),
+        "width": ("rim", "hull"),
+        "slip_sinkage": ("none", "linear", "lyasko"),
+    }
+)
+
+_GRID = {
+    "pressure_direction": "ground_normal",
+    "pressure_from": "own_sinkage",
+    "shear": "soil_path",
+    "ruts": "pressure_and_shear",
+}
+#: Presets: what departs from the first options. "paper" and "full" are the two rigid rims with Wong-Reece
+#: angles; "grid" does what soil on a grid of nodes does (Project Chrono's SCM), the hull's width included;
+#: "field" is the same without that artefact and with slip sinkage.
+STRUCTURES: Mapping[str, Mapping[str, str]] = MappingProxyType(
+    {
+        "paper": {"strength": "independent"},
+        "full": {},
+        "grid": {**_GRID, "width": "hull"},
+        "field": {**_GRID, "slip_sinkage": "lyasko"},
+    }
+)
+
+#: From "full" to "grid", one law at a time.
+LADDER: tuple[str, ...] = (
+    "full",
+    "full,pressure_direction=ground_normal",
+    "full,pressure_direction=ground_normal,pressure_from=own_sinkage",
+    "grid,ruts=none,width=rim",
+    "grid,ruts=none",
+    "grid,ruts=pressure",
+    "grid",
+)
+
+#: Slope of unloading of compacted soil [Pa/m]: Project Chrono's SCM takes 2e8 for its wheels.
+_ELASTIC_MODULUS = 2e8
+#: Growth of the linear slip sinkage: what Lyasko's factor has at zero slip.
+_SLIP_SINKAGE_RATE = 1.5
+
+
+def make_structure(
+    preset: str = "full",
+    *,
+    elastic_modulus: float = _ELASTIC_MODULUS,
+    slip_sinkage_rate: float = _SLIP_SINKAGE_RATE,
+    damping: float = 0.0,
+    grouser_height: float = 0.0,
+    **laws: str,
+) -> Structure:
+    """A structure from a preset and departures from it.
+
+    Parameters
+    ----------
+    preset : {"full", "paper", "grid", "field"}
+    elastic_modulus : float
+        Slope of unloading and reloading [Pa/m], 1e6 ... 1e11.
+    slip_sinkage_rate : float
+        Of ``slip_sinkage="linear"``: sinkage grows by this times the slip [-], 0 ... 10.
+    damping : float
+        Pressure per downward speed of the rim [Pa s/m], 0 ... 1e7.
+    grouser_height : float
+        Height of grousers beyond the wheel's radius [m], 0 ... 0.2: soil shears along their tips (shearing
+        radius; Ding et al., J. Terramechanics 48 (2011) 27-45).
+    **laws : str
+        Choices of `LAWS`, such as ``ruts="none"``.
+
+    Raises
+    ------
+    InvalidParameter
+        For an unknown preset, choice or option, or a number out of range.
+    """
+    if preset not in STRUCTURES:
+        raise InvalidParameter(f"structure must be one of {', '.join(STRUCTURES)}, got {preset!r}")
+    for name, option in laws.items():
+        if name not in LAWS:
+            raise InvalidParameter(f"a structure has no choice {name!r}; it has {', '.join(LAWS)}")
+        if option not in LAWS[name]:
+            raise InvalidParameter(f"{name} must be one of {', '.join(LAWS[name])}, got {option!r}")
+    chosen = {name: options[0] for name, options in LAWS.items()} | dict(STRUCTURES[preset]) | laws
+    if chosen["ruts"] != "none" and chosen["pressure_from"] != "own_sinkage":
+        raise InvalidParameter(
+            'ruts need pressure_from="own_sinkage": contact angles that are a function of slip know no '
+            "depth from which soil has borne already"
+        )
+    if chosen["ruts"] == "pressure_and_shear" and chosen["shear"] != "soil_path":
+        raise InvalidParameter(
+            'ruts="pressure_and_shear" needs shear="soil_path": shear displacement in the wheel\'s frame '
+            "does not stay with the soil"
+        )
+    return Structure(
+        ground_normal=_flag(chosen["pressure_direction"] == "ground_normal"),
+        own_sinkage=_flag(chosen["pressure_from"] == "own_sinkage"),
+        soil_path=_flag(chosen["shear"] == "soil_path"),
+        resultant=_flag(chosen["strength"] == "resultant"),
+        ruts=_flag(chosen["ruts"] != "none"),
+        shear_carry=_flag(chosen["ruts"] == "pressure_and_shear"),
+        hull=_flag(chosen["width"] == "hull"),
+        slip_sinkage=float(LAWS["slip_sinkage"].index(chosen["slip_sinkage"])),
+        slip_sinkage_rate=_within("slip_sinkage_rate", slip_sinkage_rate, 0.0, 10.0, "in percent?"),
+        elastic_modulus=_within("elastic_modulus", elastic_modulus, 1e6, 1e11, "Pa/m, not kPa/m?"),
+        damping=_within("damping", damping, 0.0, 1e7, "Pa s/m?"),
+        grouser_height=_within("grouser_height", grouser_height, 0.0, 0.2, "in mm?"),
+    )
+
+
+def read_structure(text: str) -> Structure:
+    """A structure from text: a preset and departures, ``"grid,ruts=none,elastic_modulus=1e8"``."""
+    preset, *changes = [part.strip() for part in text.split(",")]
+    laws: dict[str, str] = {}
+    numbers: dict[str, float] = {}
+    for change in changes:
+        name, equals, value = change.partition("=")
+        if not equals:
+            raise InvalidParameter(f"structure {text!r}: {change!r} is not of the form choice=option")
+        if name in LAWS:
+            laws[name] = value
+            continue
+        try:
+            numbers[name] = float(value)
+        except ValueError:
+            raise InvalidParameter(f"structure {text!r}: there is no choice {name!r}; {_known()}") from None
+        if name not in _NUMBERS:
+            raise InvalidParameter(f"structure {text!r}: there is no number {name!r}; {_known()}")
+    return make_structure(
+        preset,
+        elastic_modulus=numbers.get("elastic_modulus", _ELASTIC_MODULUS),
+        slip_sinkage_rate=numbers.get("slip_sinkage_rate", _SLIP_SINKAGE_RATE),
+        damping=numbers.get("damping", 0.0),
+        grouser_height=numbers.get("grouser_height", 0.0),
+        **laws,
+    )
+
+
+_NUMBERS = ("elastic_modulus", "slip_sinkage_rate", "damping", "grouser_height")
+
+
+def _known() -> str:
+    return f"choices are {', '.join(LAWS)}, numbers {', '.join(_NUMBERS)}"
+
+
+def structure_laws(structure: Structure) -> dict[str, str]:
+    """The choices of a structure by name, as `LAWS` has them."""
+    ruts = (
+        "none"
+        if structure.ruts < 0.5
+        else "pressure_and_shear"
+        if structure.shear_carry > 0.5
+        else "pressure"
+    )
+    return {
+        "pressure_direction": LAWS["pressure_direction"][int(structure.ground_normal)],
+        "pressure_from": LAWS["pressure_from"][int(structure.own_sinkage)],
+        "shear": LAWS["shear"][int(structure.soil_path)],
+        "strength": LAWS["strength"][1 - int(structure.resultant)],
+        "ruts": ruts,
+        "width": LAWS["width"][int(structure.hull)],
+        "slip_sinkage": LAWS["slip_sinkage"][int(structure.slip_sinkage)],
+    }
+
+
+def _flag(value: bool) -> float:
+    return 1.0 if value else 0.0
+
+
+def _within(name: str, value: float, low: float, high: float, hint: str) -> float:
+    if not low <= value <= high:
+        raise InvalidParameter(f"{name} must be in [{low:g}, {high:g}], got {value:g} - {hint}")
+    return float(value)
