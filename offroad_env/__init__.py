@@ -15,6 +15,7 @@ __version__ = "0.1.0"
 
 #: Public name -> module that defines it.
 _EXPORTS = {
+    "SENSORS": "offroad_env.simulation.sensor_presets",
     "SCENARIOS": "offroad_env.environment.scenarios",
     "SOILS": "offroad_env.world.soils",
     "VEHICLES": "offroad_env.world.vehicles",
@@ -22,6 +23,7 @@ _EXPORTS = {
     "OffroadBekkerVectorEnv": "offroad_env.environment.vector_env",
     "WheelForces": "offroad_env.simulation.wheel",
     "make_plant": "offroad_env.simulation.simulator",
+    "make_sensors": "offroad_env.simulation.sensor_presets",
     "make_soil": "offroad_env.world.soils",
     "make_vec": "offroad_env.environment.vector_env",
     "make_vehicle": "offroad_env.world.vehicles",

@@ -26,6 +26,7 @@ from offroad_env.physics._jit import kernel
 from offroad_env.physics.imu import A_X, A_Y, YAW_RATE
 from offroad_env.physics.numerics import all_finite
 from offroad_env.physics.records import FloatArray, Vehicle
+from offroad_env.simulation.sensor_configs import GnssConfig
 
 __all__ = ["NavigationFilter", "NavigationNoise", "navigate"]
 
@@ -59,6 +60,17 @@ class NavigationNoise:
     gyro_bias_walk: float = 1e-4  #: random walk of the gyro bias [rad/s/sqrt(s)]
     side_walk: float = 0.05  #: random walk of side speed [m/s/sqrt(s)]: cross slopes
     side_slip: float = 0.7  #: weight of "the axles slip little", per sample [rad], see `_correct_side`
+
+    @classmethod
+    def of(cls, gnss: GnssConfig | None) -> NavigationNoise:
+        """The noise of a vehicle with this receiver; correlated errors of a fix count as white ones."""
+        if gnss is None:
+            return cls()
+        position, velocity = (
+            max(cls.gnss_position, gnss.total_position_sd),
+            max(cls.gnss_velocity, gnss.velocity_sd),
+        )
+        return cls(gnss_position=position, gnss_velocity=velocity)
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():

@@ -124,6 +124,10 @@ def commands_at(log: Log, times: np.ndarray) -> np.ndarray:
 def config_of(plant: Plant, sensors: SensorSuite, start: StartSpec, *, hold: str = "zoh") -> LogConfig:
     """The YAML of a run of ``plant`` (what may be known of it: pass the believed soil, not the true one).
 
+    It states what a log can: whether the accelerometers measure gravity, where the IMU sits, white noise, and
+    the whole standard deviation of a fix. Bias, drift, scale, misalignment, latency and losses stay unstated,
+    as in a real log.
+
     Raises
     ------
     InvalidParameter
@@ -150,7 +154,9 @@ def config_of(plant: Plant, sensors: SensorSuite, start: StartSpec, *, hold: str
             sd_a=imu.accel_noise,
             sd_rate=imu.gyro_noise,
         ),
-        gnss=None if gnss is None else GnssSpec(sd_position=gnss.position_sd, sd_speed=gnss.velocity_sd),
+        gnss=None
+        if gnss is None
+        else GnssSpec(sd_position=gnss.total_position_sd, sd_speed=gnss.velocity_sd),
         hold=hold,
         start=start,
     )
@@ -386,7 +392,7 @@ def log_from_run(
     recorder = Recorder(
         config_of(plant if belief is None else belief, sensors, start, hold=hold), period=period
     )
-    sensors.reset(rng)
+    sensors.reset(rng, radius=plant.vehicle.r)
     for i, (state, readings) in enumerate(zip(trajectory.states, trajectory.readings, strict=True)):
         sample = sensors.sample(state, readings).channels
         if i == 0:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from offroad_env.environment.episode_records import CONTROL_PERIOD, SAMPLES
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics.records import Soil, Vehicle
 from offroad_env.simulation.simulator import make_plant, settled_state
@@ -13,13 +14,22 @@ from offroad_env.world.soils import SOILS, make_soil
 from offroad_env.world.terrain import flat
 from offroad_env.world.vehicles import make_vehicle
 
-__all__ = ["Mismatch", "ResetOptions", "checked_range", "require_bearing", "require_choice"]
+__all__ = ["Mismatch", "ResetOptions", "checked_range", "require_bearing", "require_choice", "require_rate"]
 
 
 def require_choice(name: str, value: object, allowed: tuple[str | None, ...]) -> None:
     """Refuse a ``value`` that is none of the ``allowed`` ones."""
     if value not in allowed:
         raise InvalidParameter(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}")
+
+
+def require_rate(rate: float) -> None:
+    """Refuse sensors whose clock is not that of the control period."""
+    expected = SAMPLES / CONTROL_PERIOD
+    if rate != expected:
+        raise InvalidParameter(
+            f"imu.rate of the environment's sensors must be {expected:g} Hz, got {rate:g} Hz"
+        )
 
 
 def checked_range(limits: Any, soil_name: str) -> tuple[float, float]:

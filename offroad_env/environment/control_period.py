@@ -62,11 +62,12 @@ from offroad_env.physics._jit import cache_folder, inline_kernel, kernel
 from offroad_env.physics.axle import Plant
 from offroad_env.physics.contact import NO_ROOT, SUNK
 from offroad_env.physics.full_vehicle import WORK_ROWS, full_continue, full_derivative
-from offroad_env.physics.imu import GNSS, IMU, WHEEL, ImuMount, sense
+from offroad_env.physics.imu import GNSS, IMU, WHEEL, WHEEL_F, ImuMount, sense
 from offroad_env.physics.numerics import copy_into
 from offroad_env.physics.packing import PackedPlant, unpack
 from offroad_env.physics.paper_vehicle import paper_advance
 from offroad_env.physics.path_geometry import PathTable, project
+from offroad_env.physics.sensor_errors import sense_with_memory
 
 if TYPE_CHECKING:
     from offroad_env.simulation.drive import Command
@@ -109,13 +110,18 @@ def _plant(e: np.record, table: np.ndarray) -> Plant:
 
 
 @inline_kernel
-def _sense(e: np.record, noise: np.ndarray, i: int) -> None:
+def _sense(e: np.record, noise: np.ndarray, sensing: np.record | None, i: int) -> None:
     """Sample ``i`` of every sensor."""
     mount = ImuMount(e.lever[:], e.rotation[:], e.body_axes, e.gravity)
     wheel_due = e.wheel_every > 0 and e.tick % max(e.wheel_every, 1) == 0
     gnss_due = e.gnss_every > 0 and e.tick % max(e.gnss_every, 1) == 0
     sample, rims = e.samples[:][i], e.rims[:]
-    sense(e.state[:], e.readings[:], mount, e.errors[:], noise[e.noise_row], (wheel_due, gnss_due), sample)
+    due, row = (wheel_due, gnss_due), noise[e.noise_row]
+    if sensing is not None and sensing.active > 0.5:
+        sense_with_memory(e.state[:], e.readings[:], mount, e.errors[:], row, due, sensing, sample)
+        wheel_due = not math.isnan(sample[WHEEL_F])
+    else:
+        sense(e.state[:], e.readings[:], mount, e.errors[:], row, due, sample)
     e.tick += 1
     e.noise_row += 1
     if wheel_due:
@@ -162,7 +168,9 @@ def _same(x: np.ndarray, y: np.ndarray) -> bool:
 
 
 @kernel
-def _drive_full(e: np.record, rules: np.record, table: np.ndarray, noise: np.ndarray) -> None:
+def _drive_full(
+    e: np.record, rules: np.record, table: np.ndarray, noise: np.ndarray, sensing: np.record | None
+) -> None:
     """DRIVE: hold the command for as many samples as the period has; from SUNK on it is broken off."""
     plant, command = _plant(e, table), _full_command(rules, e.action[:])
     state, warm, readings = e.state[:], e.warm[:], e.readings[:]
@@ -179,14 +187,16 @@ def _drive_full(e: np.record, rules: np.record, table: np.ndarray, noise: np.nda
         worst = max(worst, status)
         if worst >= SUNK:
             break
-        _sense(e, noise, i)
+        _sense(e, noise, sensing, i)
     e.status = worst
     copy_into(slope, last)
     _keep_sound(e)
 
 
 @kernel
-def _drive_paper(e: np.record, rules: np.record, table: np.ndarray, noise: np.ndarray) -> None:
+def _drive_paper(
+    e: np.record, rules: np.record, table: np.ndarray, noise: np.ndarray, sensing: np.record | None
+) -> None:
     """`_drive_full` for the paper's model."""
     plant, command = _plant(e, table), _paper_command(rules, e.action[:])
     state, warm, readings = e.state[:], e.warm[:], e.readings[:]
@@ -197,7 +207,7 @@ def _drive_paper(e: np.record, rules: np.record, table: np.ndarray, noise: np.nd
         worst = max(worst, status)
         if worst >= SUNK:
             break
-        _sense(e, noise, i)
+        _sense(e, noise, sensing, i)
     e.status = worst
     _keep_sound(e)
 
@@ -360,6 +370,7 @@ def period_full(
     actions: np.ndarray,
     shown: np.ndarray,
     assumptions: np.ndarray | None,
+    sensing: np.ndarray | None,
 ) -> None:
     """Move every episode on by what its ``phases`` ask for, full model.
 
@@ -369,17 +380,18 @@ def period_full(
     rules (1,) : of the type `RULES`
     tables (N, rows, 4) : nodes of the path, waves of the ground, patches of the soil, waves of the ground
         that a map shows, one after the other
-    noise (N, NOISE_ROWS, CHANNELS) : standard normal numbers; a sample takes the next row
+    noise (N, NOISE_ROWS, NOISE_COLUMNS) : standard normal numbers; a sample takes the next row
     actions (N, 2) : finite; what lies outside [-1, 1] is clipped
     shown (N, SHOWN) float32 : the observations, written
     assumptions (1,) : of the type `ASSUMPTIONS`; None where no filter runs in this call: an edition of its
         own, which is compiled in two thirds of the time
+    sensing (N,) : of the type `SENSING`, what sensors remember; None where none does: an edition of its own
     """
     for i in range(episodes.shape[0]):
         e, r = episodes[i], rules[0]
         if e.phases & DRIVE:
             _take_action(e, actions[i])
-            _drive_full(e, r, tables[i], noise[i])
+            _drive_full(e, r, tables[i], noise[i], None if sensing is None else sensing[i])
         if e.phases & BELIEVE:
             _believe_full(e, r, tables[i], assumptions)
         if e.phases & REPORT:
@@ -395,13 +407,14 @@ def period_paper(
     actions: np.ndarray,
     shown: np.ndarray,
     assumptions: np.ndarray | None,
+    sensing: np.ndarray | None,
 ) -> None:
     """`period_full` for the paper's model."""
     for i in range(episodes.shape[0]):
         e, r = episodes[i], rules[0]
         if e.phases & DRIVE:
             _take_action(e, actions[i])
-            _drive_paper(e, r, tables[i], noise[i])
+            _drive_paper(e, r, tables[i], noise[i], None if sensing is None else sensing[i])
         if e.phases & BELIEVE:
             _believe_paper(e, r, tables[i], assumptions)
         if e.phases & REPORT:

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from estimators.filters.navigation import NavigationFilter
+from estimators.filters.navigation import NavigationFilter, NavigationNoise
 from estimators.filters.online import KINDS, OnBoard, make_estimator
 from estimators.filters.online_parameter_ukf import CHANGING_SOIL, OnlineParameterUKF
 from estimators.filters.protocol import Estimate, Estimator
@@ -20,6 +20,7 @@ from offroad_env.environment.arguments import (
     checked_range,
     require_bearing,
     require_choice,
+    require_rate,
 )
 from offroad_env.environment.control_period import (
     BELIEVE,
@@ -50,7 +51,8 @@ from offroad_env.physics.packing import pack
 from offroad_env.physics.path_geometry import nearest_index
 from offroad_env.physics.records import Ground, Soil, SoilMap, Vehicle
 from offroad_env.simulation.drive import Command
-from offroad_env.simulation.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
+from offroad_env.simulation.sensor_presets import make_sensors
+from offroad_env.simulation.sensors import GnssConfig, SensorSuite
 from offroad_env.simulation.simulator import (
     FULL_STEP,
     MODELS,
@@ -89,11 +91,11 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
 
     ## Description
     A vehicle of the full model (wheel spin, suspension, slopes) or of Buzhardt & Tallapragada (ACC 2021)
-    drives on deformable soil by Bekker and Wong. Its sensors are simulated: an IMU at 100 Hz with the paper's
-    noise, wheel speeds at 50 Hz, GNSS at 10 Hz. A navigation filter makes the observed pose from them, and an
-    estimator, where one runs, n and its standard deviation. Both assume the nominal vehicle and flat ground;
-    of the hill of "climb" they have a map without the roughness. On "patches" the parameter UKF allows for
-    an n that changes on the way. One action is held for 0.02 s.
+    drives on deformable soil by Bekker and Wong. Its sensors are simulated: by default an IMU at 100 Hz with
+    the paper's noise, wheel speeds at 50 Hz, GNSS at 10 Hz. A navigation filter makes the observed pose from
+    them, and an estimator, where one runs, n and its standard deviation. Both assume the nominal vehicle and
+    flat ground; of the hill of "climb" they have a map without the roughness. On "patches" the parameter UKF
+    allows for an n that changes on the way. One action is held for 0.02 s.
 
     ## Action Space
     ``Box(-1, 1, (2,), float32)``; values outside are clipped, NaN or infinity raises `InvalidParameter`.
@@ -148,6 +150,8 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         model, rightly or wrongly
     n_range : (low, high) of the sinkage exponent, default the scenario's
     soil, vehicle : names in `SOILS` and `VEHICLES`, default the scenario's
+    sensors : a name in `offroad_env.SENSORS` ("paper", "ideal", "automotive", "consumer"), or sensors by
+        `offroad_env.make_sensors`
     render_mode : None, "human" or "rgb_array"
 
     ## Info
@@ -174,6 +178,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         n_range: tuple[float, float] | None = None,
         soil: str | None = None,
         vehicle: str | None = None,
+        sensors: str | SensorSuite = "paper",
         render_mode: str | None = None,
     ) -> None:
         self.scenario: Scenario = find_scenario(scenario)
@@ -202,10 +207,9 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         announce_compilation()
         require_bearing(self.vehicle, self.soil_name, self._believed_soil, self.n_range, model)
         self.weights = self.scenario.weights
-        self.sensors = SensorSuite(
-            imu=ImuConfig(body_axes=model == "full"), wheel=WheelSpeedConfig(), gnss=GnssConfig()
-        )
-        self._navigation = NavigationFilter(self.vehicle)
+        self.sensors: SensorSuite = make_sensors(sensors).anew(body_axes=model == "full")
+        require_rate(self.sensors.imu.rate)
+        self._navigation = NavigationFilter(self.vehicle, NavigationNoise.of(self.sensors.gnss))
         #: The parameter UKF runs inside the compiled period, the others beside it.
         if isinstance(estimator, str) and estimator not in ("none", _COMPILED):
             estimator = OnBoard(kind=estimator)
@@ -246,7 +250,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         drawn = float(self.np_random.uniform(*self.n_range))
         self.course: Course = self.scenario.draw(self.np_random)
         self._path_length = self.course.path.length
-        self.sensors.reset(self.np_random)
+        self.sensors.reset(self.np_random, radius=self.vehicle.r)
         self._sensor_errors = self.sensors.errors
         vehicle, soil = chosen.truth(self.vehicle, self._believed_soil, drawn)
         self.plant = self._plant_of(vehicle, soil, self.course.ground, self.course.soil_map(self.n_range))
@@ -303,18 +307,10 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         self._rims[:] = speed
         self._memory.lay_out(self._row, self.course.path, self.plant, self.course.known_ground)
         nearest = nearest_index(self.course.path, X, Y)
-        mount, episode = self.sensors.mount, self._episode
+        episode = self._episode
         for name, value in (
             ("plant", pack(self.plant).numbers),
             ("n", self.plant.soil.n),
-            ("errors", self.sensors.errors),
-            ("lever", mount.lever),
-            ("rotation", mount.rotation),
-            ("body_axes", mount.body_axes),
-            ("gravity", mount.gravity),
-            ("wheel_every", self.sensors.wheel_every),
-            ("gnss_every", self.sensors.gnss_every),
-            ("tick", 0),
             ("noise_row", NOISE_ROWS - 1),
             ("estimate", (*self.prior, 0.0, 0.0, 0.0)),
             ("time", 0.0),
@@ -327,6 +323,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
             ("ending", 0),
         ):
             episode[name] = value
+        self._memory.mount(self._row, self.sensors)
         if self._extended is not None:
             episode["errors"] = self._extended.imperfect(self.sensors.errors)
         self.sensors.draw_noise(self._memory.noise[self._row, -1:])
@@ -413,8 +410,10 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
     def drive_extended(self) -> None:
         """Move the truth of an extended model, which the compiled period cannot, by one period."""
         if self._extended is not None:
-            noise = self._memory.noise[self._row]
-            self._extended.drive(self._episode, self._actions, lambda: self.command, noise)
+            noise, sensing = self._memory.noise[self._row], None
+            if self._memory.sensing is not None and self.sensors.has_memory:
+                sensing = self._memory.sensing[self._row : self._row + 1]
+            self._extended.drive(self._episode, self._actions, lambda: self.command, noise, sensing)
 
     def ask_estimator(self) -> None:
         """Give the period's samples and the command to an estimator outside the compiled period."""

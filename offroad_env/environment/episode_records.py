@@ -20,6 +20,7 @@ from offroad_env.environment.rewards import TERMS, RewardWeights, Rules
 from offroad_env.physics import state as at
 from offroad_env.physics.imu import CHANNELS
 from offroad_env.physics.numerics import GRAVITY
+from offroad_env.physics.sensor_errors import NOISE_COLUMNS, SENSING
 from offroad_env.simulation.simulator import FULL_STEP
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from offroad_env.physics.axle import Plant
     from offroad_env.physics.path_geometry import PathTable
     from offroad_env.physics.records import Ground, Vehicle
+    from offroad_env.simulation.sensors import SensorSuite
 
 __all__ = [
     "CONTROL_PERIOD",
@@ -188,10 +190,11 @@ class PeriodArguments(NamedTuple):
     episodes: np.ndarray  #: (N,) of the type `EPISODE`
     rules: np.ndarray  #: (1,) of the type `RULES`
     tables: np.ndarray  #: (N, rows, 4)
-    noise: np.ndarray  #: (N, NOISE_ROWS, CHANNELS)
+    noise: np.ndarray  #: (N, NOISE_ROWS, NOISE_COLUMNS)
     actions: np.ndarray  #: (N, 2)
     shown: np.ndarray  #: (N, SHOWN) float32
     assumptions: np.ndarray | None  #: (1,) of the type `ASSUMPTIONS`
+    sensing: np.ndarray | None  #: (N,) of the type `SENSING`
 
 
 def lifting_acceleration(vehicle: Vehicle) -> float:
@@ -211,11 +214,32 @@ class Memory:
         self.episodes = np.zeros(count, EPISODE)
         self.rules = np.zeros(1, RULES)
         self.tables = np.zeros((count, 1, 4))
-        self.noise = np.zeros((count, NOISE_ROWS, CHANNELS))
+        self.noise = np.zeros((count, NOISE_ROWS, NOISE_COLUMNS))
         self.actions = np.zeros((count, 2))
         self.shown = np.zeros((count, SHOWN), np.float32)
         #: What the filter in the compiled period assumes (1,); None where none runs there.
         self.assumptions: np.ndarray | None = None
+        #: Memories of the sensors (count,), of the type `SENSING`; None where no sensor has any.
+        self.sensing: np.ndarray | None = None
+
+    def mount(self, row: int, sensors: SensorSuite) -> None:
+        """Write the sensors of an episode, as they have been reset, into its row."""
+        mount, episode = sensors.mount, self.episodes[row]
+        for name, value in (
+            ("errors", sensors.errors),
+            ("lever", mount.lever),
+            ("rotation", mount.rotation),
+            ("body_axes", mount.body_axes),
+            ("gravity", mount.gravity),
+            ("wheel_every", sensors.wheel_every),
+            ("gnss_every", sensors.gnss_every),
+            ("tick", 0),
+        ):
+            episode[name] = value
+        if sensors.has_memory and self.sensing is None:
+            self.sensing = np.zeros(len(self.episodes), SENSING)
+        if self.sensing is not None:
+            self.sensing[row] = sensors.memory[0] if sensors.has_memory else np.zeros((), SENSING)
 
     def lay_out(self, row: int, path: PathTable, plant: Plant, known: Ground) -> None:
         """Write the course of an episode into its table; all tables grow where it is longer.
@@ -270,4 +294,5 @@ class Memory:
             self.actions[rows],
             self.shown[rows],
             self.assumptions,
+            None if self.sensing is None else self.sensing[rows],
         )

@@ -14,11 +14,13 @@ import numpy as np
 from offroad_env.effects import Extension, Setup, apply
 from offroad_env.effects.protocol import Inputs
 from offroad_env.environment.episode_records import CONTROL_PERIOD, SAMPLES
+from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
 from offroad_env.physics.contact import NO_ROOT, SUNK
 from offroad_env.physics.full_vehicle import WORK_ROWS, full_continue, full_derivative
 from offroad_env.physics.imu import CHANNELS, GNSS, IMU, OFFSET, SCALE, WHEEL, ImuMount, sense
 from offroad_env.physics.paper_vehicle import paper_advance
+from offroad_env.physics.sensor_errors import sense_into
 from offroad_env.simulation.drive import Command
 from offroad_env.simulation.simulator import FULL_STEP, Plant
 
@@ -91,9 +93,21 @@ class ExtendedTruth:
         return errors
 
     def drive(
-        self, e: np.void, action: np.ndarray, command: Callable[[], Command], noise: np.ndarray
+        self,
+        e: np.void,
+        action: np.ndarray,
+        command: Callable[[], Command],
+        noise: np.ndarray,
+        sensing: np.ndarray | None,
     ) -> None:
-        """What the compiled period does under DRIVE, for the record ``e`` of an episode."""
+        """What the compiled period does under DRIVE, for the record ``e`` of an episode.
+
+        ``sensing`` (1,) is what its sensors remember, None where they remember nothing.
+        """
+        if sensing is not None and self._displaced:
+            raise InvalidParameter(
+                "pose_delay and antenna_x need sensors without a memory, such as sensors='paper'"
+            )
         action = np.clip(action, -1.0, 1.0)
         e["change"] = float(np.sum((action - e["action"]) ** 2))
         e["action"] = action
@@ -106,7 +120,7 @@ class ExtendedTruth:
             e["status"] = max(float(e["status"]), status)
             if e["status"] >= SUNK:
                 break
-            self._sense(e, noise, i)
+            self._sense(e, noise, sensing, i)
         e["slope"] = self._work[0][: at.STATE_SIZE]
         self._keep_sound(e)
 
@@ -127,18 +141,21 @@ class ExtendedTruth:
             full_derivative(x, acting, plant, warm, self._work[0], readings)
         return float(full_continue(x, warm, acting, plant, (FULL_STEP, steps), self._work, readings))
 
-    def _sense(self, e: np.void, noise: np.ndarray, i: int) -> None:
+    def _sense(self, e: np.void, noise: np.ndarray, sensing: np.ndarray | None, i: int) -> None:
         wheel_due = e["wheel_every"] > 0 and e["tick"] % max(e["wheel_every"], 1) == 0
         gnss_due = e["gnss_every"] > 0 and e["tick"] % max(e["gnss_every"], 1) == 0
         due = bool(wheel_due), bool(gnss_due)
         mount, row, sample = self.setup.mount, noise[e["noise_row"]], e["samples"][i]
-        sense(e["state"], e["readings"], mount, e["errors"], row, due, sample)
+        if sensing is not None:
+            sense_into(e["state"], e["readings"], mount, e["errors"], row, due, sensing, sample)
+        else:
+            sense(e["state"], e["readings"], mount, e["errors"], row, due, sample)
         if self._displaced:
             sense(self._received(e["state"]), e["readings"], mount, e["errors"], row, due, self._fix)
             sample[GNSS] = self._fix[GNSS]
         e["tick"] += 1
         e["noise_row"] += 1
-        if wheel_due:
+        if wheel_due and not math.isnan(sample[WHEEL][0]):
             e["rims"] = e["samples"][i][WHEEL]
 
     def _received(self, x: np.ndarray) -> np.ndarray:

@@ -20,6 +20,8 @@ __all__ = [
     "ImuMount",
     "ImuReading",
     "Vector",
+    "column",
+    "cross",
     "imu_reading",
     "sense",
 ]
@@ -63,13 +65,13 @@ class Vector(NamedTuple):
 
 
 @kernel
-def _cross(a: Vector, b: Vector) -> Vector:
+def cross(a: Vector, b: Vector) -> Vector:
     """Cross product a x b."""
     return Vector(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
 
 
 @kernel
-def _column(matrix: FloatArray, j: int, vector: Vector) -> float:
+def column(matrix: FloatArray, j: int, vector: Vector) -> float:
     """Component of ``vector`` along column ``j``."""
     along: float = matrix[0, j] * vector.x + matrix[1, j] * vector.y + matrix[2, j] * vector.z
     return along
@@ -113,8 +115,8 @@ def imu_reading(
     x, y, z = mount.lever[0], mount.lever[1], mount.lever[2]
     lever = Vector(x * cos - z * sin, y, x * sin + z * cos)
     omega = Vector(0.0, -pitch_rate, yaw_rate)
-    swing = _cross(Vector(pitch_rate * yaw_rate, -pitch_acc, yaw_acc), lever)
-    centripetal = _cross(omega, _cross(omega, lever))
+    swing = cross(Vector(pitch_rate * yaw_rate, -pitch_acc, yaw_acc), lever)
+    centripetal = cross(omega, cross(omega, lever))
     forward, left, up = acceleration_cg
     forward = forward + swing.x + centripetal.x
     left = left + swing.y + centripetal.y
@@ -123,11 +125,11 @@ def imu_reading(
     body_omega = Vector(yaw_rate * sin, -pitch_rate, yaw_rate * cos)
     R = mount.rotation
     return ImuReading(
-        _column(R, 0, body_a),
-        _column(R, 1, body_a),
-        _column(R, 2, body_a),
-        -_column(R, 1, body_omega),
-        _column(R, 2, body_omega),
+        column(R, 0, body_a),
+        column(R, 1, body_a),
+        column(R, 2, body_a),
+        -column(R, 1, body_omega),
+        column(R, 2, body_omega),
     )
 
 

@@ -23,8 +23,14 @@ STATE_NAMES = (
     "omega_f", "omega_r", "steer", "drive_torque", "brake_torque",
 )  # fmt: skip
 
-# Warm start of the sinkage solve, per axle: part of the state, so that copies and sigma points
-# carry their own (sinkage [m], local exponent d ln F_z / d ln h [-], vertical force [N]).
+# A vehicle with four wheels has these too. Its OMEGA_F and OMEGA_R are the means of an axle's two wheels;
+# the split is half of right minus left. Roll is positive with the left side up.
+(ROLL, ROLL_RATE, SPLIT_F, SPLIT_R) = range(STATE_SIZE, STATE_SIZE + 4)  # [rad, rad/s, rad/s, rad/s]
+FOUR_WHEEL_SIZE = STATE_SIZE + 4
+FOUR_WHEEL_NAMES = (*STATE_NAMES, "roll", "roll_rate", "split_f", "split_r")
+
+# Warm start of the sinkage solve, per axle, or per wheel of four: part of the state, so that copies and
+# sigma points carry their own (sinkage [m], local exponent d ln F_z / d ln h [-], vertical force [N]).
 CONTACT_SIZE = 3
 # With a structure of its own (`records.Structure`) a wheel's row goes on: sinkage above the rut's bottom
 # [m], pressure at the bottom [Pa], shear displacement at the exit [Janosi moduli]; the rut it stands in
@@ -42,3 +48,10 @@ MOTION = 2 * AXLE
 #: Accelerations of the CG in heading axes (forward, left, up) [m/s^2], yaw and pitch [rad/s^2].
 (A_X, A_Y, A_Z, YAW_ACC, PITCH_ACC, STATUS) = range(MOTION, MOTION + 6)
 READINGS_SIZE = MOTION + 6
+
+# With four wheels the axles' parts are sums of forces and means of the rest; the wheels' own, front left,
+# front right, rear left, rear right, follow, in parts like an axle's, and the roll acceleration [rad/s^2].
+WHEEL_COUNT = 4
+WHEELS = READINGS_SIZE
+ROLL_ACC = WHEELS + WHEEL_COUNT * AXLE
+FOUR_WHEEL_READINGS = ROLL_ACC + 1

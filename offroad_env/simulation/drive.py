@@ -25,6 +25,7 @@ from offroad_env.physics.contact import SUNK
 from offroad_env.physics.full_vehicle import full_advance
 from offroad_env.physics.ground import sinkage_exponent
 from offroad_env.physics.imu import GNSS, IMU, WHEEL
+from offroad_env.simulation.sensor_presets import make_sensors
 from offroad_env.simulation.sensors import SensorSuite
 from offroad_env.simulation.simulator import FULL_STEP, Plant, plant_model, settled_state
 
@@ -126,7 +127,7 @@ class DriveRecord:
 def simulate_drive(
     plant: Plant,
     driver: Driver,
-    sensors: SensorSuite,
+    sensors: SensorSuite | str,
     seed: int | np.random.Generator | None = None,
     faults: Faults | None = None,
     *,
@@ -143,7 +144,7 @@ def simulate_drive(
     driver
         Asked every `Timing.command_ticks` ticks for the command that is held until the next.
     sensors
-        Their period must be that of ``timing``.
+        Or a name in `SENSORS`. Their period must be that of ``timing``.
     seed
         Of the sensors' errors, or the Generator that they take one number from; None where the caller has
         reset the sensors already.
@@ -164,9 +165,10 @@ def simulate_drive(
         When the vehicle leaves the range of the model, with the time it happened.
     """
     timing, faults = timing or Timing(), faults or Faults()
+    sensors = make_sensors(sensors) if isinstance(sensors, str) else sensors
     _check(plant, sensors, timing)
     if seed is not None:
-        sensors.reset(np.random.default_rng(seed))
+        sensors.reset(np.random.default_rng(seed), radius=plant.vehicle.r)
     truth = plant = faults.plant(plant)
     state, warm = settled_state(plant, v_x=speed)
     command, readings = (0.0, 0.0, 0.0), np.zeros(at.READINGS_SIZE)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,133 +19,16 @@ from offroad_env.physics.imu import (
     ImuMount,
     sense,
 )
-from offroad_env.physics.numerics import GRAVITY
-from offroad_env.world.catalogue import Quantity
+from offroad_env.physics.sensor_errors import NOISE_COLUMNS, sense_into
+from offroad_env.physics.state import STATE_SIZE
+from offroad_env.simulation.sensor_configs import GnssConfig, ImuConfig, WheelSpeedConfig
+from offroad_env.simulation.sensor_memory import SCALES, SLOW_CONSTANTS, has_memory, make_memory
 
 __all__ = ["GnssConfig", "ImuConfig", "SensorSample", "SensorSuite", "WheelSpeedConfig"]
 
-_RATE = Quantity("in [1, 1000] Hz", 1.0, 1000.0, mistakes=((1e-6, 0.9999, "a period in s"),))
-_ACCELERATION_SD = Quantity("in [0, 20] m/s^2", 0.0, 20.0)
-_ANGULAR_RATE_SD = Quantity("in [0, 2] rad/s", 0.0, 2.0, mistakes=((2.0000001, 120.0, "degrees/s"),))
-_ANGLE_SD = Quantity("in [0, 0.3] rad", 0.0, 0.3, mistakes=((0.3000001, 20.0, "degrees"),))
-_ARM = Quantity("in [-10, 10] m", -10.0, 10.0, mistakes=((10.0000001, 1e4, "cm or mm given as m"),))
-_SPEED_SD = Quantity("in [0, 5] m/s", 0.0, 5.0)
-_SCALE_SD = Quantity("in [0, 0.2]", 0.0, 0.2, mistakes=((0.2000001, 20.0, "per cent"),))
-_POSITION_SD = Quantity("in [0, 50] m", 0.0, 50.0)
-
-KINDS = ("kinematic", "specific_force")
 #: Standard normal numbers of one episode's constant errors.
 _BIASES, _MISALIGNMENT, _SCALES, _OFFSETS = slice(0, 5), slice(5, 8), slice(8, 10), slice(10, 12)
 _CONSTANT_DRAWS = 12
-
-
-def _check_fields(config: ImuConfig | WheelSpeedConfig | GnssConfig, ranges: dict[str, Quantity]) -> None:
-    """Check every numeric field of a frozen config and store it as float (or tuple of floats)."""
-    for item in fields(config):
-        if item.name not in ranges:
-            continue
-        value, quantity = getattr(config, item.name), ranges[item.name]
-        if isinstance(item.default, tuple):
-            if np.shape(value) != np.shape(item.default):
-                raise InvalidParameter(f"{item.name} must have {len(item.default)} numbers, got {value!r}")
-            numbers = tuple(quantity.check(f"{item.name}[{i}]", v) for i, v in enumerate(value))
-            object.__setattr__(config, item.name, numbers)
-        else:
-            object.__setattr__(config, item.name, quantity.check(item.name, value))
-
-
-@dataclass(frozen=True, kw_only=True)
-class ImuConfig:
-    """Inertial measurement unit: three accelerometers, the gyros for pitch and yaw.
-
-    The defaults are the paper's: noise only. Channels: a_x, a_y, a_z [m/s^2], pitch_rate, yaw_rate [rad/s]
-    (a forward-left-up gyro would call the first of the two -omega_y).
-
-    Raises
-    ------
-    InvalidParameter
-        If a value is out of range.
-    """
-
-    rate: float = 100.0  #: samples per second [Hz]; the other sensors' rates must divide it
-    accel_noise: float = 0.2  #: standard deviation of a sample [m/s^2]
-    gyro_noise: float = 0.0175  #: standard deviation of a sample [rad/s]
-    accel_bias_sd: float = 0.0  #: spread of the constant bias, drawn once per episode [m/s^2]
-    gyro_bias_sd: float = 0.0  #: spread of the constant bias, drawn once per episode [rad/s]
-    misalignment_sd: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: spread of roll, pitch, yaw [rad]
-    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: position from the CG, x, y, z [m]
-    kind: str = "kinematic"  #: "kinematic" acceleration, or "specific_force" as a real IMU measures it
-    body_axes: bool = True  #: False: held level, axes do not pitch with the body (the paper)
-
-    def __post_init__(self) -> None:
-        ranges = {
-            "rate": _RATE,
-            "accel_noise": _ACCELERATION_SD,
-            "gyro_noise": _ANGULAR_RATE_SD,
-            "accel_bias_sd": _ACCELERATION_SD,
-            "gyro_bias_sd": _ANGULAR_RATE_SD,
-            "misalignment_sd": _ANGLE_SD,
-            "lever_arm": _ARM,
-        }
-        _check_fields(self, ranges)
-        if self.kind not in KINDS:
-            raise InvalidParameter(f"kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
-
-    def mount(self, misalignment: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> ImuMount:
-        """The record for ``imu_reading``; without misalignment it is what a filter may assume.
-
-        Parameters
-        ----------
-        misalignment
-            Roll, pitch (nose up), yaw of the sensor in the body [rad].
-        """
-        return ImuMount(
-            np.array(self.lever_arm),
-            _rotation(*misalignment),
-            1.0 if self.body_axes else 0.0,
-            GRAVITY if self.kind == "specific_force" else 0.0,
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class WheelSpeedConfig:
-    """Wheel speed sensors, one per axle, in m/s at the nominal radius.
-
-    Raises
-    ------
-    InvalidParameter
-        If a value is out of range.
-    """
-
-    rate: float = 50.0  #: samples per second [Hz]
-    noise: float = 0.05  #: standard deviation of a sample [m/s]
-    scale_sd: float = 0.01  #: spread of the scale error (rolling radius), drawn once per episode [-]
-
-    def __post_init__(self) -> None:
-        _check_fields(self, {"rate": _RATE, "noise": _SPEED_SD, "scale_sd": _SCALE_SD})
-
-
-@dataclass(frozen=True, kw_only=True)
-class GnssConfig:
-    """Satellite receiver above the CG: X, Y [m], speed [m/s], course [rad, -pi ... pi].
-
-    Course is the direction of travel, not the heading, and arbitrary at rest. The defaults are of the order
-    of a receiver with carrier-phase corrections (RTK).
-
-    Raises
-    ------
-    InvalidParameter
-        If a value is out of range.
-    """
-
-    rate: float = 10.0  #: fixes per second [Hz]
-    position_sd: float = 0.03  #: standard deviation of a fix, each axis [m]
-    offset_sd: float = 0.0  #: spread of the constant offset, drawn once per episode, each axis [m]
-    velocity_sd: float = 0.05  #: standard deviation of the velocity, each axis [m/s]
-
-    def __post_init__(self) -> None:
-        ranges = {"rate": _RATE, "position_sd": _POSITION_SD, "offset_sd": _POSITION_SD}
-        _check_fields(self, {**ranges, "velocity_sd": _SPEED_SD})
 
 
 class SensorSample(NamedTuple):
@@ -162,17 +44,6 @@ class SensorSample(NamedTuple):
     def channels(self) -> np.ndarray:
         """(CHANNELS,) all channels in the order of `offroad_env.physics.imu`; a new array."""
         return np.concatenate((self.imu, self.wheel, self.gnss))
-
-
-def _rotation(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Columns: axes that are yawed left, then pitched nose up, then rolled, in forward-left-up axes."""
-    c, s = math.cos(roll), math.sin(roll)
-    about_x = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-    c, s = math.cos(pitch), math.sin(pitch)
-    about_y = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])  # nose up: about -y
-    c, s = math.cos(yaw), math.sin(yaw)
-    about_z = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return np.ascontiguousarray(about_z @ about_y @ about_x)
 
 
 def _divisor(name: str, imu_rate: float, rate: float) -> int:
@@ -208,7 +79,9 @@ class SensorSuite:
     -----
     ``reset`` takes one number from the given Generator and seeds the suite's own from it. Constant errors
     come first, then a fixed count of numbers per sample, whatever the configuration: the same seed gives
-    the same noise with any set of sensors, and nothing else that draws from the Generator notices.
+    the same noise with any set of sensors, and nothing else that draws from the Generator notices. What
+    drives drift, scale errors of the IMU and losses comes from a second one of the same seed, so that it does
+    not shift the noise either.
     """
 
     def __init__(
@@ -224,7 +97,16 @@ class SensorSuite:
         #: IMU samples from one sample of the wheel speeds, and of the GNSS, to the next; 0: none.
         self.wheel_every = _divisor("wheel", self.imu.rate, wheel.rate) if wheel else 0
         self.gnss_every = _divisor("gnss", self.imu.rate, gnss.rate) if gnss else 0
+        #: Whether errors have a memory: drift, latency, losses, encoders, saturation.
+        self.has_memory = any(has_memory(config) for config in (self.imu, wheel, gnss))
         self._rng: np.random.Generator | None = None
+        self._slow: np.random.Generator | None = None
+        self._memory: np.ndarray | None = None
+
+    def anew(self, *, body_axes: bool | None = None) -> SensorSuite:
+        """Sensors of the same configuration that have not been reset; ``body_axes`` replaces the IMU's."""
+        imu = self.imu if body_axes is None else replace(self.imu, body_axes=body_axes)
+        return SensorSuite(imu=imu, wheel=self.wheel, gnss=self.gnss)
 
     @property
     def period(self) -> float:
@@ -243,20 +125,40 @@ class SensorSuite:
         self._generator()
         return self._errors.copy()
 
-    def reset(self, rng: np.random.Generator) -> None:
+    @property
+    def memory(self) -> np.ndarray:
+        """(1,) what the sensors remember, a record of `physics.sensor_errors.SENSING` (truth)."""
+        self._generator()
+        if self._memory is None:
+            slow = np.random.default_rng([self._seed, 1]).standard_normal(SLOW_CONSTANTS)
+            self._memory = make_memory(self.imu, self.wheel, self.gnss, slow, self._radius)
+        return self._memory
+
+    def reset(self, rng: np.random.Generator, *, radius: float | None = None) -> None:
         """Start an episode: draw the constant errors, restart the clock.
 
         Parameters
         ----------
         rng
             The caller's Generator, from which one number is taken.
+        radius
+            Nominal radius of the wheels [m]; needed where an encoder counts their turns.
         """
-        self._rng = np.random.default_rng(int(rng.integers(2**63)))
+        self._seed, self._radius = int(rng.integers(2**63)), radius
+        self._rng = np.random.default_rng(self._seed)
         z = self._rng.standard_normal(_CONSTANT_DRAWS)
         self._errors = self._draw_errors(z)
         roll, pitch, yaw = (z[_MISALIGNMENT] * self.imu.misalignment_sd).tolist()
         self._mount = self.imu.mount((roll, pitch, yaw))
         self._tick = 0
+        self._slow = self._memory = None
+        if self.has_memory or self.imu.accel_scale_sd > 0.0 or self.imu.gyro_scale_sd > 0.0:
+            self._slow = np.random.default_rng([self._seed, 1])
+            slow = self._slow.standard_normal(SLOW_CONSTANTS)
+            scale_sd = np.repeat([self.imu.accel_scale_sd, self.imu.gyro_scale_sd], (3, 2))
+            self._errors[SCALE, IMU] = slow[SCALES] * scale_sd
+            if self.has_memory:
+                self._memory = make_memory(self.imu, self.wheel, self.gnss, slow, radius)
 
     def _draw_errors(self, z: np.ndarray) -> np.ndarray:
         errors = np.zeros((3, CHANNELS))
@@ -272,12 +174,14 @@ class SensorSuite:
         return errors
 
     def draw_noise(self, out: np.ndarray) -> None:
-        """Fill ``out`` (samples, CHANNELS) with the standard normal numbers of the next instants.
+        """Fill ``out`` (samples, NOISE_COLUMNS) with the standard normal numbers of the next instants.
 
-        For callers that run the kernel ``sense`` themselves, and count the instants by `wheel_every` and
-        `gnss_every`.
+        For callers that run the kernels ``sense`` or ``sense_with_memory`` themselves, and count the instants
+        by `wheel_every` and `gnss_every`. Columns that nothing depends on are left alone.
         """
-        self._generator().standard_normal(out=out)
+        out[:, :CHANNELS] = self._generator().standard_normal((len(out), CHANNELS))
+        if self._slow is not None:
+            out[:, CHANNELS:] = self._slow.standard_normal((len(out), NOISE_COLUMNS - CHANNELS))
 
     def sample(self, state: np.ndarray, readings: np.ndarray) -> SensorSample:
         """Measure now; call once per ``period``.
@@ -285,20 +189,26 @@ class SensorSuite:
         Parameters
         ----------
         state
-            (15,) state of the vehicle, as laid out in ``offroad_env.physics.state``.
+            (15,) state of the vehicle, as laid out in ``offroad_env.physics.state``, or longer: with roll.
         readings
-            (32,) readings of the model at that state.
+            (32,) readings of the model at that state, or longer.
 
         Raises
         ------
         InvalidParameter
             Before the first ``reset``.
         """
-        noise, out = self._generator().standard_normal(CHANNELS), np.empty(CHANNELS)
+        noise, out = np.zeros((1, NOISE_COLUMNS)), np.empty(CHANNELS)
+        self.draw_noise(noise)
         wheel_due, gnss_due = _is_due(self._tick, self.wheel_every), _is_due(self._tick, self.gnss_every)
         self._tick += 1
-        sense(state, readings, self._mount, self._errors, noise, (wheel_due, gnss_due), out)
-        return SensorSample(out[IMU], out[WHEEL], out[GNSS], wheel_due, gnss_due)
+        due = (wheel_due, gnss_due)
+        if self._memory is None and len(state) == STATE_SIZE:
+            sense(state, readings, self._mount, self._errors, noise[0], due, out)
+        else:
+            sense_into(state, readings, self._mount, self._errors, noise[0], due, self.memory, out)
+        wheel_valid, gnss_valid = (bool(np.isfinite(out[i]).all()) for i in (WHEEL, GNSS))
+        return SensorSample(out[IMU], out[WHEEL], out[GNSS], wheel_valid, gnss_valid)
 
     def _generator(self) -> np.random.Generator:
         """The suite's own Generator; refuses what needs a `reset` before."""
