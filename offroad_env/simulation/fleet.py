@@ -73,7 +73,8 @@ def _same(one: np.ndarray | None, other: np.ndarray | None) -> bool:
 def _same_field(one: SoilField | None, other: SoilField | None) -> bool:
     if one is None or other is None:
         return one is other
-    return all(np.array_equal(mine, its) for mine, its in zip(one, other, strict=True))
+    same = _same(one.patches, other.patches) and _same(one.waves, other.waves)
+    return one.edge == other.edge and same
 
 
 def make_fleet(plants: Sequence[Plant]) -> Fleet:
