@@ -279,7 +279,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
     def _plant_of(self, vehicle: Vehicle, soil: Soil, ground: Ground, soils: SoilMap | None = None) -> Plant:
         """A plant of this environment's model, true or believed."""
         slip = PAPER_SLIP.get(self.soil_name, 0.0)
-        kind, model = self.vehicle_model, self.model
+        model, kind = self.model, self.vehicle_model
         return make_plant(vehicle, soil, ground, model=model, vehicle_model=kind, slip=slip, soil_map=soils)
 
     def _choose_estimator(self) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from offroad_env.physics._jit import inline_kernel
 from offroad_env.physics.axle import Plant
 from offroad_env.physics.record_operations import numbers_of, record_from
-from offroad_env.physics.records import FloatArray, FourWheel, Structure
+from offroad_env.physics.records import FloatArray, FourWheel, SoilField, Structure
 
 __all__ = ["PackedPlant", "pack", "unpack"]
 
@@ -29,19 +29,25 @@ class PackedPlant(NamedTuple):
     effects: FloatArray | None
     four_wheel: FourWheel | None
     structure: Structure | None
+    soil_field: SoilField | None
 
 
 def pack(plant: Plant) -> PackedPlant:
     """The plant as arrays; `unpack` gives back the same plant."""
     numbers = np.array(numbers_of(plant))
-    ground, soil_map = plant.ground, plant.soil_map
-    return PackedPlant(
-        numbers, ground.waves, soil_map.patches, plant.effects, plant.four_wheel, plant.structure
-    )
+    options = plant.effects, plant.four_wheel, plant.structure, plant.soil_field
+    return PackedPlant(numbers, plant.ground.waves, plant.soil_map.patches, *options)
 
 
 @inline_kernel
 def unpack(packed: PackedPlant) -> Plant:
     """The `Plant` that was packed."""
-    parts = (packed.waves, packed.patches, packed.effects, packed.four_wheel, packed.structure)
+    parts = (
+        packed.waves,
+        packed.patches,
+        packed.effects,
+        packed.four_wheel,
+        packed.structure,
+        packed.soil_field,
+    )
     return record_from(Plant, packed.numbers, parts)

@@ -24,6 +24,7 @@ from offroad_env.physics.records import (
     FourWheel,
     Ground,
     Soil,
+    SoilField,
     SoilMap,
     Structure,
     Tyre,
@@ -87,6 +88,7 @@ def make_plant(  # noqa: PLR0913 - a plant's options are its interface
     four_wheel: FourWheel | None = None,
     structure: str | Structure | None = None,
     tyre: str | Tyre | None = None,
+    soil_field: SoilField | None = None,
 ) -> Plant:
     """Bundle validated parts into what the kernels take.
 
@@ -110,12 +112,16 @@ def make_plant(  # noqa: PLR0913 - a plant's options are its interface
     tyre : str or Tyre, optional
         Flexible tyres, by a name in `world.tyres.TYRES` or from `make_tyre`; None: rigid rims. They need a
         structure whose pressure acts along the ground's normal, such as "grid" or "field".
+    soil_field : SoilField, optional
+        How the whole soil varies, from `world.natural_soil.natural_soil`, for a deformable soil.
     """
     _choice("model", model, MODELS)
     _choice("vehicle_model", vehicle_model, (*VEHICLE_MODELS, "four_wheel"))
     four_wheel = _four_wheel(vehicle, model, vehicle_model, four_wheel)
     if not -1.0 < slip < 1.0:
         raise InvalidParameter(f"slip must be in (-1, 1), got {slip} - in percent?")
+    if soil_field is not None and soil.rigid > 0.5:
+        raise InvalidParameter("soil_field must be None on hard ground, which has no parameters of soil")
     if soil_map is None:
         soil_map = SoilMap(0.3, np.empty((0, 4)))
     full = model == "full"
@@ -132,6 +138,7 @@ def make_plant(  # noqa: PLR0913 - a plant's options are its interface
         fine=False,
         four_wheel=four_wheel,
         structure=_wheel_laws(structure, model, read_tyre(tyre), Wheel(vehicle.r, vehicle.b)),
+        soil_field=soil_field,
     )
 
 
