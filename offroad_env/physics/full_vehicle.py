@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import inline_kernel, merged_kernel
+from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
 from offroad_env.physics.axle import Plant, readings_size
 from offroad_env.physics.contact import NO_ROOT
 from offroad_env.physics.equations import apply_command, full_derivative
@@ -17,9 +17,9 @@ from offroad_env.physics.four_wheel_geometry import wheel_row
 from offroad_env.physics.numerics import all_finite, sin_cos
 from offroad_env.physics.records import FloatArray, FourWheel, Structure, Vehicle
 from offroad_env.physics.rosenbrock import WORK_ROWS, StepArrays, StepReuse, rosenbrock_step
-from offroad_env.physics.ruts import Place, lay_track, track_spacing
+from offroad_env.physics.ruts import Place, lay_track, prefill_track, track_spacing
 
-__all__ = ["WORK_ROWS", "full_advance", "full_continue", "full_derivative", "full_step"]
+__all__ = ["WORK_ROWS", "full_advance", "full_continue", "full_derivative", "full_step", "straight_track"]
 
 
 @inline_kernel
@@ -56,6 +56,46 @@ def leave_tracks(
         return
     if structure.ruts > 0.5:
         _leave_tracks(plant.four_wheel, structure, plant.vehicle, x, warm, readings)
+
+
+@kernel
+def straight_track(plant: Plant, x: FloatArray, warm: FloatArray) -> float:
+    """Lay the front wheels' track into ``warm`` as if they had come straight to the state ``x``.
+
+    Returns the worst contact status. A plant without ruts keeps its ``warm``.
+    """
+    derivative, readings = np.empty(readings_size(plant)), np.empty(readings_size(plant))
+    full_derivative(x, (0.0, 0.0, 0.0), plant, warm, derivative, readings)
+    _lay_straight(plant.structure, plant, x, warm, readings)
+    worst: float = readings[at.STATUS]
+    return worst
+
+
+@inline_kernel
+def _lay_straight(
+    structure: Structure | None, plant: Plant, x: FloatArray, warm: FloatArray, readings: FloatArray
+) -> None:
+    """The tracks of the front wheels at the state of ``readings``, straight behind them."""
+    if structure is None:
+        return
+    if structure.ruts > 0.5:
+        _lay_all_straight(plant.four_wheel, structure, plant.vehicle, x, warm, readings)
+
+
+@inline_kernel
+def _lay_all_straight(
+    four: FourWheel | None,
+    structure: Structure,
+    vehicle: Vehicle,
+    x: FloatArray,
+    warm: FloatArray,
+    readings: FloatArray,
+) -> None:
+    spacing, heading = track_spacing(vehicle.l_f + vehicle.l_r), sin_cos(x[at.YAW])
+    for wheel in range(1 if four is None else 2):
+        seen = readings if four is None else wheel_row(readings, wheel)
+        place = Place(seen[at.WHEEL_X], seen[at.WHEEL_Y], heading)
+        prefill_track(structure, warm[wheel], place, seen[at.SINKAGE], spacing)
 
 
 @merged_kernel

@@ -289,6 +289,11 @@ class CudaFleet:
         self._timing = float(dt), count_steps(fleet, interval, dt)
         _require_device()
         count, packed = len(fleet), fleet.packed
+        if packed.four_wheel is not None:
+            raise InvalidParameter(
+                "fleets on a graphics processor take half-cars and bicycles; vehicle_model 'four_wheel' runs "
+                "in offroad_env.simulation.fleet"
+            )
         queue = _as_stream(stream)
         tables = [table for table in (packed.waves, packed.patches, packed.effects) if table is not None]
         rows = [np.concatenate([np.zeros((1, table.shape[1])), table]) for table in tables]
