@@ -30,13 +30,15 @@ _COLUMNS = {
 class ReplayCommand(Results):
     """Predict logs in windows from the logged steering and torques, and compare with what happened.
 
-    Vehicle, soil and ground are those of the log's description; nothing is fitted. Each window starts from a
-    smoother of the logged sensors after a lead-in of 1 s. Columns ref_* enter the errors only, where a log
-    has them. Prints root mean square errors over all logs and of each log, and writes the figure replay.png.
+    A structure is a choice of laws of wheel and soil: paper, full, grid, field, or one of them with changes,
+    as grid,ruts=none. Groups: all, ladder (from full to grid one law at a time), leave_one_out (grid less one
+    law). Vehicle, soil and ground are those of the log's description; nothing is fitted. Each window starts
+    from a smoother of the logged sensors after a lead-in of 1 s. Columns ref_* enter the errors only, where
+    a log has them. Prints root mean square errors over all logs and of each log, and writes replay.png.
     """
 
     logs: Positional[tuple[Path, ...]]  #: logs: CSV or Parquet with a YAML of the same name, or ROS bags
-    structure: tuple[str, ...] = ("full",)  #: laws of wheel and soil, or all
+    structure: tuple[str, ...] = ("full", "grid")  #: laws, "grid,ruts=none", all, ladder, leave_one_out
     vehicle_model: tuple[str, ...] = ("half_car",)  #: half_car, bicycle
     window: float = 4.0  #: length of a window [s]
     hold: Literal["stated", "zoh", "linear"] = "stated"  #: how inputs go on between their rows
@@ -108,9 +110,11 @@ def _heading() -> tuple[str, ...]:
 
 
 def _row(replay: Replay) -> tuple[str, ...]:
+    from estimators.replay.structures import title_of
+
     errors = (f"{replay.rms[name]:.3g}" for name in _COLUMNS)
     failed = f" ({replay.failed} failed)" if replay.failed else ""
-    return (replay.structure, replay.vehicle_model, *errors, f"{replay.windows}{failed}")
+    return (title_of(replay.structure), replay.vehicle_model, *errors, f"{replay.windows}{failed}")
 
 
 def _numbers(replay: Replay) -> dict[str, Any]:
