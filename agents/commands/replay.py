@@ -21,9 +21,13 @@ __all__ = ["ReplayCommand"]
 
 #: Columns of the tables: channel, heading.
 _COLUMNS = {
-    "v_x": "v_x m/s", "v_y": "v_y m/s", "yaw_rate": "yaw rate rad/s", "omega_f": "ω front rad/s",
-    "omega_r": "ω rear rad/s", "a_y": "a_y m/s²", "position": "position m",
+    "v_x": "v_x\nm/s", "v_y": "v_y\nm/s", "yaw_rate": "yaw rate\nrad/s", "omega_f": "ω front\nrad/s",
+    "omega_r": "ω rear\nrad/s", "a_y": "a_y\nm/s²", "position": "position\nm",
 }  # fmt: skip
+
+
+#: Time between the numbers of the growth in the JSON [s].
+_GROWTH_STEP = 0.1
 
 
 @dataclass(kw_only=True)
@@ -57,13 +61,7 @@ class ReplayCommand(Results):
         cases = cases_of(self.structure, self.vehicle_model)
         replays = self._replayed(cases)
         groups = [pooled([replay for replay in replays if _case(replay) == case]) for case in cases]
-        title = f"{len(self.logs)} logs, windows of {self.window:g} s, root mean square errors"
-        console().print(table(title, _heading(), [_row(group) for group in groups], texts=2))
-        if len(self.logs) > 1:
-            rows = [(replay.log, *_row(replay)) for replay in replays]
-            console().print(table("each log", ("log", *_heading()), rows, texts=3))
-        compared = groups[0].references
-        say(f"compared with reference columns: {', '.join(compared) or 'none'}; else with smoothed sensors")
+        # Files first: a reader of a pipe may leave before the tables end.
         self.save_figure(replay_figure(groups), "replay")
         self.save_numbers(
             {
@@ -72,9 +70,16 @@ class ReplayCommand(Results):
                 "lead_in_s": LEAD_IN,
                 "hold": self.hold,
                 "runs": [_numbers(replay) for replay in replays],
-                "pooled": [_numbers(group) | {"growth": {"t": group.t, **group.growth}} for group in groups],
+                "pooled": [_numbers(group) | {"growth": _growth(group)} for group in groups],
             }
         )
+        title = f"{len(self.logs)} logs, windows of {self.window:g} s, root mean square errors"
+        if len(self.logs) > 1:
+            rows = [(replay.log, *_row(replay)) for replay in replays]
+            console().print(table("each log", ("log", *_heading()), rows, texts=3))
+        console().print(table(title, _heading(), [_row(group) for group in groups], texts=2))
+        compared = groups[0].references
+        say(f"compared with reference columns: {', '.join(compared) or 'none'}; else with smoothed sensors")
 
     def _replayed(self, cases: Sequence[Case]) -> list[Replay]:
         """All logs, in the order given, with a progress bar."""
@@ -106,7 +111,7 @@ def _case(replay: Replay) -> tuple[str, str]:
 
 
 def _heading() -> tuple[str, ...]:
-    return ("structure", "vehicle model", *_COLUMNS.values(), "windows")
+    return ("structure", "vehicle", *_COLUMNS.values(), "windows")
 
 
 def _row(replay: Replay) -> tuple[str, ...]:
@@ -115,6 +120,12 @@ def _row(replay: Replay) -> tuple[str, ...]:
     errors = (f"{replay.rms[name]:.3g}" for name in _COLUMNS)
     failed = f" ({replay.failed} failed)" if replay.failed else ""
     return (title_of(replay.structure), replay.vehicle_model, *errors, f"{replay.windows}{failed}")
+
+
+def _growth(group: Replay) -> dict[str, Any]:
+    """Errors over the time in a window, ten times a second."""
+    every = max(round(_GROWTH_STEP / float(group.t[1])), 1)
+    return {name: rows[::every] for name, rows in {"t": group.t, **group.growth}.items()}
 
 
 def _numbers(replay: Replay) -> dict[str, Any]:

@@ -14,37 +14,41 @@ from offroad_env.world.structures import LADDER, STRUCTURES, read_structure
 
 __all__ = ["GROUPS", "Case", "cases_of", "plant_for", "title_of"]
 
-#: What a row of the ladder adds to the one above it.
-_STEPS = (
-    "full (rim normal, Wong-Reece)",
-    "+ pressure along the ground's normal",
-    "+ own sinkage, elastic exit",
-    "+ shear as path length in the soil",
-    "+ contact hull's width",
-    "+ ruts",
-    "+ shear kept in the ruts (= grid)",
-)
 #: The grid with one law put back to that of "full", and with it what needs it.
-_WITHOUT = MappingProxyType(
-    {
-        "grid,pressure_direction=rim_normal": "grid, pressure normal to the rim",
-        "grid,pressure_from=wong_reece,ruts=none": "grid, Wong-Reece angles (no ruts)",
-        "grid,shear=wheel_frame,ruts=pressure": "grid, shear along the rim (none kept)",
-        "grid,strength=independent": "grid, independent strengths",
-        "grid,ruts=pressure": "grid, no shear kept in the ruts",
-        "grid,ruts=none": "grid, no ruts",
-        "grid,width=rim": "grid, rim's width",
-    }
+_LEAVE_ONE_OUT = (
+    "grid",
+    "grid,pressure_direction=rim_normal",
+    "grid,pressure_from=wong_reece,ruts=none",
+    "grid,shear=wheel_frame,ruts=pressure",
+    "grid,strength=independent",
+    "grid,ruts=pressure",
+    "grid,ruts=none",
+    "grid,width=rim",
 )
 #: Names that stand for several structures.
 GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "all": tuple(dict.fromkeys((*LADDER, *STRUCTURES))),
         "ladder": LADDER,
-        "leave_one_out": ("grid", *_WITHOUT),
+        "leave_one_out": _LEAVE_ONE_OUT,
     }
 )
-_TITLES: Mapping[str, str] = MappingProxyType(dict(zip(LADDER, _STEPS, strict=True)) | dict(_WITHOUT))
+#: Short titles; a "+" is added to the row of the ladder above.
+_TITLES: Mapping[str, str] = MappingProxyType(
+    {
+        "full,pressure_direction=ground_normal": "+ along ground normal",
+        "full,pressure_direction=ground_normal,pressure_from=own_sinkage": "+ own sinkage",
+        "grid,ruts=none,width=rim": "+ shear as soil path",
+        "grid,ruts=none": "+ hull width: no ruts",
+        "grid,ruts=pressure": "+ ruts: no kept shear",
+        "grid": "+ kept shear: grid",
+        "grid,pressure_direction=rim_normal": "grid, rim normal",
+        "grid,pressure_from=wong_reece,ruts=none": "grid, Wong-Reece",
+        "grid,shear=wheel_frame,ruts=pressure": "grid, shear along rim",
+        "grid,strength=independent": "grid, indep. strength",
+        "grid,width=rim": "grid, rim width",
+    }
+)
 
 
 class Case(NamedTuple):
