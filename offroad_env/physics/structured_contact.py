@@ -20,7 +20,6 @@ from offroad_env.physics.contact import (
     balances,
     deepest_sinkage,
     hard_ground_contact,
-    measured_exponent,
     next_sinkage,
     predicted_sinkage,
     solve_contact,
@@ -62,7 +61,9 @@ __all__ = [
     "structured_reaction",
 ]
 
-_TOLERANCE, _SAME, _ITERATIONS = 1e-11, 5e-8, 60
+_TOLERANCE, _SAME, _ITERATIONS = 1e-11, 5e-8, 80
+#: Chords before the interval is halved only; largest local exponent of the load over the rise.
+_CHORDS, _STEEPEST = 30, 1e3
 
 
 @inline_kernel
@@ -216,6 +217,12 @@ def _load_line(
 
 
 @inline_kernel
+def _steep_exponent(ratio_V: float, ratio_h: float) -> float:
+    """Local exponent d ln V / d ln h: where half of a wheel meets a rut's bottom it is some tens."""
+    return min(max(fast_log(ratio_V) / fast_log(ratio_h), 0.02), _STEEPEST)
+
+
+@inline_kernel
 def _first_rise(
     tyre: Tyre | None,
     on_soil: TyreOnSoil,
@@ -281,7 +288,7 @@ def solve_structured_contact(
         change = e - e_old
         measured = i > 0 and abs(change) > 1e-8 * abs(e) and e > 0.0 < e_old and V > 0.0 and V_old > 0.0
         if measured:
-            exponent = measured_exponent(V / V_old, e / e_old)
+            exponent = _steep_exponent(V / V_old, e / e_old)
         step = (target - V) / (exponent * abs(V) / max(e, 1e-12) + relief)
         if measured and abs(step) * abs(change) <= _TOLERANCE * e * e and abs(step) <= 1e-4 * e:
             status, forces = CONTACT, _beyond(forces, before, step / change)
@@ -301,7 +308,7 @@ def solve_structured_contact(
         h = 0.5 * (low + high)
         if e > 0.0:
             h = depth + next_sinkage(e, V, target, step, exponent, relief)
-        if not low < h < high:
+        if i > _CHORDS or not low < h < high:
             h = 0.5 * (low + high)
     carried = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels)
     warm[at.SINKAGE_ROW], warm[at.EXPONENT_OF_RISE] = h, exponent
