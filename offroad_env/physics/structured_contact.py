@@ -26,6 +26,7 @@ from offroad_env.physics.contact import (
     solve_contact,
 )
 from offroad_env.physics.contact_angles import entry_angle, wong_reece_angles
+from offroad_env.physics.contact_strip import Rim, rebound_angle
 from offroad_env.physics.numerics import fast_exp, fast_log, half_angle, sin_cos
 from offroad_env.physics.pressure_sinkage import bekker_modulus, hull_width
 from offroad_env.physics.records import (
@@ -41,7 +42,7 @@ from offroad_env.physics.records import (
 )
 from offroad_env.physics.slip import TINY_SPEED, rolling_direction, slip_ratio
 from offroad_env.physics.slip_sinkage import linear_sinkage_factor, lyasko_sinkage_factor
-from offroad_env.physics.structured_patch import Rim, RimForces, SlipSpeeds, rebound_angle, rim_forces
+from offroad_env.physics.structured_patch import RimForces, SlipSpeeds, rim_forces
 from offroad_env.physics.tyre import (
     Belt,
     TyreLoad,

@@ -11,23 +11,23 @@ import math
 from typing import NamedTuple
 
 from offroad_env.physics._jit import inline_kernel, kernel
-from offroad_env.physics.contact_angles import AngleShares, entry_angle
-from offroad_env.physics.contact_patch import Patch, PatchPoint, patch_point
-from offroad_env.physics.numerics import LANES, half_angle, lane_block, lane_rows, lane_sum
-from offroad_env.physics.pressure_sinkage import bekker_pressure, rebound_modulus, rebound_pressure
+from offroad_env.physics.contact_patch import PatchPoint, patch_point
+from offroad_env.physics.contact_strip import (
+    Rim,
+    Strip,
+    flexed_rim,
+    rut_strip,
+    shear_strength,
+    virgin_strip,
+)
+from offroad_env.physics.numerics import LANES, lane_block, lane_rows, lane_sum
+from offroad_env.physics.pressure_sinkage import bekker_pressure, rebound_pressure
 from offroad_env.physics.quadrature import ENTRY, EXIT, HALVES, RUNNING, SMOOTH
-from offroad_env.physics.record_operations import replace
 from offroad_env.physics.records import FloatArray, RutSection, Structure, Tyre
 from offroad_env.physics.shear_stress import janosi_hanamoto_mobilisation
-from offroad_env.physics.tyre import (
-    Belt,
-    TyreLoad,
-    belt_on_soil,
-    friction_limited_strength,
-    mobilised_in_series,
-)
+from offroad_env.physics.tyre import mobilised_in_series
 
-__all__ = ["Rim", "RimForces", "SlipSpeeds", "rebound_angle", "rim_forces"]
+__all__ = ["RimForces", "SlipSpeeds", "rim_forces"]
 
 #: Largest growth of j/K over the piece at the entry, and the ratio of a later piece's end to its start;
 #: the same for reference accuracy.
@@ -46,23 +46,6 @@ _COS, _SIN, _SIGMA, _RATE_X, _RATE_Y, _LENGTH, _J_X, _J_Y = range(8)
 _START, _BLOCK_ROWS = _J_X, 8
 #: Row of the blocks' rules.
 _RULES = 24
-
-
-class Rim(NamedTuple):
-    """A rim on its soil, for one evaluation."""
-
-    radius: float  #: of the contact's circle [m]
-    arm: float  #: of the shear stress about the hub, and of the rim's speed [m]
-    b: float  #: width [m]
-    modulus: float  #: Bekker modulus, k_c over the width that counts included [Pa/m^n]
-    n: float  #: sinkage exponent [-]
-    c: float  #: cohesion [Pa]
-    tan_phi: float  #: [-]
-    per_k_x: float  #: 1 / Janosi modulus along the wheel [1/m]
-    per_k_y: float  #: across it [1/m]
-    shares: AngleShares  #: Wong-Reece angles over the entry angle
-    carried: TyreLoad  #: how a tyre carries its load; of a rigid rim without meaning
-    belt: Belt  #: and lies on its soil
 
 
 class SlipSpeeds(NamedTuple):
@@ -112,19 +95,6 @@ class _Sides(NamedTuple):
     path: float  #: the shear stress
 
 
-class _Strip(NamedTuple):
-    """A strip of the rim's width with one history."""
-
-    patch: Patch  #: from the strip's own entry
-    depth: float  #: sinkage at the entry: that of the rut [m]
-    h: float  #: sinkage of the bottom [m]
-    bottom: float  #: angle from the entry to the bottom, or to the largest pressure [rad]
-    end: float  #: to the exit [rad]
-    yielding: float  #: to where the soil of a rut yields; 0 on virgin soil [rad]
-    peak: float  #: pressure at the bottom [Pa]
-    rebound: float  #: slope of unloading [Pa/m]
-
-
 @inline_kernel
 def _slip_rates(rates: _Rates, cos: float) -> tuple[float, float]:
     """Growth per angle of both shear displacements [Janosi moduli/rad] at a node.
@@ -148,7 +118,7 @@ def _node(rows: FloatArray, i: int, point: PatchPoint, sigma: float, rates: _Rat
 
 
 @inline_kernel
-def _nodes(rim: Rim, structure: Structure, strip: _Strip, rates: _Rates, rule: int, rows: FloatArray) -> None:
+def _nodes(rim: Rim, structure: Structure, strip: Strip, rates: _Rates, rule: int, rows: FloatArray) -> None:
     """Cosine, sine, pressure and slip rates, times the length, at the nodes of a block.
 
     One loop that does much: a compiler turns that into vector instructions, and unrolls small loops
@@ -223,14 +193,6 @@ def _integrands(
 
 
 @inline_kernel
-def _strength(tyre: Tyre | None, rim: Rim, sigma: float) -> float:
-    """Shear strength of soil under a rim, of soil and rubber under a tyre [Pa]."""
-    if tyre is None:
-        return rim.c + sigma * rim.tan_phi
-    return friction_limited_strength(tyre.mu, sigma, rim.c + sigma * rim.tan_phi)
-
-
-@inline_kernel
 def _mobilised(tyre: Tyre | None, rim: Rim, strength: float, j: float) -> float:
     """Share of a ``strength`` [Pa] that a shear displacement mobilises [-]."""
     if tyre is None:
@@ -249,14 +211,14 @@ def _sums(
         for i in range(LANES):
             u_x = rates.along * rows[_COS, i] - rates.across
             size = math.sqrt(u_x * u_x + rates.side * rates.side) + _TINY
-            strength = _strength(tyre, rim, rows[_SIGMA, i])
+            strength = shear_strength(tyre, rim, rows[_SIGMA, i])
             tau = strength * _mobilised(tyre, rim, strength, rows[_J_X, i] + _running(rate_x, rule, i)) / size
             weight, tau_xy = RUNNING[rule, 1, i] * rows[_LENGTH, i], (tau * u_x, tau * rates.side)
             out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(rows, i, sides, weight, tau_xy)
     else:
         path, shared = structure.soil_path, structure.resultant
         for i in range(LANES):
-            strength = _strength(tyre, rim, rows[_SIGMA, i])
+            strength = shear_strength(tyre, rim, rows[_SIGMA, i])
             j_x = rows[_J_X, i] + _running(rate_x, rule, i)
             j_y = rows[_J_Y, i] + _running(rate_y, rule, i)
             u_x = rates.along * rows[_COS, i] - rates.across
@@ -277,64 +239,7 @@ def _sums(
 
 
 @inline_kernel
-def _flexed(tyre: Tyre | None, rim: Rim, structure: Structure, h: float, depth: float) -> Rim:
-    """The rim as it lies on a strip of soil whose surface is ``depth`` [m] deep: a tyre deflects."""
-    if tyre is None:
-        return rim
-    bearing = bekker_pressure(rim.modulus, rim.n, h)
-    slope = rebound_modulus(structure.elastic_modulus, bearing, h)
-    z = h - depth
-    peak = min(slope * z, bearing)
-    strength = _strength(tyre, rim, peak)
-    modulus = 1.0 / math.sqrt(rim.per_k_x * rim.per_k_y)
-    belt = belt_on_soil(rim.carried, rim.radius, z, peak / slope, modulus, strength)
-    per_k_x, per_k_y = rim.per_k_x / belt.unit, rim.per_k_y / belt.unit
-    return replace(rim, radius=belt.radius, per_k_x=per_k_x, per_k_y=per_k_y, belt=belt)
-
-
-@inline_kernel
-def _rut_strip(rim: Rim, structure: Structure, h: float, depth: float) -> _Strip:
-    """The strip of a rim that runs in a rut of ``depth`` [m]."""
-    bearing = bekker_pressure(rim.modulus, rim.n, h)
-    slope = rebound_modulus(structure.elastic_modulus, bearing, h)
-    theta = entry_angle(h - depth, rim.radius)
-    sin, versed = half_angle(theta)
-    patch = Patch(theta, sin, 1.0 - versed, theta, 0.0, 0.0)
-    peak = min(slope * (h - depth), bearing)
-    yielding = theta
-    if slope * (h - depth) > bearing:
-        # Where the elastic line meets Bekker's law, by a step of Newton's method from the rut's bottom. The
-        # pressure is the smaller of both whatever comes out here.
-        pressure = bekker_pressure(rim.modulus, rim.n, depth)
-        z = depth + pressure / max(slope - rim.n * pressure / depth, 0.5 * slope)
-        yielding = theta - entry_angle(max(h - z, 0.0), rim.radius)
-    rise = min(peak / (slope * rim.radius), versed)
-    return _Strip(patch, depth, h, theta, theta + entry_angle(rise, 1.0), yielding, peak, slope)
-
-
-@kernel
-def rebound_angle(rim: Rim, structure: Structure, h: float) -> float:
-    """Angle behind the bottom where virgin soil that rebounds leaves a rim at sinkage ``h`` [m] [rad]."""
-    strip = _virgin_strip(rim, structure, h)
-    return strip.end - strip.patch.theta_f
-
-
-@inline_kernel
-def _virgin_strip(rim: Rim, structure: Structure, h: float) -> _Strip:
-    """The strip of a rim on undisturbed soil."""
-    theta = entry_angle(h, rim.radius)
-    sin, versed = half_angle(theta)
-    peak = bekker_pressure(rim.modulus, rim.n, h)
-    slope = rebound_modulus(structure.elastic_modulus, peak, h)
-    bottom, end = theta, theta + entry_angle(min(peak / (slope * rim.radius), versed), 1.0)
-    if structure.own_sinkage < 0.5:
-        bottom, end = theta * (1.0 - rim.shares.m), theta * (1.0 - rim.shares.r)
-    patch = Patch(theta, sin, 1.0 - versed, bottom, end - bottom, theta - end)
-    return _Strip(patch, 0.0, h, bottom, end, 0.0, peak, slope)
-
-
-@inline_kernel
-def _next_break(strip: _Strip, turn: float, d: float) -> float:
+def _next_break(strip: Strip, turn: float, d: float) -> float:
     """Next angle from the entry where an integrand has a kink; ``turn``: where slip changes its sign."""
     end, after = strip.end, d + _SHORT
     if after < strip.yielding < end:
@@ -391,7 +296,7 @@ def _place(block: FloatArray, count: int, half: int, start: float, length: float
 
 
 @inline_kernel
-def _whole_rule(structure: Structure, strip: _Strip, start: float, end: float) -> int:
+def _whole_rule(structure: Structure, strip: Strip, start: float, end: float) -> int:
     """Quadrature rule of a piece with a block of its own: the pressure has an infinite slope at an end."""
     if start == 0.0 and strip.depth == 0.0:
         return ENTRY
@@ -402,7 +307,7 @@ def _whole_rule(structure: Structure, strip: _Strip, start: float, end: float) -
 
 @inline_kernel
 def _cut(
-    strip: _Strip, structure: Structure, turn: float, growths: _Growths, d: float, block: FloatArray
+    strip: Strip, structure: Structure, turn: float, growths: _Growths, d: float, block: FloatArray
 ) -> tuple[int, float]:
     """(blocks, where the last one ends): the contact from ``d`` on, in at most `_AT_ONCE` blocks.
 
@@ -433,7 +338,7 @@ def _cut(
 
 
 @inline_kernel
-def _growths(rim: Rim, speeds: SlipSpeeds, strip: _Strip, fine: bool) -> _Growths:
+def _growths(rim: Rim, speeds: SlipSpeeds, strip: Strip, fine: bool) -> _Growths:
     """How long pieces may be."""
     rate = _steepest_growth(rim, speeds, strip.patch.cos_f) + _TINY
     if fine:
@@ -457,7 +362,7 @@ def _start_shear(rows: FloatArray, rule: int, j_x: float, j_y: float) -> tuple[f
 
 @kernel
 def _strip_forces(
-    rim: Rim, structure: Structure, speeds: SlipSpeeds, strip: _Strip, shear: float, fine: bool
+    rim: Rim, structure: Structure, speeds: SlipSpeeds, strip: Strip, shear: float, fine: bool
 ) -> RimForces:
     """Forces of a strip of the whole width, whose soil has the displacement ``shear`` already.
 
@@ -498,8 +403,8 @@ def rim_forces(
         depth = 0.0 if i == 0 else rut.depth
         if share <= 0.0 or h <= depth:
             continue
-        own = _flexed(structure.tyre, rim, structure, h, depth)
-        strip = _virgin_strip(own, structure, h) if i == 0 else _rut_strip(own, structure, h, depth)
+        own = flexed_rim(structure.tyre, rim, structure, h, depth)
+        strip = virgin_strip(own, structure, h) if i == 0 else rut_strip(own, structure, h, depth)
         carried = structure.shear_carry * rut.shear / own.belt.unit if i == 1 else 0.0
         part = _strip_forces(own, structure, speeds, strip, carried, fine)
         F_x += share * part.F_x

@@ -198,17 +198,23 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     size, slip, slip_angle = np.broadcast_arrays(size, slip, slip_angle)
     values = np.stack([size.ravel(), slip.ravel(), slip_angle.ravel()], axis=1)
     out, status = np.zeros((len(values), _COLUMNS)), np.zeros(len(values))
-    laws = read_structure(structure) if isinstance(structure, str) else structure
-    flexible = read_tyre(tyre)
-    if flexible is not None:
-        require_fitting_tyre(flexible, wheel)
-        # The slip that is given is that of the belt: it runs at the rim speed, whatever the deflection.
-        laws = with_tyre(laws, flexible._replace(rolling=0.0))
+    laws, rolling = _wheel_laws(structure, read_tyre(tyre), wheel)
     _many_wheels(soil, wheel, values, by_load, 1.0 if shear == "resultant" else 0.0, laws, out, status)
     _require_support(wheel, values, status)
-    if flexible is not None:
-        out[:, 3] *= 1.0 - flexible.rolling * out[:, 8] / wheel.r
+    out[:, 3] *= 1.0 - rolling * out[:, 8] / wheel.r
     return WheelForces(*(out[:, i].reshape(size.shape) for i in range(_COLUMNS)))
+
+
+def _wheel_laws(
+    structure: str | Structure | None, tyre: Tyre | None, wheel: Wheel
+) -> tuple[Structure | None, float]:
+    """The structure of a wheel with its tyre, and by how much of its deflection the tyre rolls smaller."""
+    laws = read_structure(structure) if isinstance(structure, str) else structure
+    if tyre is None:
+        return laws, 0.0
+    require_fitting_tyre(tyre, wheel)
+    # The slip that is given is that of the belt: it runs at the rim speed, whatever the deflection.
+    return with_tyre(laws, tyre._replace(rolling=0.0)), tyre.rolling
 
 
 def _load_or_sinkage(
