@@ -6,6 +6,7 @@ The equation is that of `contact`; a rut shifts the depth from which the force g
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel
@@ -65,6 +66,13 @@ __all__ = [
 _TOLERANCE, _SAME, _ITERATIONS = 1e-11, 5e-8, 60
 
 
+class _Balance(NamedTuple):
+    """A solution, for the next one."""
+
+    rise: float  #: above the rut's bottom [m]
+    force: float  #: load of the axle [N]
+
+
 @inline_kernel
 def rut_section_of(structure: Structure | None, warm: FloatArray) -> RutSection:
     """The rut under a wheel, as its row of the contact state holds it."""
@@ -113,7 +121,7 @@ def _rim(structure: Structure, soil: Soil, wheel: Wheel, h: float, carried: Tyre
         1.0 / soil.k_y,
         shares,
         carried,
-        Belt(wheel.r, 1.0, 1.0, 0.0),
+        Belt(wheel.r, 1.0, 1.0, 0.0, 0.0),
     )
 
 
@@ -216,6 +224,34 @@ def _load_line(
 
 
 @inline_kernel
+def _held_share(tyre: Tyre | None, carried: TyreLoad, rise: float) -> float:
+    """Local exponent of the force at a held deflection over that where a tyre deflects with its load."""
+    if tyre is None:
+        return 1.0
+    f = carried.deflection
+    # Force grows like the root of the circle's radius: d ln R* / d ln f of `substitute_circle_ratio`.
+    return 1.0 - 0.5 * carried.growth * math.sqrt(f / (f + rise))
+
+
+@inline_kernel
+def _remembered_exponent(tyre: Tyre | None, exponent: float, warm: FloatArray, now: _Balance) -> float:
+    """Exponent d ln load / d ln rise for the next prediction; ``exponent`` is the last one's.
+
+    A tyre's is measured from one solution to the next: within a solution its load hardly changes.
+    """
+    if tyre is None:
+        return exponent
+    rise, force = warm[at.RISE], warm[at.FORCE_ROW]
+    if rise > 0.0 and force > 0.0 and now.rise > 0.0 and now.force > 0.0:
+        grown = fast_log(now.rise / rise)
+        if abs(grown) > 1e-6:
+            measured = fast_log(now.force / force) / grown
+            if 0.6 * exponent < measured < 1.7 * exponent:
+                return measured
+    return exponent
+
+
+@inline_kernel
 def _first_rise(
     tyre: Tyre | None,
     on_soil: TyreOnSoil,
@@ -267,7 +303,7 @@ def solve_structured_contact(
     h = depth + e
     low, high = 0.0, deepest_sinkage(wheel.r)
     e_old, V_old, before = 0.0, 0.0, RimForces(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    status = NO_ROOT
+    status, held = NO_ROOT, 1.0
     for i in range(_ITERATIONS):
         carried = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels)
         forces = _directed(structure, soil, wheel, motion, h, carried, rut, options)
@@ -280,6 +316,9 @@ def solve_structured_contact(
         e = h - depth
         change = e - e_old
         measured = i > 0 and abs(change) > 1e-8 * abs(e) and e > 0.0 < e_old and V > 0.0 and V_old > 0.0
+        if i == 0:
+            held = _held_share(structure.tyre, carried, e)
+            exponent *= held
         if measured:
             exponent = measured_exponent(V / V_old, e / e_old)
         step = (target - V) / (exponent * abs(V) / max(e, 1e-12) + relief)
@@ -304,9 +343,10 @@ def solve_structured_contact(
         if not low < h < high:
             h = 0.5 * (low + high)
     carried = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels)
-    warm[at.SINKAGE_ROW], warm[at.EXPONENT_OF_RISE] = h, exponent
-    warm[at.FORCE_ROW] = wheels * carried.load
-    warm[at.RISE], warm[at.PEAK], warm[at.SHEAR] = h - depth, forces.peak, forces.shear
+    now = _Balance(h - depth, wheels * carried.load)
+    warm[at.EXPONENT_OF_RISE] = _remembered_exponent(structure.tyre, exponent / held, warm, now)
+    warm[at.SINKAGE_ROW], warm[at.FORCE_ROW] = h, now.force
+    warm[at.RISE], warm[at.PEAK], warm[at.SHEAR] = now.rise, forces.peak, forces.shear
     forces = _scaled(forces, wheels)
     return ContactSolution(status, forces.F_x, forces.F_y, forces.F_z, forces.torque, h)
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.contact_angles import AngleShares, entry_angle
 from offroad_env.physics.contact_patch import Patch, PatchPoint, patch_point
-from offroad_env.physics.numerics import LANES, half_angle, lane_block, lane_rows, lane_sum
+from offroad_env.physics.numerics import LANES, fast_log, half_angle, lane_block, lane_rows, lane_sum
 from offroad_env.physics.pressure_sinkage import bekker_pressure, rebound_modulus, rebound_pressure
 from offroad_env.physics.quadrature import ENTRY, EXIT, RUNNING, SMOOTH
 from offroad_env.physics.record_operations import replace
@@ -231,7 +231,19 @@ def _mobilised(tyre: Tyre | None, rim: Rim, strength: float, j: float) -> float:
     """Share of a ``strength`` [Pa] that a shear displacement mobilises [-]."""
     if tyre is None:
         return janosi_hanamoto_mobilisation(j)
-    return mobilised_in_series(j, rim.belt.soil, rim.belt.tread * strength)
+    # Soil that has sheared before does not give way until its stress is back: the tread alone does.
+    tread = rim.belt.tread * strength
+    alone = (j - rim.belt.carried) / (tread + _TINY)
+    return min(alone, mobilised_in_series(j, rim.belt.soil, tread))
+
+
+@inline_kernel
+def _soil_displacement(tyre: Tyre | None, rim: Rim, peak: float, j: float) -> float:
+    """What soil has of the shear displacement ``j`` at the exit of a strip [Janosi moduli]."""
+    if tyre is None:
+        return j
+    share = min(_mobilised(tyre, rim, _strength(tyre, rim, peak), j), 1.0 - 1e-12)
+    return rim.belt.unit * max(-rim.belt.soil * fast_log(1.0 - share), rim.belt.carried)
 
 
 @inline_kernel
@@ -296,10 +308,13 @@ def _sums(
 
 
 @inline_kernel
-def _flexed(tyre: Tyre | None, rim: Rim, structure: Structure, h: float, depth: float) -> Rim:
-    """The rim as it lies on a strip of soil whose surface is ``depth`` [m] deep: a tyre deflects."""
+def _flexed(tyre: Tyre | None, rim: Rim, structure: Structure, h: float, depth: float, shear: float) -> Rim:
+    """The rim as it lies on a strip of soil whose surface is ``depth`` [m] deep: a tyre deflects.
+
+    ``shear``: displacement that the soil has already [Janosi moduli].
+    """
     if tyre is None:
-        return rim
+        return replace(rim, belt=replace(rim.belt, carried=shear))
     bearing = bekker_pressure(rim.modulus, rim.n, h)
     slope = rebound_modulus(structure.elastic_modulus, bearing, h)
     z = h - depth
@@ -308,6 +323,7 @@ def _flexed(tyre: Tyre | None, rim: Rim, structure: Structure, h: float, depth: 
     modulus = 1.0 / math.sqrt(rim.per_k_x * rim.per_k_y)
     belt = belt_on_soil(rim.carried, rim.radius, z, peak / slope, modulus, strength)
     per_k_x, per_k_y = rim.per_k_x / belt.unit, rim.per_k_y / belt.unit
+    belt = replace(belt, carried=shear / belt.unit)
     return replace(rim, radius=belt.radius, per_k_x=per_k_x, per_k_y=per_k_y, belt=belt)
 
 
@@ -499,14 +515,14 @@ def rim_forces(
         depth = 0.0 if i == 0 else rut.depth
         if share <= 0.0 or h <= depth:
             continue
-        own = _flexed(structure.tyre, rim, structure, h, depth)
+        shear_before = structure.shear_carry * rut.shear if i == 1 else 0.0
+        own = _flexed(structure.tyre, rim, structure, h, depth, shear_before)
         strip = _virgin_strip(own, structure, h) if i == 0 else _rut_strip(own, structure, h, depth)
-        carried = structure.shear_carry * rut.shear / own.belt.unit if i == 1 else 0.0
-        part = _strip_forces(own, structure, speeds, strip, carried, fine)
+        part = _strip_forces(own, structure, speeds, strip, own.belt.carried, fine)
         F_x += share * part.F_x
         F_y += share * part.F_y
         F_z += share * part.F_z
         torque += share * part.torque
         peak += share * part.peak
-        shear += share * (part.shear * own.belt.unit)
+        shear += share * _soil_displacement(structure.tyre, own, strip.peak, part.shear)
     return RimForces(F_x, F_y, F_z, torque, peak, shear)

@@ -40,7 +40,6 @@ def _soil(modulus: float, n: float) -> Soil:
     return SOILS["dry_sand"]._replace(k_c=0.0, k_phi=modulus, n=n)
 
 
-
 @pytest.mark.parametrize("name", list(TYRES))
 def test_a_tyre_at_eight_per_cent_of_its_radius_bears_its_stiffness_times_that(name: str) -> None:
     tyre = TYRES[name]

@@ -87,9 +87,7 @@ def _at_sinkage(ground: _Ground, load: float, z: float, motion: tuple[float, flo
     steps = speed * R * np.cos(theta) * width / abs(v_l)
     path = np.cumsum(steps) - 0.5 * steps
     strength, rubber = soil.c + sigma * math.tan(soil.phi), tyre.mu * sigma
-    strength = 0.5 * (
-        strength + rubber - np.sqrt((strength - rubber) ** 2 + 0.004 * strength * rubber)
-    )
+    strength = 0.5 * (strength + rubber - np.sqrt((strength - rubber) ** 2 + 0.004 * strength * rubber))
     k_t = tyre.cornering * load / (4 * r * b * hard)
     tau = strength * _mobilised(path, np.full_like(path, soil.k_x / ratio), strength / k_t)
     area = b * R * np.cos(theta) * width
@@ -111,7 +109,5 @@ def tyre_forces(
     ground = _Ground(soil, wheel, tyre, soil.k_c / wheel.b + soil.k_phi, 2e8)
     v_rim, v_l = (1.0, 1.0 - slip) if slip >= 0.0 else (1.0 + slip, 1.0)
     motion = v_rim, v_l, v_l * math.tan(slip_angle)
-    z = brentq(
-        lambda z: _at_sinkage(ground, load, z, motion).F_z - load, 1e-9, 0.95 * wheel.r, xtol=1e-12
-    )
+    z = brentq(lambda z: _at_sinkage(ground, load, z, motion).F_z - load, 1e-9, 0.95 * wheel.r, xtol=1e-12)
     return _at_sinkage(ground, load, z, motion)
