@@ -40,9 +40,10 @@ from offroad_env.physics.records import (
     WheelMotion,
     WheelReaction,
 )
+from offroad_env.physics.rim import Rim
 from offroad_env.physics.slip import TINY_SPEED, rolling_direction, slip_ratio
 from offroad_env.physics.slip_sinkage import linear_sinkage_factor, lyasko_sinkage_factor
-from offroad_env.physics.structured_patch import Rim, RimForces, SlipSpeeds, rebound_angle, rim_forces
+from offroad_env.physics.structured_patch import RimForces, SlipSpeeds, rebound_angle, rim_forces
 from offroad_env.physics.tyre import (
     Belt,
     TyreLoad,

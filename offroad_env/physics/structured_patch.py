@@ -11,23 +11,16 @@ import math
 from typing import NamedTuple
 
 from offroad_env.physics._jit import inline_kernel, kernel
-from offroad_env.physics.contact_angles import AngleShares, entry_angle
+from offroad_env.physics.contact_angles import entry_angle
 from offroad_env.physics.contact_patch import Patch, PatchPoint, patch_point
-from offroad_env.physics.numerics import LANES, fast_log, half_angle, lane_block, lane_rows, lane_sum
+from offroad_env.physics.numerics import LANES, half_angle, lane_block, lane_rows, lane_sum
 from offroad_env.physics.pressure_sinkage import bekker_pressure, rebound_modulus, rebound_pressure
 from offroad_env.physics.quadrature import ENTRY, EXIT, RUNNING, SMOOTH
 from offroad_env.physics.record_operations import replace
-from offroad_env.physics.records import FloatArray, RutSection, Structure, Tyre
-from offroad_env.physics.shear_stress import janosi_hanamoto_mobilisation
-from offroad_env.physics.tyre import (
-    Belt,
-    TyreLoad,
-    belt_on_soil,
-    friction_limited_strength,
-    mobilised_in_series,
-)
+from offroad_env.physics.records import FloatArray, RutSection, Structure
+from offroad_env.physics.rim import Rim, flexed_rim, mobilised_share, shear_strength, soil_displacement
 
-__all__ = ["Rim", "RimForces", "SlipSpeeds", "rebound_angle", "rim_forces"]
+__all__ = ["RimForces", "SlipSpeeds", "rebound_angle", "rim_forces"]
 
 #: What the pressure of a piece follows from.
 _VIRGIN, _RELOADING, _REBOUND, _MAPPED = range(4)
@@ -42,23 +35,6 @@ _TINY = 1e-150
 # Rows of a piece's scratch.
 _COS, _SIN, _SIGMA, _RATE_X, _RATE_Y = range(5)
 _NODE_ROWS, _INFO = 5, 25
-
-
-class Rim(NamedTuple):
-    """A rim on its soil, for one evaluation."""
-
-    radius: float  #: of the contact's circle [m]
-    arm: float  #: of the shear stress about the hub, and of the rim's speed [m]
-    b: float  #: width [m]
-    modulus: float  #: Bekker modulus, k_c over the width that counts included [Pa/m^n]
-    n: float  #: sinkage exponent [-]
-    c: float  #: cohesion [Pa]
-    tan_phi: float  #: [-]
-    per_k_x: float  #: 1 / Janosi modulus along the wheel [1/m]
-    per_k_y: float  #: across it [1/m]
-    shares: AngleShares  #: Wong-Reece angles over the entry angle
-    carried: TyreLoad  #: how a tyre carries its load; of a rigid rim without meaning
-    belt: Belt  #: and lies on its soil
 
 
 class SlipSpeeds(NamedTuple):
@@ -219,34 +195,6 @@ def _integrands(
 
 
 @inline_kernel
-def _strength(tyre: Tyre | None, rim: Rim, sigma: float) -> float:
-    """Shear strength of soil under a rim, of soil and rubber under a tyre [Pa]."""
-    if tyre is None:
-        return rim.c + sigma * rim.tan_phi
-    return friction_limited_strength(tyre.mu, sigma, rim.c + sigma * rim.tan_phi)
-
-
-@inline_kernel
-def _mobilised(tyre: Tyre | None, rim: Rim, strength: float, j: float) -> float:
-    """Share of a ``strength`` [Pa] that a shear displacement mobilises [-]."""
-    if tyre is None:
-        return janosi_hanamoto_mobilisation(j)
-    # Soil that has sheared before does not give way until its stress is back: the tread alone does.
-    tread = rim.belt.tread * strength
-    alone = (j - rim.belt.carried) / (tread + _TINY)
-    return min(alone, mobilised_in_series(j, rim.belt.soil, tread))
-
-
-@inline_kernel
-def _soil_displacement(tyre: Tyre | None, rim: Rim, peak: float, j: float) -> float:
-    """What soil has of the shear displacement ``j`` at the exit of a strip [Janosi moduli]."""
-    if tyre is None:
-        return j
-    share = min(_mobilised(tyre, rim, _strength(tyre, rim, peak), j), 1.0 - 1e-12)
-    return rim.belt.unit * max(-rim.belt.soil * fast_log(1.0 - share), rim.belt.carried)
-
-
-@inline_kernel
 def _sums(
     rim: Rim, structure: Structure, rates: _Rates, started: tuple[float, float], rule: int, rows: FloatArray
 ) -> tuple[float, float, float, float]:
@@ -262,22 +210,22 @@ def _sums(
         for i in range(LANES):
             u_x = rates.along * rows[_COS, i] - rates.across
             size = math.sqrt(u_x * u_x + rates.side * rates.side) + _TINY
-            strength = _strength(tyre, rim, rows[_SIGMA, i])
+            strength = shear_strength(tyre, rim, rows[_SIGMA, i])
             j = j_x0 + rates.length * _running(rate_x, rule, i)
-            tau = strength * _mobilised(tyre, rim, strength, j) / size
+            tau = strength * mobilised_share(tyre, rim, strength, j) / size
             tau_xy = tau * u_x, tau * rates.side
             out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(
                 rows, i, sides, RUNNING[rule, 1, i], tau_xy
             )
     elif structure.soil_path > 0.5:
         for i in range(LANES):
-            strength = _strength(tyre, rim, rows[_SIGMA, i])
+            strength = shear_strength(tyre, rim, rows[_SIGMA, i])
             j_x, j_y = (
                 j_x0 + rates.length * _running(rate_x, rule, i),
                 j_y0 + rates.length * _running(rate_y, rule, i),
             )
-            tau_x = strength * _mobilised(tyre, rim, strength, j_x)
-            tau_y = strength * _mobilised(tyre, rim, strength, j_y)
+            tau_x = strength * mobilised_share(tyre, rim, strength, j_x)
+            tau_y = strength * mobilised_share(tyre, rim, strength, j_y)
             u_x = rates.along * rows[_COS, i] - rates.across
             tau_xy = math.copysign(tau_x, u_x), math.copysign(tau_y, rates.side)
             out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(
@@ -288,8 +236,8 @@ def _sums(
             j_x = j_x0 + rates.length * _running(rate_x, rule, i)
             j_y = j_y0 + rates.length * _running(rate_y, rule, i)
             j = math.sqrt(j_x * j_x + j_y * j_y) + _TINY
-            strength = _strength(tyre, rim, rows[_SIGMA, i])
-            tau = strength * _mobilised(tyre, rim, strength, j) / j
+            strength = shear_strength(tyre, rim, rows[_SIGMA, i])
+            tau = strength * mobilised_share(tyre, rim, strength, j) / j
             tau_xy = tau * j_x, tau * j_y
             out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(
                 rows, i, sides, RUNNING[rule, 1, i], tau_xy
@@ -298,33 +246,13 @@ def _sums(
         for i in range(LANES):
             j_x = j_x0 + rates.length * _running(rate_x, rule, i)
             j_y = j_y0 + rates.length * _running(rate_y, rule, i)
-            strength = _strength(tyre, rim, rows[_SIGMA, i])
-            tau_x = math.copysign(strength * _mobilised(tyre, rim, strength, abs(j_x)), j_x)
-            tau_xy = tau_x, math.copysign(strength * _mobilised(tyre, rim, strength, abs(j_y)), j_y)
+            strength = shear_strength(tyre, rim, rows[_SIGMA, i])
+            tau_x = math.copysign(strength * mobilised_share(tyre, rim, strength, abs(j_x)), j_x)
+            tau_xy = tau_x, math.copysign(strength * mobilised_share(tyre, rim, strength, abs(j_y)), j_y)
             out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(
                 rows, i, sides, RUNNING[rule, 1, i], tau_xy
             )
     return lane_sum(out[0]), lane_sum(out[1]), lane_sum(out[2]), lane_sum(out[3])
-
-
-@inline_kernel
-def _flexed(tyre: Tyre | None, rim: Rim, structure: Structure, h: float, depth: float, shear: float) -> Rim:
-    """The rim as it lies on a strip of soil whose surface is ``depth`` [m] deep: a tyre deflects.
-
-    ``shear``: displacement that the soil has already [Janosi moduli].
-    """
-    if tyre is None:
-        return replace(rim, belt=replace(rim.belt, carried=shear))
-    bearing = bekker_pressure(rim.modulus, rim.n, h)
-    slope = rebound_modulus(structure.elastic_modulus, bearing, h)
-    z = h - depth
-    peak = min(slope * z, bearing)
-    strength = _strength(tyre, rim, peak)
-    modulus = 1.0 / math.sqrt(rim.per_k_x * rim.per_k_y)
-    belt = belt_on_soil(rim.carried, rim.radius, z, peak / slope, modulus, strength)
-    per_k_x, per_k_y = rim.per_k_x / belt.unit, rim.per_k_y / belt.unit
-    belt = replace(belt, carried=shear / belt.unit)
-    return replace(rim, radius=belt.radius, per_k_x=per_k_x, per_k_y=per_k_y, belt=belt)
 
 
 @inline_kernel
@@ -516,7 +444,7 @@ def rim_forces(
         if share <= 0.0 or h <= depth:
             continue
         shear_before = structure.shear_carry * rut.shear if i == 1 else 0.0
-        own = _flexed(structure.tyre, rim, structure, h, depth, shear_before)
+        own = flexed_rim(structure.tyre, rim, structure, h, depth, shear_before)
         strip = _virgin_strip(own, structure, h) if i == 0 else _rut_strip(own, structure, h, depth)
         part = _strip_forces(own, structure, speeds, strip, own.belt.carried, fine)
         F_x += share * part.F_x
@@ -524,5 +452,5 @@ def rim_forces(
         F_z += share * part.F_z
         torque += share * part.torque
         peak += share * part.peak
-        shear += share * _soil_displacement(structure.tyre, own, strip.peak, part.shear)
+        shear += share * soil_displacement(structure.tyre, own, strip.peak, part.shear)
     return RimForces(F_x, F_y, F_z, torque, peak, shear)
