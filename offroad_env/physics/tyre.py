@@ -256,7 +256,7 @@ def supported_load(tyre: Tyre | None, on_soil: TyreOnSoil, pressing: float, k: f
 def belt_on_soil(
     carried: TyreLoad, r: float, z: float, rebound: float, modulus: float, strength: float
 ) -> Belt:
-    """Belt of a tyre of radius ``r`` [m] whose bottom lies ``z`` deep in soil that rises by ``rebound`` [m].
+    """Belt of a tyre of radius ``r`` [m] that lies ``z`` [m] deep in soil that rises by ``rebound`` [m].
 
     ``modulus``: Janosi's [m]; ``strength``: a shear strength of the contact [Pa], for the unit only.
     """
