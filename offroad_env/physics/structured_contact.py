@@ -253,6 +253,16 @@ def _remembered_exponent(tyre: Tyre | None, exponent: float, warm: FloatArray, n
 
 
 @inline_kernel
+def _keep(
+    tyre: Tyre | None, warm: FloatArray, h: float, exponent: float, now: _Balance, forces: RimForces
+) -> None:
+    """A solution into its row of the contact state."""
+    warm[at.EXPONENT_OF_RISE] = _remembered_exponent(tyre, exponent, warm, now)
+    warm[at.SINKAGE_ROW], warm[at.FORCE_ROW], warm[at.RISE] = h, now.force, now.rise
+    warm[at.PEAK], warm[at.SHEAR] = forces.peak, forces.shear
+
+
+@inline_kernel
 def _first_rise(
     tyre: Tyre | None,
     on_soil: TyreOnSoil,
@@ -296,9 +306,8 @@ def solve_structured_contact(
     N_0, k, wheels = support
     on_soil = tyre_on_soil(structure.tyre, soil, wheel)
     if soil.rigid > 0.5:
-        carried = supported_load(structure.tyre, on_soil, N_0 / wheels, k / wheels)
-        pressed = Support(wheels * carried.load, 0.0, wheels)
-        return hard_ground_contact(soil, wheel.r, motion, options.v_eps, frame, pressed)
+        load = wheels * supported_load(structure.tyre, on_soil, N_0 / wheels, k / wheels).load
+        return hard_ground_contact(soil, wheel.r, motion, options.v_eps, frame, Support(load, 0.0, wheels))
     rut = rut_section_of(structure, warm)
     depth, e, exponent = _first_rise(structure.tyre, on_soil, soil.n, wheel.r, rut, support, warm)
     h = depth + e
@@ -344,10 +353,7 @@ def solve_structured_contact(
         if not low < h < high:
             h = 0.5 * (low + high)
     carried = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels)
-    now = _Balance(h - depth, wheels * carried.load)
-    warm[at.EXPONENT_OF_RISE] = _remembered_exponent(structure.tyre, exponent / held, warm, now)
-    warm[at.SINKAGE_ROW], warm[at.FORCE_ROW] = h, now.force
-    warm[at.RISE], warm[at.PEAK], warm[at.SHEAR] = now.rise, forces.peak, forces.shear
+    _keep(structure.tyre, warm, h, exponent / held, _Balance(h - depth, wheels * carried.load), forces)
     forces = _scaled(forces, wheels)
     return ContactSolution(status, forces.F_x, forces.F_y, forces.F_z, forces.torque, h)
 
