@@ -279,8 +279,8 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
     def _plant_of(self, vehicle: Vehicle, soil: Soil, ground: Ground, soils: SoilMap | None = None) -> Plant:
         """A plant of this environment's model, true or believed."""
         slip = PAPER_SLIP.get(self.soil_name, 0.0)
-        kinds = {"model": self.model, "vehicle_model": self.vehicle_model}
-        return make_plant(vehicle, soil, ground, slip=slip, soil_map=soils, **kinds)
+        model, kind = self.model, self.vehicle_model
+        return make_plant(vehicle, soil, ground, model=model, vehicle_model=kind, slip=slip, soil_map=soils)
 
     def _choose_estimator(self) -> None:
         """A new estimator at the start of the course, if one runs."""
