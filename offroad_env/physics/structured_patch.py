@@ -11,23 +11,15 @@ import math
 from typing import NamedTuple
 
 from offroad_env.physics._jit import inline_kernel, kernel
-from offroad_env.physics.contact_patch import PatchPoint, patch_point
-from offroad_env.physics.contact_strip import (
-    Rim,
-    Strip,
-    flexed_rim,
-    rut_strip,
-    shear_strength,
-    virgin_strip,
-)
-from offroad_env.physics.numerics import LANES, lane_block, lane_rows, lane_sum
-from offroad_env.physics.pressure_sinkage import bekker_pressure, rebound_pressure
+from offroad_env.physics.contact_angles import entry_angle
+from offroad_env.physics.contact_patch import Patch, PatchPoint, patch_point
+from offroad_env.physics.numerics import LANES, half_angle, lane_block, lane_rows, lane_sum
+from offroad_env.physics.pressure_sinkage import bekker_pressure, rebound_modulus, rebound_pressure
 from offroad_env.physics.quadrature import ENTRY, EXIT, HALVES, RUNNING, SMOOTH
-from offroad_env.physics.records import FloatArray, RutSection, Structure, Tyre
-from offroad_env.physics.shear_stress import janosi_hanamoto_mobilisation
-from offroad_env.physics.tyre import mobilised_in_series
+from offroad_env.physics.records import FloatArray, RutSection, Structure
+from offroad_env.physics.rim import Rim, flexed_rim, mobilised_share, shear_strength, soil_displacement
 
-__all__ = ["RimForces", "SlipSpeeds", "rim_forces"]
+__all__ = ["RimForces", "SlipSpeeds", "rebound_angle", "rim_forces"]
 
 #: Largest growth of j/K over the piece at the entry, and the ratio of a later piece's end to its start;
 #: the same for reference accuracy.
@@ -95,6 +87,19 @@ class _Sides(NamedTuple):
     path: float  #: the shear stress
 
 
+class _Strip(NamedTuple):
+    """A strip of the rim's width with one history."""
+
+    patch: Patch  #: from the strip's own entry
+    depth: float  #: sinkage at the entry: that of the rut [m]
+    h: float  #: sinkage of the bottom [m]
+    bottom: float  #: angle from the entry to the bottom, or to the largest pressure [rad]
+    end: float  #: to the exit [rad]
+    yielding: float  #: to where the soil of a rut yields; 0 on virgin soil [rad]
+    peak: float  #: pressure at the bottom [Pa]
+    rebound: float  #: slope of unloading [Pa/m]
+
+
 @inline_kernel
 def _slip_rates(rates: _Rates, cos: float) -> tuple[float, float]:
     """Growth per angle of both shear displacements [Janosi moduli/rad] at a node.
@@ -118,7 +123,7 @@ def _node(rows: FloatArray, i: int, point: PatchPoint, sigma: float, rates: _Rat
 
 
 @inline_kernel
-def _nodes(rim: Rim, structure: Structure, strip: Strip, rates: _Rates, rule: int, rows: FloatArray) -> None:
+def _nodes(rim: Rim, structure: Structure, strip: _Strip, rates: _Rates, rule: int, rows: FloatArray) -> None:
     """Cosine, sine, pressure and slip rates, times the length, at the nodes of a block.
 
     One loop that does much: a compiler turns that into vector instructions, and unrolls small loops
@@ -193,14 +198,6 @@ def _integrands(
 
 
 @inline_kernel
-def _mobilised(tyre: Tyre | None, rim: Rim, strength: float, j: float) -> float:
-    """Share of a ``strength`` [Pa] that a shear displacement mobilises [-]."""
-    if tyre is None:
-        return janosi_hanamoto_mobilisation(j)
-    return mobilised_in_series(j, rim.belt.soil, rim.belt.tread * strength)
-
-
-@inline_kernel
 def _sums(
     rim: Rim, structure: Structure, rates: _Rates, rule: int, rows: FloatArray
 ) -> tuple[float, float, float, float]:
@@ -212,7 +209,11 @@ def _sums(
             u_x = rates.along * rows[_COS, i] - rates.across
             size = math.sqrt(u_x * u_x + rates.side * rates.side) + _TINY
             strength = shear_strength(tyre, rim, rows[_SIGMA, i])
-            tau = strength * _mobilised(tyre, rim, strength, rows[_J_X, i] + _running(rate_x, rule, i)) / size
+            tau = (
+                strength
+                * mobilised_share(tyre, rim, strength, rows[_J_X, i] + _running(rate_x, rule, i))
+                / size
+            )
             weight, tau_xy = RUNNING[rule, 1, i] * rows[_LENGTH, i], (tau * u_x, tau * rates.side)
             out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(rows, i, sides, weight, tau_xy)
     else:
@@ -224,11 +225,11 @@ def _sums(
             u_x = rates.along * rows[_COS, i] - rates.across
             # The displacement's own direction along the rim, that of the slip in the soil.
             tau_x = math.copysign(
-                strength * _mobilised(tyre, rim, strength, abs(j_x)), path * u_x + (1.0 - path) * j_x
+                strength * mobilised_share(tyre, rim, strength, abs(j_x)), path * u_x + (1.0 - path) * j_x
             )
-            tau_y = math.copysign(strength * _mobilised(tyre, rim, strength, abs(j_y)), rates.side)
+            tau_y = math.copysign(strength * mobilised_share(tyre, rim, strength, abs(j_y)), rates.side)
             j = math.sqrt(j_x * j_x + j_y * j_y) + _TINY
-            both = strength * _mobilised(tyre, rim, strength, j) / j
+            both = strength * mobilised_share(tyre, rim, strength, j) / j
             tau_xy = (
                 shared * both * j_x + (1.0 - shared) * tau_x,
                 shared * both * j_y + (1.0 - shared) * tau_y,
@@ -239,7 +240,48 @@ def _sums(
 
 
 @inline_kernel
-def _next_break(strip: Strip, turn: float, d: float) -> float:
+def _rut_strip(rim: Rim, structure: Structure, h: float, depth: float) -> _Strip:
+    """The strip of a rim that runs in a rut of ``depth`` [m]."""
+    bearing = bekker_pressure(rim.modulus, rim.n, h)
+    slope = rebound_modulus(structure.elastic_modulus, bearing, h)
+    theta = entry_angle(h - depth, rim.radius)
+    sin, versed = half_angle(theta)
+    patch = Patch(theta, sin, 1.0 - versed, theta, 0.0, 0.0)
+    peak = min(slope * (h - depth), bearing)
+    yielding = theta
+    if slope * (h - depth) > bearing:
+        # Where the elastic line meets Bekker's law, by a step of Newton's method from the rut's bottom. The
+        # pressure is the smaller of both whatever comes out here.
+        pressure = bekker_pressure(rim.modulus, rim.n, depth)
+        z = depth + pressure / max(slope - rim.n * pressure / depth, 0.5 * slope)
+        yielding = theta - entry_angle(max(h - z, 0.0), rim.radius)
+    rise = min(peak / (slope * rim.radius), versed)
+    return _Strip(patch, depth, h, theta, theta + entry_angle(rise, 1.0), yielding, peak, slope)
+
+
+@kernel
+def rebound_angle(rim: Rim, structure: Structure, h: float) -> float:
+    """Angle behind the bottom where virgin soil that rebounds leaves a rim at sinkage ``h`` [m] [rad]."""
+    strip = _virgin_strip(rim, structure, h)
+    return strip.end - strip.patch.theta_f
+
+
+@inline_kernel
+def _virgin_strip(rim: Rim, structure: Structure, h: float) -> _Strip:
+    """The strip of a rim on undisturbed soil."""
+    theta = entry_angle(h, rim.radius)
+    sin, versed = half_angle(theta)
+    peak = bekker_pressure(rim.modulus, rim.n, h)
+    slope = rebound_modulus(structure.elastic_modulus, peak, h)
+    bottom, end = theta, theta + entry_angle(min(peak / (slope * rim.radius), versed), 1.0)
+    if structure.own_sinkage < 0.5:
+        bottom, end = theta * (1.0 - rim.shares.m), theta * (1.0 - rim.shares.r)
+    patch = Patch(theta, sin, 1.0 - versed, bottom, end - bottom, theta - end)
+    return _Strip(patch, 0.0, h, bottom, end, 0.0, peak, slope)
+
+
+@inline_kernel
+def _next_break(strip: _Strip, turn: float, d: float) -> float:
     """Next angle from the entry where an integrand has a kink; ``turn``: where slip changes its sign."""
     end, after = strip.end, d + _SHORT
     if after < strip.yielding < end:
@@ -296,7 +338,7 @@ def _place(block: FloatArray, count: int, half: int, start: float, length: float
 
 
 @inline_kernel
-def _whole_rule(structure: Structure, strip: Strip, start: float, end: float) -> int:
+def _whole_rule(structure: Structure, strip: _Strip, start: float, end: float) -> int:
     """Quadrature rule of a piece with a block of its own: the pressure has an infinite slope at an end."""
     if start == 0.0 and strip.depth == 0.0:
         return ENTRY
@@ -307,7 +349,7 @@ def _whole_rule(structure: Structure, strip: Strip, start: float, end: float) ->
 
 @inline_kernel
 def _cut(
-    strip: Strip, structure: Structure, turn: float, growths: _Growths, d: float, block: FloatArray
+    strip: _Strip, structure: Structure, turn: float, growths: _Growths, d: float, block: FloatArray
 ) -> tuple[int, float]:
     """(blocks, where the last one ends): the contact from ``d`` on, in at most `_AT_ONCE` blocks.
 
@@ -338,7 +380,7 @@ def _cut(
 
 
 @inline_kernel
-def _growths(rim: Rim, speeds: SlipSpeeds, strip: Strip, fine: bool) -> _Growths:
+def _growths(rim: Rim, speeds: SlipSpeeds, strip: _Strip, fine: bool) -> _Growths:
     """How long pieces may be."""
     rate = _steepest_growth(rim, speeds, strip.patch.cos_f) + _TINY
     if fine:
@@ -362,7 +404,7 @@ def _start_shear(rows: FloatArray, rule: int, j_x: float, j_y: float) -> tuple[f
 
 @kernel
 def _strip_forces(
-    rim: Rim, structure: Structure, speeds: SlipSpeeds, strip: Strip, shear: float, fine: bool
+    rim: Rim, structure: Structure, speeds: SlipSpeeds, strip: _Strip, shear: float, fine: bool
 ) -> RimForces:
     """Forces of a strip of the whole width, whose soil has the displacement ``shear`` already.
 
@@ -403,14 +445,14 @@ def rim_forces(
         depth = 0.0 if i == 0 else rut.depth
         if share <= 0.0 or h <= depth:
             continue
-        own = flexed_rim(structure.tyre, rim, structure, h, depth)
-        strip = virgin_strip(own, structure, h) if i == 0 else rut_strip(own, structure, h, depth)
-        carried = structure.shear_carry * rut.shear / own.belt.unit if i == 1 else 0.0
-        part = _strip_forces(own, structure, speeds, strip, carried, fine)
+        shear_before = structure.shear_carry * rut.shear if i == 1 else 0.0
+        own = flexed_rim(structure.tyre, rim, structure, h, depth, shear_before)
+        strip = _virgin_strip(own, structure, h) if i == 0 else _rut_strip(own, structure, h, depth)
+        part = _strip_forces(own, structure, speeds, strip, own.belt.carried, fine)
         F_x += share * part.F_x
         F_y += share * part.F_y
         F_z += share * part.F_z
         torque += share * part.torque
         peak += share * part.peak
-        shear += share * (part.shear * own.belt.unit)
+        shear += share * soil_displacement(structure.tyre, own, strip.peak, part.shear)
     return RimForces(F_x, F_y, F_z, torque, peak, shear)
