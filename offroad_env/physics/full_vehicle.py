@@ -8,16 +8,16 @@ from __future__ import annotations
 import numpy as np
 
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import inline_kernel, merged_kernel
+from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
 from offroad_env.physics.axle import Plant
 from offroad_env.physics.contact import NO_ROOT
 from offroad_env.physics.full_dynamics import actuators, full_derivative
 from offroad_env.physics.numerics import all_finite, sin_cos
 from offroad_env.physics.records import FloatArray, Structure, Vehicle
 from offroad_env.physics.rosenbrock import WORK_ROWS, StepArrays, StepReuse, rosenbrock_step
-from offroad_env.physics.ruts import Place, lay_track, track_spacing
+from offroad_env.physics.ruts import Place, lay_track, prefill_track, track_spacing
 
-__all__ = ["WORK_ROWS", "full_advance", "full_continue", "full_derivative", "full_step"]
+__all__ = ["WORK_ROWS", "full_advance", "full_continue", "full_derivative", "full_step", "straight_track"]
 
 
 @inline_kernel
@@ -31,6 +31,32 @@ def leave_tracks(
         place = Place(readings[at.WHEEL_X], readings[at.WHEEL_Y], sin_cos(x[at.YAW]))
         spacing = track_spacing(vehicle.l_f + vehicle.l_r)
         lay_track(structure, warm[0], place, readings[at.SINKAGE], spacing)
+
+
+@kernel
+def straight_track(plant: Plant, x: FloatArray, warm: FloatArray) -> float:
+    """Lay the front wheels' track into ``warm`` as if they had come straight to the state ``x``.
+
+    Returns the worst contact status. A plant without ruts keeps its ``warm``.
+    """
+    derivative, readings = np.empty(at.READINGS_SIZE), np.empty(at.READINGS_SIZE)
+    full_derivative(x, (0.0, 0.0, 0.0), plant, warm, derivative, readings)
+    _lay_straight(plant.structure, plant.vehicle, x, warm, readings)
+    worst: float = readings[at.STATUS]
+    return worst
+
+
+@inline_kernel
+def _lay_straight(
+    structure: Structure | None, vehicle: Vehicle, x: FloatArray, warm: FloatArray, readings: FloatArray
+) -> None:
+    """The track of the front wheels at the state of ``readings``, straight behind them."""
+    if structure is None:
+        return
+    if structure.ruts > 0.5:
+        place = Place(readings[at.WHEEL_X], readings[at.WHEEL_Y], sin_cos(x[at.YAW]))
+        spacing = track_spacing(vehicle.l_f + vehicle.l_r)
+        prefill_track(structure, warm[0], place, readings[at.SINKAGE], spacing)
 
 
 @merged_kernel
