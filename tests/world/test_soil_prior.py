@@ -1,4 +1,4 @@
-"""The population of soils: learnt from the catalogue, with its gaps, and how it covers soils it has not seen."""
+"""The population of soils, learnt from the catalogue with its gaps, covers soils that it has not seen."""
 
 from __future__ import annotations
 
