@@ -106,7 +106,7 @@ def announce_compilation() -> None:
 def _plant(e: np.record, table: np.ndarray) -> Plant:
     """The true plant of an episode."""
     waves, patches = table[e.path_end : e.waves_end], table[e.waves_end : e.patches_end]
-    return unpack(PackedPlant(e.plant[:], waves, patches, None, None, None))
+    return unpack(PackedPlant(e.plant[:], waves, patches, None, None, None, None))
 
 
 @inline_kernel
