@@ -130,6 +130,7 @@ class FourWheel(NamedTuple):
     lock_r: float  #: the rear one
     lock_c: float  #: the one between the axles
     servo: float  #: torque per error of a wheel's given speed [N m s/rad]; 0.0 = torques are given
+    torque_reaction: float  #: share of the driveline's torque that reacts on the body's pitch [-]
 
 
 class Ground(NamedTuple):

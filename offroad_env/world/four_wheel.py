@@ -11,7 +11,7 @@ from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import FourWheel, Vehicle
 from offroad_env.world.catalogue import Quantity, given_fields
 
-__all__ = ["FOUR_WHEEL_FIELDS", "FourWheelFields", "make_four_wheel"]
+__all__ = ["FOUR_WHEEL_FIELDS", "FourWheelFields", "make_four_wheel", "stated_fields"]
 
 _MILLIMETRES = "mm given as m"
 _DEGREES = "degrees"
@@ -56,6 +56,7 @@ FOUR_WHEEL_FIELDS = MappingProxyType(
         "lock_r": _FLAG,
         "lock_c": _FLAG,
         "servo": _between(0.0, 1e6, "N m s/rad"),
+        "torque_reaction": _FLAG,
     }
 )
 
@@ -84,6 +85,7 @@ _RULES: Mapping[str, Callable[[Vehicle, Mapping[str, float]], float]] = MappingP
         "lock_r": lambda v, _: 0.0,
         "lock_c": lambda v, _: 0.0,
         "servo": lambda v, _: 0.0,
+        "torque_reaction": lambda v, _: 1.0,
     }
 )
 
@@ -113,6 +115,7 @@ class FourWheelFields(TypedDict, total=False):
     lock_r: float | None
     lock_c: float | None
     servo: float | None
+    torque_reaction: float | None
 
 
 def make_four_wheel(vehicle: Vehicle, **fields: Unpack[FourWheelFields]) -> FourWheel:
@@ -153,6 +156,9 @@ def make_four_wheel(vehicle: Vehicle, **fields: Unpack[FourWheelFields]) -> Four
     servo
         Torque per error of a wheel's speed where commands give the wheels' speeds [N m s/rad]. Default: 0,
         commands give torques.
+    torque_reaction
+        Share of the driveline's torque that reacts on the body's pitch: 1 for motors on the body, 0 for
+        torques that act on the wheels from outside. Default: 1.
 
     Returns
     -------
@@ -187,6 +193,17 @@ def _completed(vehicle: Vehicle, values: dict[str, float]) -> FourWheel:
             values.pop(f"roll_stiffness_{axle}") - 0.25 * k * values[f"track_{axle}"] ** 2
         )
     return FourWheel(**values)
+
+
+def stated_fields(record: FourWheel, vehicle: Vehicle, default: FourWheel) -> FourWheelFields:
+    """The fields from which `make_four_wheel` makes a record; those that ``default`` has too are left out."""
+    fields = {name: value for name, value in record._asdict().items() if value != getattr(default, name)}
+    for axle, k in (("f", vehicle.k_f), ("r", vehicle.k_r)):
+        track, bar = getattr(record, f"track_{axle}"), getattr(record, f"anti_roll_{axle}")
+        if bar < 0.0:
+            fields[f"anti_roll_{axle}"] = 0.0
+            fields[f"roll_stiffness_{axle}"] = 0.25 * k * track**2 + bar
+    return cast("FourWheelFields", fields)
 
 
 def _check_size(vehicle: Vehicle, values: Mapping[str, float]) -> None:
