@@ -37,10 +37,12 @@ from offroad_env.environment.episode_records import (
     NOISE_ROWS,
     SAMPLES,
     Memory,
+    PlantSizes,
     info_of,
 )
 from offroad_env.environment.extended import ExtendedTruth
 from offroad_env.environment.observation import PREVIEW, Layout
+from offroad_env.environment.plants import PlantChoice
 from offroad_env.environment.rewards import ENDINGS
 from offroad_env.environment.scenarios import Course, Scenario, find_scenario
 from offroad_env.environment.snapshot import Briefing, Measurements, Snapshot
@@ -49,17 +51,12 @@ from offroad_env.physics.contact import SUNK
 from offroad_env.physics.imu import GNSS, IMU, WHEEL
 from offroad_env.physics.packing import pack
 from offroad_env.physics.path_geometry import nearest_index
-from offroad_env.physics.records import Ground, Soil, SoilMap, Vehicle
+from offroad_env.physics.records import Structure, Vehicle
 from offroad_env.simulation.drive import Command
 from offroad_env.simulation.sensor_presets import make_sensors
 from offroad_env.simulation.sensors import GnssConfig, SensorSuite
 from offroad_env.simulation.simulator import (
     FULL_STEP,
-    MODELS,
-    PAPER_SLIP,
-    VEHICLE_MODELS,
-    Plant,
-    make_plant,
     settled_state,
 )
 from offroad_env.world.soils import SOILS, make_soil
@@ -152,6 +149,8 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
     soil, vehicle : names in `SOILS` and `VEHICLES`, default the scenario's
     sensors : a name in `offroad_env.SENSORS` ("paper", "ideal", "automotive", "consumer"), or sensors by
         `offroad_env.make_sensors`
+    structure : laws of the wheels, "full", "grid", "field" or departures from them ("grid,ruts=none"); None
+        is "full". Estimators go on to assume "full"
     render_mode : None, "human" or "rgb_array"
 
     ## Info
@@ -179,6 +178,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         soil: str | None = None,
         vehicle: str | None = None,
         sensors: str | SensorSuite = "paper",
+        structure: str | Structure | None = None,
         render_mode: str | None = None,
     ) -> None:
         self.scenario: Scenario = find_scenario(scenario)
@@ -189,14 +189,15 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         self.extension: Extension | None = read_extension(model) if model.endswith(".json") else None
         model = model if self.extension is None else self.extension.model
         require_choice("terrain_info", terrain_info, TERRAIN_INFO)
-        require_choice("model", model, MODELS)
-        require_choice("vehicle_model", vehicle_model, VEHICLE_MODELS)
         require_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         if terrain_info == "estimate" and estimator == "none":
             raise InvalidParameter('terrain_info="estimate" needs an estimator, got estimator="none"')
         self.terrain_info, self.model, self.vehicle_model = terrain_info, model, vehicle_model
         self.render_mode = render_mode
         self.soil_name = self.scenario.soil if soil is None else soil
+        self._plants = PlantChoice(
+            soil_name=self.soil_name, model=model, vehicle_model=vehicle_model, structure=structure
+        )
         self.n_range = checked_range(self.scenario.n_range if n_range is None else n_range, self.soil_name)
         self.vehicle: Vehicle = VEHICLES[self.scenario.vehicle if vehicle is None else vehicle]
         low, high = self.n_range
@@ -219,7 +220,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         self._layout = Layout(self.vehicle.steer_max, terrain=terrain_info != "none")
         self._renderer: Renderer | None = None
         self._learner: OnlineParameterUKF | None = None  # the estimator inside the compiled period
-        self.join(Memory(1), 0)
+        self.join(Memory(1, self.sizes), 0)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = self._layout.space()
 
@@ -253,7 +254,8 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         self.sensors.reset(self.np_random, radius=self.vehicle.r)
         self._sensor_errors = self.sensors.errors
         vehicle, soil = chosen.truth(self.vehicle, self._believed_soil, drawn)
-        self.plant = self._plant_of(vehicle, soil, self.course.ground, self.course.soil_map(self.n_range))
+        soils = self.course.soil_map(self.n_range)
+        self.plant = self._plants.truth(vehicle, soil, self.course.ground, soils)
         X, Y, yaw = (float(value) for value in self.course.path.nodes[0, :3])
         start = self.scenario.start_speed
         if self.extension is not None:
@@ -276,16 +278,10 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
             self.render()
         return self._layout.split(self._shown), info
 
-    def _plant_of(self, vehicle: Vehicle, soil: Soil, ground: Ground, soils: SoilMap | None = None) -> Plant:
-        """A plant of this environment's model, true or believed."""
-        slip = PAPER_SLIP.get(self.soil_name, 0.0)
-        kinds = {"model": self.model, "vehicle_model": self.vehicle_model}
-        return make_plant(vehicle, soil, ground, slip=slip, soil_map=soils, **kinds)
-
     def _choose_estimator(self) -> None:
         """A new estimator at the start of the course, if one runs."""
         self.estimator = self._learner = None
-        belief = self._plant_of(self.vehicle, self._believed_soil, self.course.known_ground)
+        belief = self._plants.belief(self.vehicle, self._believed_soil, self.course.known_ground)
         if isinstance(self._choice, OnBoard):
             imu, gnss = self.sensors.imu, self.sensors.gnss or GnssConfig()
             self.estimator = make_estimator(self._choice, belief, self._believed_range(), imu, gnss)
@@ -364,6 +360,11 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         self._navigation.lodge(self._episode["navigation"], self._episode["covariance"])
         if self._learner is not None:
             self._learner.lodge(self._memory.episodes["filter"][rows])
+
+    @property
+    def sizes(self) -> PlantSizes:
+        """Lengths of the arrays of its episodes."""
+        return self._plants.sizes(self.vehicle, self._believed_soil)
 
     @property
     def memory_size(self) -> int:

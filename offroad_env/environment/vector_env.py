@@ -116,7 +116,7 @@ class OffroadBekkerVectorEnv(VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._layout = Layout(first.vehicle.steer_max, terrain=first.terrain_info != "none")
         self._period = period_full if first.model == "full" else period_paper
-        self._memory = Memory(self.num_envs)
+        self._memory = Memory(self.num_envs, first.sizes)
         for row, env in enumerate(self.envs):
             env.join(self._memory, row)
         count = _threads(threads, self.num_envs)

@@ -1,0 +1,59 @@
+"""Which plant an environment drives, and which one its estimator assumes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from offroad_env.environment.arguments import require_choice
+from offroad_env.environment.episode_records import PlantSizes
+from offroad_env.physics.axle import contact_shape
+from offroad_env.physics.records import Ground, Soil, SoilMap, Structure, Vehicle
+from offroad_env.simulation.simulator import MODELS, PAPER_SLIP, VEHICLE_MODELS, Plant, make_plant
+from offroad_env.world.terrain import flat
+
+__all__ = ["PlantChoice"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantChoice:
+    """The arguments of an environment that decide about its plants.
+
+    Raises
+    ------
+    InvalidParameter
+        For a choice that there is not, or choices that exclude each other.
+    """
+
+    soil_name: str
+    model: str = "full"
+    vehicle_model: str = "half_car"
+    structure: str | Structure | None = None
+
+    def __post_init__(self) -> None:
+        require_choice("model", self.model, MODELS)
+        require_choice("vehicle_model", self.vehicle_model, VEHICLE_MODELS)
+
+    def truth(self, vehicle: Vehicle, soil: Soil, ground: Ground, soils: SoilMap | None = None) -> Plant:
+        """The plant that is driven."""
+        return make_plant(
+            vehicle,
+            soil,
+            ground,
+            slip=PAPER_SLIP.get(self.soil_name, 0.0),
+            soil_map=soils,
+            model=self.model,
+            vehicle_model=self.vehicle_model,
+            structure=self.structure,
+        )
+
+    def belief(self, vehicle: Vehicle, soil: Soil, ground: Ground) -> Plant:
+        """The plant that estimators assume: a half-car on rigid rims where the truth has more."""
+        slip = PAPER_SLIP.get(self.soil_name, 0.0)
+        return make_plant(
+            vehicle, soil, ground, slip=slip, model=self.model, vehicle_model=self.vehicle_model
+        )
+
+    def sizes(self, vehicle: Vehicle, soil: Soil) -> PlantSizes:
+        """Lengths of the arrays of an episode."""
+        wheels, contact = contact_shape(self.truth(vehicle, soil, flat()).structure)
+        return PlantSizes(wheels=wheels, contact=contact)
