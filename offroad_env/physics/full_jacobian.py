@@ -43,6 +43,7 @@ def _plain_reaction(
         wheel,
         motion,
         readings[at.SINKAGE],
+        readings[at.N] / v.wheels_per_axle,
         rut_section_of(plant.structure, warm),
         options,
     )

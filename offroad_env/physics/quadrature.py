@@ -13,7 +13,7 @@ import numpy as np
 
 from offroad_env.physics.records import FloatArray
 
-__all__ = ["COARSE", "ENTRY", "EXIT", "FINE", "RUNNING", "SMOOTH", "WHOLE", "Rule", "running_rule"]
+__all__ = ["COARSE", "ENTRY", "EXIT", "FINE", "HALVES", "RUNNING", "SMOOTH", "WHOLE", "Rule", "running_rule"]
 
 
 class Rule:
@@ -68,13 +68,24 @@ def running_rule(u: FloatArray, weights: FloatArray) -> FloatArray:
     return np.ascontiguousarray(np.vstack([u, weights, running.T]))
 
 
-#: Running rules of eight nodes, (3, 10, 8): for a piece that begins where the pressure does, one that ends
-#: there, and one between. In one array, whose strides a compiler knows.
+def _two_halves() -> FloatArray:
+    """Two running Gauss rules of four nodes each, side by side."""
+    x, w = np.polynomial.legendre.leggauss(4)
+    half = running_rule(0.5 * (x + 1.0), 0.5 * w)
+    rule = np.zeros((10, 8))
+    rule[:2] = np.tile(half[:2], 2)
+    rule[2:6, :4] = rule[6:, 4:] = half[2:]
+    return rule
+
+
+#: Running rules of eight nodes, (4, 10, 8): for a piece that begins where the pressure does, one that ends
+#: there, one between, and two pieces of four nodes each. In one array, whose strides a compiler knows.
 RUNNING: FloatArray = np.stack(
     [
         running_rule(WHOLE[0], WHOLE[1]),
         running_rule(1.0 - WHOLE[0, ::-1], WHOLE[1, ::-1]),
         running_rule(COARSE.table[0], COARSE.table[1]),
+        _two_halves(),
     ]
 )
-ENTRY, EXIT, SMOOTH = range(3)
+ENTRY, EXIT, SMOOTH, HALVES = range(4)

@@ -26,6 +26,7 @@ __all__ = [
     "SoilMap",
     "SpringState",
     "Structure",
+    "Tyre",
     "Vehicle",
     "Wheel",
     "WheelMotion",
@@ -202,6 +203,20 @@ class ContactOptions(NamedTuple):
     fine: bool  #: reference quadrature instead of the fast one
 
 
+class Tyre(NamedTuple):
+    """A pneumatic tyre, besides the radius and width of its wheel (`world.tyres` makes and checks them)."""
+
+    r: float  #: radius that the stiffness belongs to [m]
+    b: float  #: width that the stiffness belongs to [m]
+    inflation: float  #: inflation pressure above the atmosphere [Pa]
+    k_carcass: float  #: vertical stiffness without inflation pressure [N/m]
+    k_per_pressure: float  #: growth of the vertical stiffness with inflation pressure [N/m per Pa]
+    stiffening: float  #: growth exponent of the secant stiffness with deflection [-]
+    mu: float  #: friction coefficient of the tread [-]
+    cornering: float  #: cornering stiffness on hard ground per load [1/rad]
+    rolling: float  #: loss of effective rolling radius per deflection [-]
+
+
 class Structure(NamedTuple):
     """Which laws a wheel follows where it presses and shears soil (`world.structures` names them).
 
@@ -220,6 +235,7 @@ class Structure(NamedTuple):
     elastic_modulus: float  #: slope of unloading and reloading [Pa/m]
     damping: float  #: pressure per downward speed of the rim [Pa s/m]
     grouser_height: float  #: radial height of the grousers beyond the wheel's radius [m]
+    tyre: Tyre | None = None  #: flexible tyre; None = a rigid rim
 
 
 class RutSection(NamedTuple):

@@ -25,8 +25,8 @@ from offroad_env.physics.contact import (
     predicted_sinkage,
     solve_contact,
 )
-from offroad_env.physics.contact_angles import wong_reece_angles
-from offroad_env.physics.numerics import fast_exp, fast_log, sin_cos
+from offroad_env.physics.contact_angles import entry_angle, wong_reece_angles
+from offroad_env.physics.numerics import fast_exp, fast_log, half_angle, sin_cos
 from offroad_env.physics.pressure_sinkage import bekker_modulus, hull_width
 from offroad_env.physics.records import (
     ContactOptions,
@@ -34,6 +34,7 @@ from offroad_env.physics.records import (
     RutSection,
     Soil,
     Structure,
+    Tyre,
     Wheel,
     WheelMotion,
     WheelReaction,
@@ -41,10 +42,19 @@ from offroad_env.physics.records import (
 from offroad_env.physics.slip import TINY_SPEED, rolling_direction, slip_ratio
 from offroad_env.physics.slip_sinkage import linear_sinkage_factor, lyasko_sinkage_factor
 from offroad_env.physics.structured_patch import Rim, RimForces, SlipSpeeds, rebound_angle, rim_forces
+from offroad_env.physics.tyre import (
+    Belt,
+    TyreLoad,
+    TyreOnSoil,
+    effective_rolling_radius,
+    supported_load,
+    tyre_on_soil,
+)
 from offroad_env.physics.wheel_soil import wheel_reaction
 
 __all__ = [
     "contact_solution",
+    "deflection_on_soil",
     "exit_angle",
     "reaction_at_sinkage",
     "rut_section_of",
@@ -73,18 +83,37 @@ def _sinkage_factor(structure: Structure, slip: float) -> float:
     return lyasko_sinkage_factor(slip)
 
 
+@inline_kernel
+def _arm(tyre: Tyre | None, r: float, carried: TyreLoad) -> float:
+    """Arm of the shear stress about the hub [m]."""
+    if tyre is None:
+        return r
+    return effective_rolling_radius(tyre, r, carried.deflection)
+
+
 @kernel
-def _rim(structure: Structure, soil: Soil, wheel: Wheel, h: float, slip: float) -> Rim:
+def _rim(structure: Structure, soil: Soil, wheel: Wheel, h: float, carried: TyreLoad, slip: float) -> Rim:
     """The rim on its soil at sinkage ``h`` [m]."""
     sin, cos = sin_cos(soil.phi)
     b = hull_width(wheel.b, wheel.r, h) if structure.hull > 0.5 else wheel.b
     factor = _sinkage_factor(structure, slip)
     softer = fast_exp(-soil.n * fast_log(factor))
-    arm = wheel.r + structure.grouser_height
+    arm = _arm(structure.tyre, wheel.r, carried) + structure.grouser_height
     shares = wong_reece_angles(soil, slip)
     modulus = softer * bekker_modulus(soil, b)
     return Rim(
-        wheel.r, arm, wheel.b, modulus, soil.n, soil.c, sin / cos, 1.0 / soil.k_x, 1.0 / soil.k_y, shares
+        wheel.r,
+        arm,
+        wheel.b,
+        modulus,
+        soil.n,
+        soil.c,
+        sin / cos,
+        1.0 / soil.k_x,
+        1.0 / soil.k_y,
+        shares,
+        carried,
+        Belt(wheel.r, 1.0, 1.0, 0.0),
     )
 
 
@@ -106,6 +135,7 @@ def _directed(
     wheel: Wheel,
     motion: WheelMotion,
     h: float,
+    carried: TyreLoad,
     rut: RutSection,
     options: ContactOptions,
 ) -> RimForces:
@@ -116,7 +146,7 @@ def _directed(
     share, way = forward, 1.0
     for _ in range(2):
         if share > 0.0:
-            rim = _rim(structure, soil, wheel, h, way * slip)
+            rim = _rim(structure, soil, wheel, h, carried, way * slip)
             turned = WheelMotion(way * motion.rim_speed, way * motion.v_l, motion.v_c)
             speeds = _slip_speeds(structure, turned, rim.arm / rim.radius, options.v_eps)
             part = rim_forces(rim, structure, speeds, h, rut, options.fine)
@@ -137,11 +167,13 @@ def structured_reaction(
     wheel: Wheel,
     motion: WheelMotion,
     h: float,
+    load: float,
     rut: RutSection,
     options: ContactOptions,
 ) -> WheelReaction:
-    """Forces of a wheel at sinkage ``h`` [m]."""
-    found = _directed(structure, soil, wheel, motion, h, rut, options)
+    """Forces of a wheel at sinkage ``h`` [m]; its ``load`` [N] deflects a tyre."""
+    carried = supported_load(structure.tyre, tyre_on_soil(structure.tyre, soil, wheel), load, 0.0)
+    found = _directed(structure, soil, wheel, motion, h, carried, rut, options)
     return WheelReaction(found.F_x, found.F_y, found.F_z, found.torque)
 
 
@@ -172,19 +204,37 @@ def _scaled(forces: RimForces, factor: float) -> RimForces:
 
 
 @inline_kernel
+def _load_line(
+    tyre: Tyre | None, on_soil: TyreOnSoil, support: Support, depth: float, rise: float
+) -> tuple[float, float]:
+    """(load of an axle whose wheels do not rise above ``depth`` [N], how much less it is per rise [N/m])."""
+    if tyre is None:
+        return support.N_0 - support.k * depth, support.k
+    N_0, k, wheels = support
+    carried = supported_load(tyre, on_soil, (N_0 - k * (depth + rise)) / wheels, k / wheels)
+    return wheels * (carried.load + carried.relief * rise), wheels * carried.relief
+
+
+@inline_kernel
 def _first_rise(
-    soil: Soil, r: float, rut: RutSection, support: Support, warm: FloatArray
+    tyre: Tyre | None,
+    on_soil: TyreOnSoil,
+    n: float,
+    r: float,
+    rut: RutSection,
+    support: Support,
+    warm: FloatArray,
 ) -> tuple[float, float, float]:
     """(depth that the rise counts from [m], rise [m], local exponent) to begin with."""
     depth = rut.depth if rut.share > 0.5 else 0.0
     rise, exponent = warm[at.RISE], warm[at.EXPONENT_OF_RISE]
     if warm[at.SINKAGE_ROW] > 0.0 and rise > 0.0 and (depth > 0.0) == (warm[at.SINKAGE_ROW] > rise):
-        left = support.N_0 - support.k * depth
-        rise = predicted_sinkage(rise, exponent, warm[at.FORCE_ROW], left, support.k)
+        left, relief = _load_line(tyre, on_soil, support, depth, rise)
+        rise = predicted_sinkage(rise, exponent, warm[at.FORCE_ROW], left, relief)
     elif depth > 0.0:
         rise, exponent = 2e-3 * r, 1.5
     else:
-        rise, exponent = 0.1 * r, soil.n + 0.5
+        rise, exponent = 0.1 * r, n + 0.5
     return depth, min(rise, 0.999 * (deepest_sinkage(r) - depth)), exponent
 
 
@@ -206,19 +256,23 @@ def solve_structured_contact(
     if not support.N_0 > 0.0:
         warm[at.SINKAGE_ROW] = 0.0
         return ContactSolution(AIRBORNE if support.N_0 <= 0.0 else NO_ROOT, 0.0, 0.0, 0.0, 0.0, 0.0)
-    if soil.rigid > 0.5:
-        return hard_ground_contact(soil, wheel.r, motion, options.v_eps, frame, support)
-    rut = rut_section_of(structure, warm)
     N_0, k, wheels = support
-    depth, e, exponent = _first_rise(soil, wheel.r, rut, support, warm)
+    on_soil = tyre_on_soil(structure.tyre, soil, wheel)
+    if soil.rigid > 0.5:
+        carried = supported_load(structure.tyre, on_soil, N_0 / wheels, k / wheels)
+        pressed = Support(wheels * carried.load, 0.0, wheels)
+        return hard_ground_contact(soil, wheel.r, motion, options.v_eps, frame, pressed)
+    rut = rut_section_of(structure, warm)
+    depth, e, exponent = _first_rise(structure.tyre, on_soil, soil.n, wheel.r, rut, support, warm)
     h = depth + e
     low, high = 0.0, deepest_sinkage(wheel.r)
     e_old, V_old, before = 0.0, 0.0, RimForces(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     status = NO_ROOT
     for i in range(_ITERATIONS):
-        forces = _directed(structure, soil, wheel, motion, h, rut, options)
+        carried = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels)
+        forces = _directed(structure, soil, wheel, motion, h, carried, rut, options)
         V = wheels * (forces.F_x * frame.l_z + forces.F_y * frame.c_z + forces.F_z * frame.n_z)
-        target = N_0 - k * h
+        target, relief = wheels * carried.load, wheels * carried.relief
         if target < V:
             high = h
         else:
@@ -228,7 +282,7 @@ def solve_structured_contact(
         measured = i > 0 and abs(change) > 1e-8 * abs(e) and e > 0.0 < e_old and V > 0.0 and V_old > 0.0
         if measured:
             exponent = measured_exponent(V / V_old, e / e_old)
-        step = (target - V) / (exponent * abs(V) / max(e, 1e-12) + k)
+        step = (target - V) / (exponent * abs(V) / max(e, 1e-12) + relief)
         if measured and abs(step) * abs(change) <= _TOLERANCE * e * e and abs(step) <= 1e-4 * e:
             status, forces = CONTACT, _beyond(forces, before, step / change)
             h += step
@@ -246,19 +300,40 @@ def solve_structured_contact(
         e_old, V_old, before = e, V, forces
         h = 0.5 * (low + high)
         if e > 0.0:
-            h = depth + next_sinkage(e, V, target, step, exponent, k)
+            h = depth + next_sinkage(e, V, target, step, exponent, relief)
         if not low < h < high:
             h = 0.5 * (low + high)
-    warm[at.SINKAGE_ROW], warm[at.EXPONENT_OF_RISE], warm[at.FORCE_ROW] = h, exponent, N_0 - k * h
+    carried = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels)
+    warm[at.SINKAGE_ROW], warm[at.EXPONENT_OF_RISE] = h, exponent
+    warm[at.FORCE_ROW] = wheels * carried.load
     warm[at.RISE], warm[at.PEAK], warm[at.SHEAR] = h - depth, forces.peak, forces.shear
     forces = _scaled(forces, wheels)
     return ContactSolution(status, forces.F_x, forces.F_y, forces.F_z, forces.torque, h)
 
 
 @kernel
-def exit_angle(structure: Structure, soil: Soil, wheel: Wheel, h: float) -> float:
-    """Angle behind the bottom where soil leaves a rim at sinkage ``h`` [m] and no slip [rad]."""
-    return rebound_angle(_rim(structure, soil, wheel, h, 0.0), structure, h)
+def exit_angle(structure: Structure, soil: Soil, wheel: Wheel, h: float, load: float) -> float:
+    """Angle behind the hub where soil leaves a wheel at sinkage ``h`` [m] and no slip [rad]."""
+    carried = supported_load(structure.tyre, tyre_on_soil(structure.tyre, soil, wheel), load, 0.0)
+    angle = rebound_angle(_rim(structure, soil, wheel, h, carried, 0.0), structure, h)
+    return _deflected_exit(structure.tyre, angle, wheel.r, carried.deflection)
+
+
+@inline_kernel
+def _deflected_exit(tyre: Tyre | None, angle: float, r: float, f: float) -> float:
+    """Exit angle of a tyre that deflects by ``f`` [m] where a rigid wheel's is ``angle`` [rad]."""
+    if tyre is None:
+        return angle
+    return entry_angle(r * half_angle(angle)[1] + f, r)
+
+
+@inline_kernel
+def deflection_on_soil(structure: Structure | None, soil: Soil, wheel: Wheel, load: float) -> float:
+    """Deflection of a wheel that carries ``load`` [N] by any structure [m]; a rigid one has none."""
+    if structure is None:
+        return 0.0
+    on_soil = tyre_on_soil(structure.tyre, soil, wheel)
+    return supported_load(structure.tyre, on_soil, load, 0.0).deflection
 
 
 @inline_kernel
@@ -285,10 +360,11 @@ def reaction_at_sinkage(
     wheel: Wheel,
     motion: WheelMotion,
     h: float,
+    load: float,
     rut: RutSection,
     options: ContactOptions,
 ) -> WheelReaction:
-    """Forces of a wheel at sinkage ``h`` [m] by any structure."""
+    """Forces of a wheel at sinkage ``h`` [m] by any structure; its ``load`` [N] deflects a tyre."""
     if structure is None:
         return wheel_reaction(soil, wheel, h, motion, options)
-    return structured_reaction(structure, soil, wheel, motion, h, rut, options)
+    return structured_reaction(structure, soil, wheel, motion, h, load, rut, options)

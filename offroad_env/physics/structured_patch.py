@@ -15,26 +15,37 @@ from offroad_env.physics.contact_angles import AngleShares, entry_angle
 from offroad_env.physics.contact_patch import Patch, PatchPoint, patch_point
 from offroad_env.physics.numerics import LANES, half_angle, lane_block, lane_rows, lane_sum
 from offroad_env.physics.pressure_sinkage import bekker_pressure, rebound_modulus, rebound_pressure
-from offroad_env.physics.quadrature import ENTRY, EXIT, RUNNING, SMOOTH
+from offroad_env.physics.quadrature import ENTRY, EXIT, HALVES, RUNNING, SMOOTH
 from offroad_env.physics.record_operations import replace
-from offroad_env.physics.records import FloatArray, RutSection, Structure
+from offroad_env.physics.records import FloatArray, RutSection, Structure, Tyre
 from offroad_env.physics.shear_stress import janosi_hanamoto_mobilisation
+from offroad_env.physics.tyre import (
+    Belt,
+    TyreLoad,
+    belt_on_soil,
+    friction_limited_strength,
+    mobilised_in_series,
+)
 
 __all__ = ["Rim", "RimForces", "SlipSpeeds", "rebound_angle", "rim_forces"]
 
-#: What the pressure of a piece follows from.
-_VIRGIN, _RELOADING, _REBOUND, _MAPPED = range(4)
 #: Largest growth of j/K over the piece at the entry, and the ratio of a later piece's end to its start;
 #: the same for reference accuracy.
 _GROWTH, _RATIO, _FINE_GROWTH, _FINE_RATIO = 4.0, 8.0, 0.5, 1.5
 #: Shortest piece [rad].
 _SHORT = 1e-9
-#: Pieces at a time, and how many times at most.
-_AT_ONCE, _BLOCKS = 5, 60
+#: Growth of j/K and ratio of end to start of a piece for which four nodes do.
+_GENTLE, _GENTLE_RATIO = 1.5, 3.0
+#: Blocks of eight nodes at a time, and how many times at most.
+_AT_ONCE, _PASSES = 3, 100
+#: Slope of the elastic line of virgin soil, which has none.
+_STEEP = 1e30
 _TINY = 1e-150
-# Rows of a piece's scratch.
-_COS, _SIN, _SIGMA, _RATE_X, _RATE_Y = range(5)
-_NODE_ROWS, _INFO = 5, 25
+# Rows of a block's scratch. The start of a node's piece stands where later its shear displacement does.
+_COS, _SIN, _SIGMA, _RATE_X, _RATE_Y, _LENGTH, _J_X, _J_Y = range(8)
+_START, _BLOCK_ROWS = _J_X, 8
+#: Row of the blocks' rules.
+_RULES = 24
 
 
 class Rim(NamedTuple):
@@ -50,6 +61,8 @@ class Rim(NamedTuple):
     per_k_x: float  #: 1 / Janosi modulus along the wheel [1/m]
     per_k_y: float  #: across it [1/m]
     shares: AngleShares  #: Wong-Reece angles over the entry angle
+    carried: TyreLoad  #: how a tyre carries its load; of a rigid rim without meaning
+    belt: Belt  #: and lies on its soil
 
 
 class SlipSpeeds(NamedTuple):
@@ -72,17 +85,10 @@ class RimForces(NamedTuple):
     shear: float  #: shear displacement at the exit, likewise, in Janosi moduli [-]
 
 
-class _Piece(NamedTuple):
-    """A piece of the contact between two angles from the entry."""
-
-    start: float  #: [rad]
-    length: float  #: [rad]
-    pressure: int  #: `_VIRGIN`, `_RELOADING`, `_REBOUND` or `_MAPPED`
-
-
 class _Growths(NamedTuple):
     """How long the pieces of a strip may be."""
 
+    rate: float  #: growth of j/K [1/rad]; infinite for reference accuracy
     first: float  #: the one at the entry [rad]
     ratio: float  #: end over start of a later one
     longest: float  #: any [rad]
@@ -97,7 +103,6 @@ class _Rates(NamedTuple):
     path: float  #: 1.0 = path length in the soil
     shared: float  #: 1.0 = one strength for both directions
     damping: float  #: pressure per sine of the angle [Pa]
-    length: float  #: of the piece [rad]
 
 
 class _Sides(NamedTuple):
@@ -135,51 +140,47 @@ def _slip_rates(rates: _Rates, cos: float) -> tuple[float, float]:
 
 
 @inline_kernel
-def _note(rows: FloatArray, i: int, point: PatchPoint, sigma: float, rates: _Rates) -> None:
+def _node(rows: FloatArray, i: int, point: PatchPoint, sigma: float, rates: _Rates) -> None:
     """A node into the rows."""
     rate_x, rate_y = _slip_rates(rates, point.cos)
     rows[_COS, i], rows[_SIN, i], rows[_SIGMA, i] = point.cos, point.sin, sigma
-    rows[_RATE_X, i], rows[_RATE_Y, i] = rate_x, rate_y
+    rows[_RATE_X, i], rows[_RATE_Y, i] = rows[_LENGTH, i] * rate_x, rows[_LENGTH, i] * rate_y
 
 
 @inline_kernel
-def _nodes(rim: Rim, strip: _Strip, piece: _Piece, rates: _Rates, rule: int, rows: FloatArray) -> None:
-    """Cosine, sine, pressure and slip rates at the nodes of a piece.
+def _nodes(rim: Rim, structure: Structure, strip: _Strip, rates: _Rates, rule: int, rows: FloatArray) -> None:
+    """Cosine, sine, pressure and slip rates, times the length, at the nodes of a block.
 
-    The loops do much in one body: a compiler turns such loops into vector instructions, and unrolls small
-    ones instead.
+    One loop that does much: a compiler turns that into vector instructions, and unrolls small loops
+    instead. So every node takes all branches and chooses.
     """
-    patch, kind, start, length = strip.patch, piece.pressure, piece.start, piece.length
+    patch = strip.patch
     reference = bekker_pressure(rim.modulus, rim.n, rim.radius)
-    if kind == _VIRGIN:
-        offset = strip.depth / rim.radius
+    if structure.own_sinkage > 0.5:
+        offset, slope = strip.depth / rim.radius, strip.rebound * rim.radius
+        # Virgin soil has no elastic line to climb.
+        reloading = slope if strip.depth > 0.0 else _STEEP
         for i in range(LANES):
-            point = patch_point(patch, start + length * RUNNING[rule, 0, i])
-            sigma = bekker_pressure(reference, rim.n, point.drop + offset) + rates.damping * point.sin
-            _note(rows, i, point, max(sigma, 0.0), rates)
-    elif kind == _RELOADING:
-        slope = strip.rebound * rim.radius
-        for i in range(LANES):
-            point = patch_point(patch, start + length * RUNNING[rule, 0, i])
-            _note(rows, i, point, max(slope * point.drop + rates.damping * point.sin, 0.0), rates)
-    elif kind == _REBOUND:
-        for i in range(LANES):
-            point = patch_point(patch, start + length * RUNNING[rule, 0, i])
-            sigma = rebound_pressure(strip.peak, strip.rebound, rim.radius * (1.0 - point.cos))
-            _note(rows, i, point, sigma, rates)
+            d = rows[_START, i] + rows[_LENGTH, i] * RUNNING[rule, 0, i]
+            point = patch_point(patch, d)
+            bearing = bekker_pressure(reference, rim.n, max(point.drop, 0.0) + offset)
+            ahead = min(reloading * point.drop, bearing) + rates.damping * point.sin
+            behind = rebound_pressure(strip.peak, slope, 1.0 - point.cos)
+            sigma = max(ahead, 0.0) if d < strip.bottom else behind
+            _node(rows, i, point, sigma, rates)
     else:
         # Wong & Reece: the rear segment bears what the front one does at the same share of its length.
         ratio = strip.bottom / max(strip.end - strip.bottom, _SHORT)
         for i in range(LANES):
-            d = start + length * RUNNING[rule, 0, i]
-            ahead = patch_point(patch, ratio * (strip.end - d))
-            sigma = bekker_pressure(reference, rim.n, ahead.drop)
-            _note(rows, i, patch_point(patch, d), sigma, rates)
+            d = rows[_START, i] + rows[_LENGTH, i] * RUNNING[rule, 0, i]
+            ahead = d if d < strip.bottom else ratio * (strip.end - d)
+            sigma = bekker_pressure(reference, rim.n, patch_point(patch, ahead).drop)
+            _node(rows, i, patch_point(patch, d), sigma, rates)
 
 
 @inline_kernel
 def _running(rates: FloatArray, rule: int, i: int) -> float:
-    """Integral of ``rates`` (8,) up to node ``i``, over the piece's length."""
+    """Integral of ``rates`` (8,), which the length is in, up to node ``i``."""
     first = (RUNNING[rule, 2, i] * rates[0] + RUNNING[rule, 3, i] * rates[1]) + (
         RUNNING[rule, 4, i] * rates[2] + RUNNING[rule, 5, i] * rates[3]
     )
@@ -188,6 +189,18 @@ def _running(rates: FloatArray, rule: int, i: int) -> float:
     )
     total: float = first + last
     return total
+
+
+@inline_kernel
+def _grown(rates: FloatArray, rule: int) -> tuple[float, float]:
+    """Integral of ``rates`` (8,), which the length is in, over the first and the second half of a block."""
+    first = (RUNNING[rule, 1, 0] * rates[0] + RUNNING[rule, 1, 1] * rates[1]) + (
+        RUNNING[rule, 1, 2] * rates[2] + RUNNING[rule, 1, 3] * rates[3]
+    )
+    last = (RUNNING[rule, 1, 4] * rates[4] + RUNNING[rule, 1, 5] * rates[5]) + (
+        RUNNING[rule, 1, 6] * rates[6] + RUNNING[rule, 1, 7] * rates[7]
+    )
+    return first, last
 
 
 @inline_kernel
@@ -210,58 +223,73 @@ def _integrands(
 
 
 @inline_kernel
+def _strength(tyre: Tyre | None, rim: Rim, sigma: float) -> float:
+    """Shear strength of soil under a rim, of soil and rubber under a tyre [Pa]."""
+    if tyre is None:
+        return rim.c + sigma * rim.tan_phi
+    return friction_limited_strength(tyre.mu, sigma, rim.c + sigma * rim.tan_phi)
+
+
+@inline_kernel
+def _mobilised(tyre: Tyre | None, rim: Rim, strength: float, j: float) -> float:
+    """Share of a ``strength`` [Pa] that a shear displacement mobilises [-]."""
+    if tyre is None:
+        return janosi_hanamoto_mobilisation(j)
+    return mobilised_in_series(j, rim.belt.soil, rim.belt.tread * strength)
+
+
+@inline_kernel
 def _sums(
-    rim: Rim, structure: Structure, rates: _Rates, started: tuple[float, float], rule: int, rows: FloatArray
+    rim: Rim, structure: Structure, rates: _Rates, rule: int, rows: FloatArray
 ) -> tuple[float, float, float, float]:
-    """(F_x, F_y, F_z, torque) of a piece over its length and r b; ``started``: displacements at its start."""
-    j_x0, j_y0 = started
-    sides, out, rate_x, rate_y = (
-        _Sides(structure.ground_normal, structure.soil_path),
-        lane_rows(),
-        rows[_RATE_X],
-        rows[_RATE_Y],
-    )
+    """(F_x, F_y, F_z, torque) of a block over r b, from its nodes."""
+    tyre, sides = structure.tyre, _Sides(structure.ground_normal, structure.soil_path)
+    out, rate_x, rate_y = lane_rows(), rows[_RATE_X], rows[_RATE_Y]
     if structure.soil_path > 0.5 and structure.resultant > 0.5:
         for i in range(LANES):
             u_x = rates.along * rows[_COS, i] - rates.across
             size = math.sqrt(u_x * u_x + rates.side * rates.side) + _TINY
-            mobilised = janosi_hanamoto_mobilisation(j_x0 + rates.length * _running(rate_x, rule, i))
-            tau = (rim.c + rows[_SIGMA, i] * rim.tan_phi) * mobilised / size
-            tau_xy = tau * u_x, tau * rates.side
-            out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(
-                rows, i, sides, RUNNING[rule, 1, i], tau_xy
-            )
-    elif structure.soil_path > 0.5:
-        for i in range(LANES):
-            strength = rim.c + rows[_SIGMA, i] * rim.tan_phi
-            tau_x = strength * janosi_hanamoto_mobilisation(j_x0 + rates.length * _running(rate_x, rule, i))
-            tau_y = strength * janosi_hanamoto_mobilisation(j_y0 + rates.length * _running(rate_y, rule, i))
-            u_x = rates.along * rows[_COS, i] - rates.across
-            tau_xy = math.copysign(tau_x, u_x), math.copysign(tau_y, rates.side)
-            out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(
-                rows, i, sides, RUNNING[rule, 1, i], tau_xy
-            )
-    elif structure.resultant > 0.5:
-        for i in range(LANES):
-            j_x = j_x0 + rates.length * _running(rate_x, rule, i)
-            j_y = j_y0 + rates.length * _running(rate_y, rule, i)
-            j = math.sqrt(j_x * j_x + j_y * j_y) + _TINY
-            tau = (rim.c + rows[_SIGMA, i] * rim.tan_phi) * janosi_hanamoto_mobilisation(j) / j
-            tau_xy = tau * j_x, tau * j_y
-            out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(
-                rows, i, sides, RUNNING[rule, 1, i], tau_xy
-            )
+            strength = _strength(tyre, rim, rows[_SIGMA, i])
+            tau = strength * _mobilised(tyre, rim, strength, rows[_J_X, i] + _running(rate_x, rule, i)) / size
+            weight, tau_xy = RUNNING[rule, 1, i] * rows[_LENGTH, i], (tau * u_x, tau * rates.side)
+            out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(rows, i, sides, weight, tau_xy)
     else:
+        path, shared = structure.soil_path, structure.resultant
         for i in range(LANES):
-            j_x = j_x0 + rates.length * _running(rate_x, rule, i)
-            j_y = j_y0 + rates.length * _running(rate_y, rule, i)
-            strength = rim.c + rows[_SIGMA, i] * rim.tan_phi
-            tau_x = math.copysign(strength * janosi_hanamoto_mobilisation(abs(j_x)), j_x)
-            tau_xy = tau_x, math.copysign(strength * janosi_hanamoto_mobilisation(abs(j_y)), j_y)
-            out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(
-                rows, i, sides, RUNNING[rule, 1, i], tau_xy
+            strength = _strength(tyre, rim, rows[_SIGMA, i])
+            j_x = rows[_J_X, i] + _running(rate_x, rule, i)
+            j_y = rows[_J_Y, i] + _running(rate_y, rule, i)
+            u_x = rates.along * rows[_COS, i] - rates.across
+            # The displacement's own direction along the rim, that of the slip in the soil.
+            tau_x = math.copysign(
+                strength * _mobilised(tyre, rim, strength, abs(j_x)), path * u_x + (1.0 - path) * j_x
             )
+            tau_y = math.copysign(strength * _mobilised(tyre, rim, strength, abs(j_y)), rates.side)
+            j = math.sqrt(j_x * j_x + j_y * j_y) + _TINY
+            both = strength * _mobilised(tyre, rim, strength, j) / j
+            tau_xy = (
+                shared * both * j_x + (1.0 - shared) * tau_x,
+                shared * both * j_y + (1.0 - shared) * tau_y,
+            )
+            weight = RUNNING[rule, 1, i] * rows[_LENGTH, i]
+            out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(rows, i, sides, weight, tau_xy)
     return lane_sum(out[0]), lane_sum(out[1]), lane_sum(out[2]), lane_sum(out[3])
+
+
+@inline_kernel
+def _flexed(tyre: Tyre | None, rim: Rim, structure: Structure, h: float, depth: float) -> Rim:
+    """The rim as it lies on a strip of soil whose surface is ``depth`` [m] deep: a tyre deflects."""
+    if tyre is None:
+        return rim
+    bearing = bekker_pressure(rim.modulus, rim.n, h)
+    slope = rebound_modulus(structure.elastic_modulus, bearing, h)
+    z = h - depth
+    peak = min(slope * z, bearing)
+    strength = _strength(tyre, rim, peak)
+    modulus = 1.0 / math.sqrt(rim.per_k_x * rim.per_k_y)
+    belt = belt_on_soil(rim.carried, rim.radius, z, peak / slope, modulus, strength)
+    per_k_x, per_k_y = rim.per_k_x / belt.unit, rim.per_k_y / belt.unit
+    return replace(rim, radius=belt.radius, per_k_x=per_k_x, per_k_y=per_k_y, belt=belt)
 
 
 @inline_kernel
@@ -273,14 +301,13 @@ def _rut_strip(rim: Rim, structure: Structure, h: float, depth: float) -> _Strip
     sin, versed = half_angle(theta)
     patch = Patch(theta, sin, 1.0 - versed, theta, 0.0, 0.0)
     peak = min(slope * (h - depth), bearing)
-    # Where the elastic line meets Bekker's law: one Newton step from there on is exact to a micrometre.
-    z = depth
-    for _ in range(3):
-        pressure = bekker_pressure(rim.modulus, rim.n, max(z, 1e-9))
-        z += (pressure - slope * (z - depth)) / max(slope - rim.n * pressure / max(z, 1e-9), 0.1 * slope)
     yielding = theta
-    if z < h:
-        yielding = theta - entry_angle(h - z, rim.radius)
+    if slope * (h - depth) > bearing:
+        # Where the elastic line meets Bekker's law, by a step of Newton's method from the rut's bottom. The
+        # pressure is the smaller of both whatever comes out here.
+        pressure = bekker_pressure(rim.modulus, rim.n, depth)
+        z = depth + pressure / max(slope - rim.n * pressure / depth, 0.5 * slope)
+        yielding = theta - entry_angle(max(h - z, 0.0), rim.radius)
     rise = min(peak / (slope * rim.radius), versed)
     return _Strip(patch, depth, h, theta, theta + entry_angle(rise, 1.0), yielding, peak, slope)
 
@@ -323,16 +350,6 @@ def _next_break(strip: _Strip, turn: float, d: float) -> float:
 
 
 @inline_kernel
-def _kind(structure: Structure, strip: _Strip, d: float) -> int:
-    """What the pressure follows from just behind the angle ``d`` from the entry."""
-    if d + _SHORT < strip.yielding:
-        return _RELOADING
-    if d + _SHORT < strip.bottom:
-        return _VIRGIN
-    return _REBOUND if structure.own_sinkage > 0.5 else _MAPPED
-
-
-@inline_kernel
 def _turning_angle(structure: Structure, speeds: SlipSpeeds) -> float:
     """Angle of the rim where the soil's slip changes its sign; beyond any patch where it does not [rad]."""
     ratio = speeds.v_l / speeds.rim if speeds.rim != 0.0 else 0.0
@@ -352,7 +369,7 @@ def _steepest_growth(rim: Rim, speeds: SlipSpeeds, cos_f: float) -> float:
 
 @inline_kernel
 def _rates(rim: Rim, structure: Structure, speeds: SlipSpeeds) -> _Rates:
-    """Slip rates of a rim; the length is the piece's."""
+    """Slip rates of a rim."""
     scale = rim.radius * speeds.per_speed
     return _Rates(
         speeds.rim * rim.per_k_x * scale,
@@ -361,45 +378,81 @@ def _rates(rim: Rim, structure: Structure, speeds: SlipSpeeds) -> _Rates:
         structure.soil_path,
         structure.resultant,
         structure.damping * speeds.rim,
-        0.0,
     )
 
 
 @inline_kernel
-def _rule(strip: _Strip, piece: _Piece, end: float) -> int:
-    """Quadrature rule of a piece: the pressure has an infinite slope where virgin soil begins."""
-    if piece.start == 0.0 and piece.pressure == _VIRGIN:
+def _place(block: FloatArray, count: int, half: int, start: float, length: float) -> None:
+    """A piece into a block's rows: the first half of its nodes (0), the second (1) or all (2)."""
+    rows = block[_BLOCK_ROWS * count : _BLOCK_ROWS * (count + 1)]
+    first, last = (LANES // 2 if half == 1 else 0), (LANES // 2 if half == 0 else LANES)
+    for i in range(first, last):
+        rows[_START, i], rows[_LENGTH, i] = start, length
+
+
+@inline_kernel
+def _whole_rule(structure: Structure, strip: _Strip, start: float, end: float) -> int:
+    """Quadrature rule of a piece with a block of its own: the pressure has an infinite slope at an end."""
+    if start == 0.0 and strip.depth == 0.0:
         return ENTRY
-    if piece.pressure == _MAPPED and end >= strip.end:
+    if structure.own_sinkage < 0.5 and end >= strip.end:
         return EXIT
     return SMOOTH
 
 
 @inline_kernel
 def _cut(
-    strip: _Strip, structure: Structure, speeds: SlipSpeeds, growths: _Growths, d: float, block: FloatArray
+    strip: _Strip, structure: Structure, turn: float, growths: _Growths, d: float, block: FloatArray
 ) -> tuple[int, float]:
-    """(pieces, where the last one ends): the contact from ``d`` on, in at most `_AT_ONCE` pieces."""
-    turn = _turning_angle(structure, speeds)
-    count = 0
-    while count < _AT_ONCE and d < strip.end - _SHORT:
-        end = min(_next_break(strip, turn, d), max(growths.ratio * d, growths.first))
-        end = min(end, d + growths.longest)
-        row = _INFO + count
-        kind = _kind(structure, strip, d)
-        block[row, 0], block[row, 1], block[row, 2] = d, end - d, float(kind)
-        block[row, 3] = float(_rule(strip, _Piece(d, end - d, kind), end))
+    """(blocks, where the last one ends): the contact from ``d`` on, in at most `_AT_ONCE` blocks.
+
+    Two gentle pieces that follow each other share one, with four nodes each.
+    """
+    count, open_half = 0, False
+    virgin = strip.depth == 0.0
+    while d < strip.end - _SHORT:
+        end = min(_next_break(strip, turn, d), max(growths.ratio * d, growths.first), d + growths.longest)
+        gentle = (end - d) * growths.rate < _GENTLE and structure.own_sinkage > 0.5
+        gentle = gentle and (end <= _GENTLE_RATIO * d or not virgin or d >= strip.bottom)
+        if gentle and open_half:
+            _place(block, count - 1, 1, d, end - d)
+            open_half = False
+        elif count == _AT_ONCE:
+            break
+        elif gentle:
+            _place(block, count, 0, d, end - d)
+            _place(block, count, 1, end, 0.0)
+            block[_RULES, count] = float(HALVES)
+            count, open_half = count + 1, True
+        else:
+            _place(block, count, 2, d, end - d)
+            block[_RULES, count] = float(_whole_rule(structure, strip, d, end))
+            count, open_half = count + 1, False
         d = end
-        count += 1
     return count, d
 
 
 @inline_kernel
 def _growths(rim: Rim, speeds: SlipSpeeds, strip: _Strip, fine: bool) -> _Growths:
     """How long pieces may be."""
-    growth, ratio = (_FINE_GROWTH, _FINE_RATIO) if fine else (_GROWTH, _RATIO)
-    first = growth / (_steepest_growth(rim, speeds, strip.patch.cos_f) + _TINY)
-    return _Growths(first, ratio, 0.125 * strip.end if fine else strip.end)
+    rate = _steepest_growth(rim, speeds, strip.patch.cos_f) + _TINY
+    if fine:
+        return _Growths(math.inf, _FINE_GROWTH / rate, _FINE_RATIO, 0.125 * strip.end)
+    return _Growths(rate, _GROWTH / rate, _RATIO, strip.end)
+
+
+@inline_kernel
+def _start_shear(rows: FloatArray, rule: int, j_x: float, j_y: float) -> tuple[float, float]:
+    """Displacements at the starts of a block's pieces into its rows; returns those at its end."""
+    x_1, x_2 = _grown(rows[_RATE_X], rule)
+    y_1, y_2 = _grown(rows[_RATE_Y], rule)
+    # A piece with a block of its own starts once.
+    halves = 1.0 if rule == HALVES else 0.0
+    for i in range(LANES // 2):
+        rows[_J_X, i], rows[_J_Y, i] = j_x, j_y
+    for i in range(LANES // 2, LANES):
+        rows[_J_X, i], rows[_J_Y, i] = j_x + halves * x_1, j_y + halves * y_1
+    return j_x + (x_1 + x_2), j_y + (y_1 + y_2)
 
 
 @kernel
@@ -408,32 +461,25 @@ def _strip_forces(
 ) -> RimForces:
     """Forces of a strip of the whole width, whose soil has the displacement ``shear`` already.
 
-    A few pieces at a time, whose nodes do not wait for each other: only the displacements add up.
+    A few blocks at a time, whose nodes do not wait for each other: only the displacements add up.
     """
-    block = lane_block()
+    block, turn = lane_block(), _turning_angle(structure, speeds)
     rates, growths = _rates(rim, structure, speeds), _growths(rim, speeds, strip, fine)
     F_x = F_y = F_z = torque = d = 0.0
     j_x, j_y = shear, shear if structure.soil_path > 0.5 else 0.0
-    for _ in range(_BLOCKS):
-        count, d = _cut(strip, structure, speeds, growths, d, block)
+    for _ in range(_PASSES):
+        count, d = _cut(strip, structure, turn, growths, d, block)
         for p in range(count):
-            info, rows = block[_INFO + p], block[_NODE_ROWS * p : _NODE_ROWS * (p + 1)]
-            _nodes(rim, strip, _Piece(info[0], info[1], int(info[2])), rates, int(info[3]), rows)
+            rows = block[_BLOCK_ROWS * p : _BLOCK_ROWS * (p + 1)]
+            _nodes(rim, structure, strip, rates, int(block[_RULES, p]), rows)
         for p in range(count):
-            info, rows = block[_INFO + p], block[_NODE_ROWS * p : _NODE_ROWS * (p + 1)]
-            rule, length = int(info[3]), info[1]
-            part_x, part_y, part_z, part_t = _sums(
-                rim, structure, replace(rates, length=length), (j_x, j_y), rule, rows
-            )
-            F_x += length * part_x
-            F_y += length * part_y
-            F_z += length * part_z
-            torque += length * part_t
-            for i in range(LANES):
-                rows[_COS, i] = RUNNING[rule, 1, i] * rows[_RATE_X, i]
-                rows[_SIN, i] = RUNNING[rule, 1, i] * rows[_RATE_Y, i]
-            j_x += length * lane_sum(rows[_COS])
-            j_y += length * lane_sum(rows[_SIN])
+            rows, rule = block[_BLOCK_ROWS * p : _BLOCK_ROWS * (p + 1)], int(block[_RULES, p])
+            j_x, j_y = _start_shear(rows, rule, j_x, j_y)
+            part_x, part_y, part_z, part_t = _sums(rim, structure, rates, rule, rows)
+            F_x += part_x
+            F_y += part_y
+            F_z += part_z
+            torque += part_t
         if d >= strip.end - _SHORT:
             break
     area = rim.radius * rim.b
@@ -452,13 +498,14 @@ def rim_forces(
         depth = 0.0 if i == 0 else rut.depth
         if share <= 0.0 or h <= depth:
             continue
-        strip = _virgin_strip(rim, structure, h) if i == 0 else _rut_strip(rim, structure, h, depth)
-        carried = structure.shear_carry * rut.shear if i == 1 else 0.0
-        part = _strip_forces(rim, structure, speeds, strip, carried, fine)
+        own = _flexed(structure.tyre, rim, structure, h, depth)
+        strip = _virgin_strip(own, structure, h) if i == 0 else _rut_strip(own, structure, h, depth)
+        carried = structure.shear_carry * rut.shear / own.belt.unit if i == 1 else 0.0
+        part = _strip_forces(own, structure, speeds, strip, carried, fine)
         F_x += share * part.F_x
         F_y += share * part.F_y
         F_z += share * part.F_z
         torque += share * part.torque
         peak += share * part.peak
-        shear += share * part.shear
+        shear += share * (part.shear * own.belt.unit)
     return RimForces(F_x, F_y, F_z, torque, peak, shear)

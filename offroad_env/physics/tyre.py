@@ -15,11 +15,14 @@ from typing import NamedTuple
 
 from offroad_env.physics._jit import inline_kernel
 from offroad_env.physics.numerics import fast_exp, fast_log
-from offroad_env.physics.records import Wheel
+from offroad_env.physics.pressure_sinkage import bekker_modulus
+from offroad_env.physics.records import Soil, Tyre, Wheel
 
 __all__ = [
-    "Tyre",
+    "Belt",
     "TyreLoad",
+    "TyreOnSoil",
+    "belt_on_soil",
     "critical_ground_pressure",
     "effective_rolling_radius",
     "engaged_share",
@@ -29,8 +32,10 @@ __all__ = [
     "hard_ground_deflection",
     "mobilised_in_series",
     "substitute_circle_ratio",
+    "supported_load",
     "tread_stiffness",
     "tyre_load",
+    "tyre_on_soil",
     "tyre_stiffness",
 ]
 
@@ -39,20 +44,18 @@ REFERENCE_DEFLECTION = 0.08
 #: Sharpness of the smaller of two strengths: where they are equal the result is 3 % below both.
 _ROUNDING = 0.004
 _SMALLEST = 1e-300
+#: Bekker modulus of ground that does not yield [Pa/m].
+_UNYIELDING = 1e30
 
 
-class Tyre(NamedTuple):
-    """A pneumatic tyre, besides the radius and width of its wheel (`world.tyres` makes and checks them)."""
+class TyreOnSoil(NamedTuple):
+    """Deflection of a tyre on a soil as powers of its load W [N]; of a rigid wheel without meaning."""
 
-    r: float  #: radius that the stiffness belongs to [m]
-    b: float  #: width that the stiffness belongs to [m]
-    inflation: float  #: inflation pressure above the atmosphere [Pa]
-    k_carcass: float  #: vertical stiffness without inflation pressure [N/m]
-    k_per_pressure: float  #: growth of the vertical stiffness with inflation pressure [N/m per Pa]
-    stiffening: float  #: growth exponent of the secant stiffness with deflection [-]
-    mu: float  #: friction coefficient of the tread [-]
-    cornering: float  #: cornering stiffness on hard ground per load [1/rad]
-    rolling: float  #: loss of effective rolling radius per deflection [-]
+    hard: float  #: ln of the deflection on hard ground at 1 N [m]
+    growth: float  #: its exponent in W
+    criterion: float  #: ln of ((p_i + p_c) / p_gcr)^4 at 1 N
+    shift: float  #: its exponent in W
+    tread: float  #: shear stiffness of the tread times deflection over load, on hard ground [1/m]
 
 
 class TyreLoad(NamedTuple):
@@ -60,8 +63,18 @@ class TyreLoad(NamedTuple):
 
     load: float  #: of one wheel [N]
     deflection: float  #: of the tyre on this soil [m]
-    hard_deflection: float  #: that it would have on hard ground [m]
+    tread: float  #: shear stiffness of its tread per area [Pa/m]
     relief: float  #: how much less load the wheel takes per sinkage [N/m]
+    growth: float  #: exponent of the deflection in the load [-]
+
+
+class Belt(NamedTuple):
+    """A strip of a deflected tyre on its soil, for one evaluation."""
+
+    radius: float  #: of the contact's circle [m]
+    unit: float  #: shear displacement that the others count in [Janosi moduli]
+    soil: float  #: engaged Janosi modulus [units]
+    tread: float  #: displacement of the tread per shear stress [units/Pa]
 
 
 @inline_kernel
@@ -173,14 +186,14 @@ def mobilised_in_series(u: float, soil: float, tread: float) -> float:
     u = soil (-ln(1 - y)) + tread y: Janosi & Hanamoto's law of the soil and a linear tread under the same
     stress. ``soil`` is the engaged Janosi modulus, ``tread`` the tread's displacement at full strength,
     all in the same unit. For ``tread`` = 0 this is 1 - exp(-u/soil), for ``soil`` -> 0 the brush model's
-    min(u/tread, 1). Three steps of Halley's method in v = -ln(1 - y) leave 1e-5.
+    min(u/tread, 1). Two steps of Halley's method in v = -ln(1 - y).
     """
     both = soil + tread
     # Two starts below the root, one close for a small and one for a large displacement.
     early = min(u / both, 0.95)
     v = max((u / both * soil - fast_log(1.0 - early) * tread) / both, (u - tread) / soil)
     v = min(v, 700.0)
-    for _ in range(3):
+    for _ in range(2):
         left = tread * fast_exp(-v)
         miss = soil * v + tread - left - u
         slope = soil + left
@@ -190,25 +203,64 @@ def mobilised_in_series(u: float, soil: float, tread: float) -> float:
 
 
 @inline_kernel
-def tyre_load(tyre: Tyre, wheel: Wheel, modulus: float, n: float, pressing: float, k: float) -> TyreLoad:
+def tyre_on_soil(tyre: Tyre | None, soil: Soil, wheel: Wheel) -> TyreOnSoil:
+    """What a tyre, its wheel and a soil contribute to every evaluation of `tyre_load`."""
+    if tyre is None:
+        return TyreOnSoil(0.0, 0.0, 0.0, 0.0, 0.0)
+    r, b = wheel
+    modulus, n = bekker_modulus(soil, b), soil.n
+    if soil.rigid > 0.5:
+        modulus, n = _UNYIELDING, 1.0
+    hard = hard_ground_deflection(tyre, 1.0)
+    ratio = ground_pressure(1.0, r, b, hard) / critical_ground_pressure(modulus, n, r, b, 1.0)
+    growth = 1.0 / (1.0 + tyre.stiffening)
+    shift = 4.0 * (1.0 - 0.5 * growth - 2.0 * n / (2.0 * n + 1.0))
+    tread = hard * tread_stiffness(tyre, r, b, 1.0, hard)
+    return TyreOnSoil(fast_log(hard), growth, 4.0 * fast_log(ratio), shift, tread)
+
+
+@inline_kernel
+def tyre_load(on_soil: TyreOnSoil, pressing: float, k: float) -> TyreLoad:
     """Load and deflection of a tyre whose sinkage is known, solved together.
 
     The hub comes down by sinkage and deflection, which relieves the spring: load + k f(load) = ``pressing``,
-    the load [N] of the wheel had its tyre not deflected, ``k`` [N/m] of the spring for this wheel.
-    ``modulus`` = k_c/b + k_phi [Pa/m^n]. Newton's method, two steps, to 1e-8.
+    the load [N] of the wheel had its tyre not deflected, ``k`` [N/m] of the spring for this wheel. f(load) is
+    `hard_ground_deflection` times `flexible_share`. Newton's method, two steps, to 1e-8.
     """
-    r, b = wheel
-    growth = 1.0 / (1.0 + tyre.stiffening)
-    # d ln p_gcr - d ln (p_i + p_c) per d ln load, four times.
-    shift = 4.0 * (2.0 * n / (2.0 * n + 1.0) - 1.0 + 0.5 * growth)
-    load = pressing
-    f = hard = relief = 0.0
+    load = max(pressing, _SMALLEST)
+    hard = f = growth = relief = 0.0
     for _ in range(3):
-        hard = hard_ground_deflection(tyre, load)
-        critical = critical_ground_pressure(modulus, n, r, b, load)
-        share = flexible_share(critical, ground_pressure(load, r, b, hard))
-        f = share * hard
-        fall = 1.0 + max(k * f / load * (growth + shift * (1.0 - share)), 0.0)
+        log_load = fast_log(load)
+        hard = fast_exp(on_soil.hard + on_soil.growth * log_load)
+        # (p_i + p_c)^4 over p_gcr^4 + (p_i + p_c)^4: the part of the deflection that soil takes away.
+        lost = 1.0 - 1.0 / (1.0 + fast_exp(min(on_soil.criterion + on_soil.shift * log_load, 600.0)))
+        f = hard - lost * hard
+        growth = on_soil.growth - on_soil.shift * lost
+        fall = 1.0 + max(k * f / load * growth, 0.0)
         relief = k / fall
-        load = min(max(load - (load + k * f - pressing) / fall, 1e-3 * pressing), pressing)
-    return TyreLoad(load, f, hard, relief)
+        step = (load + k * f - pressing) / fall
+        load = min(max(load - step, 1e-3 * load), max(pressing, _SMALLEST))
+    return TyreLoad(load, f, on_soil.tread * load / hard, relief, growth)
+
+
+@inline_kernel
+def supported_load(tyre: Tyre | None, on_soil: TyreOnSoil, pressing: float, k: float) -> TyreLoad:
+    """`tyre_load` of a tyre; a rigid wheel (None) takes what presses it."""
+    if tyre is None:
+        return TyreLoad(pressing, 0.0, 0.0, k, 0.0)
+    return tyre_load(on_soil, pressing, k)
+
+
+@inline_kernel
+def belt_on_soil(
+    carried: TyreLoad, r: float, z: float, rebound: float, modulus: float, strength: float
+) -> Belt:
+    """Belt of a tyre of radius ``r`` [m] that lies ``z`` [m] deep in soil that rises by ``rebound`` [m].
+
+    ``modulus``: Janosi's [m]; ``strength``: a shear strength of the contact [Pa], for the unit only.
+    """
+    ratio = substitute_circle_ratio(carried.deflection, z, rebound)
+    engaged = engaged_share(ratio)
+    per_stress = 1.0 / (carried.tread * modulus)
+    unit = engaged + per_stress * strength
+    return Belt(r * ratio, unit, engaged / unit, per_stress / unit)

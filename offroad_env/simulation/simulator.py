@@ -19,9 +19,10 @@ from offroad_env.physics.batch import full_rows
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.packing import pack
 from offroad_env.physics.paper_vehicle import simulate_paper
-from offroad_env.physics.records import Ground, Soil, SoilMap, Structure, Vehicle
+from offroad_env.physics.records import Ground, Soil, SoilMap, Structure, Tyre, Vehicle, Wheel
 from offroad_env.physics.settle import settle
 from offroad_env.world.structures import read_structure
+from offroad_env.world.tyres import read_tyre, require_fitting_tyre, with_tyre
 
 __all__ = [
     "FULL_STEP",
@@ -72,6 +73,7 @@ def make_plant(
     slip: float = 0.0,
     soil_map: SoilMap | None = None,
     structure: str | Structure | None = None,
+    tyre: str | Tyre | None = None,
 ) -> Plant:
     """Bundle validated parts into what the kernels take.
 
@@ -88,6 +90,9 @@ def make_plant(
     structure : str or Structure, optional
         Laws of the wheels, by a name that `world.structures.read_structure` knows. None or "full": a rigid
         rim with Wong-Reece contact angles. "paper" is a ``model``.
+    tyre : str or Tyre, optional
+        Flexible tyres, by a name in `world.tyres.TYRES` or from `make_tyre`; None: rigid rims. They need a
+        structure whose pressure acts along the ground's normal, such as "grid" or "field".
     """
     _choice("model", model, MODELS)
     _choice("vehicle_model", vehicle_model, VEHICLE_MODELS)
@@ -107,18 +112,23 @@ def make_plant(
         # Below this speed resistance is viscous. Hard ground is stiffer than soil: it needs a wider seam.
         v_eps=(0.3 if soil.rigid else 0.2) if full else 1e-3,
         fine=False,
-        structure=_wheel_laws(structure, model),
+        structure=_wheel_laws(structure, model, read_tyre(tyre), Wheel(vehicle.r, vehicle.b)),
     )
 
 
-def _wheel_laws(structure: str | Structure | None, model: str) -> Structure | None:
-    """The structure of a plant; None for the model's own wheels."""
-    if structure is None or structure == model:
-        return None
-    if model == "paper":
+def _wheel_laws(
+    structure: str | Structure | None, model: str, tyre: Tyre | None, wheel: Wheel
+) -> Structure | None:
+    """The structure of a plant, its tyre included; None for the model's own wheels."""
+    if model == "paper" and (tyre is not None or structure not in (None, "paper")):
         raise InvalidParameter(
             f"the paper's model has wheels of its own; for structure={structure!r} take model='full'"
         )
+    if tyre is not None:
+        require_fitting_tyre(tyre, wheel)
+        return with_tyre(read_structure(structure) if isinstance(structure, str) else structure, tyre)
+    if structure is None or structure == model:
+        return None
     return read_structure(structure) if isinstance(structure, str) else structure
 
 

@@ -14,13 +14,19 @@ from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.contact import SUNK, Support, slope_frame
 from offroad_env.physics.contact_angles import AngleShares, entry_angle, wong_reece_angles
 from offroad_env.physics.hard_ground import hard_ground_forces
-from offroad_env.physics.records import ContactOptions, RutSection, Soil, Structure, Wheel, WheelMotion
-from offroad_env.physics.structured_contact import contact_solution, exit_angle, reaction_at_sinkage
+from offroad_env.physics.records import ContactOptions, RutSection, Soil, Structure, Tyre, Wheel, WheelMotion
+from offroad_env.physics.structured_contact import (
+    contact_solution,
+    deflection_on_soil,
+    exit_angle,
+    reaction_at_sinkage,
+)
 from offroad_env.world.structures import read_structure
+from offroad_env.world.tyres import read_tyre, require_fitting_tyre, with_tyre
 
 __all__ = ["WheelForces", "wheel_forces"]
 
-_COLUMNS = 8
+_COLUMNS = 9
 
 
 class WheelForces(NamedTuple):
@@ -34,6 +40,7 @@ class WheelForces(NamedTuple):
     theta_f: np.ndarray  #: entry angle, ahead of the vertical positive [rad]
     theta_m: np.ndarray  #: angle of the largest pressure [rad]
     theta_r: np.ndarray  #: exit angle, negative behind the vertical [rad]
+    deflection: np.ndarray  #: of a tyre, by which its hub comes down besides the sinkage [m]
 
 
 @kernel
@@ -47,15 +54,35 @@ def _wheel_motion(slip: float, slip_angle: float) -> WheelMotion:
 
 @inline_kernel
 def _other_angles(
-    structure: Structure | None, soil: Soil, wheel: Wheel, h: float, shares: AngleShares
+    structure: Structure | None, soil: Soil, wheel: Wheel, h: float, load: float, shares: AngleShares
 ) -> tuple[float, float]:
-    """(theta_m, theta_r) [rad] at sinkage ``h`` [m]."""
+    """(theta_m, theta_r) [rad] at sinkage ``h`` [m] under ``load`` [N]."""
     theta_f = entry_angle(h, wheel.r)
     if structure is None:
         return shares.m * theta_f, shares.r * theta_f
     if structure.own_sinkage < 0.5:
         return shares.m * theta_f, shares.r * theta_f
-    return 0.0, -exit_angle(structure, soil, wheel, h)
+    return 0.0, -exit_angle(structure, soil, wheel, h, load)
+
+
+@kernel
+def _load_at(
+    structure: Structure | None,
+    soil: Soil,
+    wheel: Wheel,
+    motion: WheelMotion,
+    h: float,
+    options: ContactOptions,
+) -> float:
+    """Load [N] of a wheel at sinkage ``h`` [m]: a tyre's deflection and load follow from each other."""
+    load, rut = 0.0, RutSection(0.0, 0.0, 0.0)
+    # The patch grows like the root of the deflection: each round halves the error at least.
+    for _ in range(60):
+        before = load
+        load = reaction_at_sinkage(structure, soil, wheel, motion, h, load, rut, options).F_z
+        if abs(load - before) <= 1e-13 * load:
+            break
+    return load
 
 
 @kernel
@@ -69,7 +96,7 @@ def _many_wheels(
     out: np.ndarray,
     status: np.ndarray,
 ) -> None:
-    """Row by row: ``values`` (M, 3) = load or sinkage, slip, slip angle; ``out`` (M, 8)."""
+    """Row by row: ``values`` (M, 3) = load or sinkage, slip, slip angle; ``out`` (M, 9)."""
     frame, options = slope_frame(0.0, 0.0), ContactOptions(0.0, resultant, True)
     warm, rut = np.zeros(at.STRUCTURED_CONTACT_SIZE), RutSection(0.0, 0.0, 0.0)
     for i in range(values.shape[0]):
@@ -87,11 +114,13 @@ def _many_wheels(
             out[i, 0], out[i, 1], out[i, 3] = hard_ground_forces(soil, wheel.r, 0.0, motion, 0.0)
         else:
             h = size
-            one = reaction_at_sinkage(structure, soil, wheel, motion, h, rut, options)
+            load = _load_at(structure, soil, wheel, motion, h, options)
+            one = reaction_at_sinkage(structure, soil, wheel, motion, h, load, rut, options)
             out[i, 0], out[i, 1], out[i, 2], out[i, 3] = one
-        theta_f = entry_angle(h, wheel.r)
-        out[i, 4], out[i, 5] = h, theta_f
-        out[i, 6], out[i, 7] = _other_angles(structure, soil, wheel, h, shares)
+        f = deflection_on_soil(structure, soil, wheel, out[i, 2])
+        theta_f = entry_angle(h + f, wheel.r)
+        out[i, 4], out[i, 5], out[i, 8] = h, theta_f, f
+        out[i, 6], out[i, 7] = _other_angles(structure, soil, wheel, h, out[i, 2], shares)
 
 
 def _checked(name: str, value: ArrayLike, low: float, high: float, unit: str, hint: str) -> np.ndarray:
@@ -113,8 +142,9 @@ def wheel_forces(
     slip_angle: ArrayLike = 0.0,
     shear: str = "independent",
     structure: str | Structure | None = None,
+    tyre: str | Tyre | None = None,
 ) -> WheelForces:
-    """Forces of a rigid wheel on soil, at a given load or a given sinkage.
+    """Forces of a wheel on soil, at a given load or a given sinkage.
 
     Parameters
     ----------
@@ -138,6 +168,10 @@ def wheel_forces(
     structure : str or Structure, optional
         All laws of the wheel together instead (`world.structures`), such as "grid" on virgin soil; its
         shear strength then counts, ``shear`` does not.
+    tyre : str or Tyre, optional
+        A flexible tyre on the wheel, by its name in `world.tyres.TYRES` or from `make_tyre`; None: a rigid
+        rim. It needs a ``structure`` whose pressure acts along the ground's normal, such as "grid" or
+        "field". Slip then refers to its effective rolling radius.
 
     Returns
     -------
@@ -165,8 +199,15 @@ def wheel_forces(
     values = np.stack([size.ravel(), slip.ravel(), slip_angle.ravel()], axis=1)
     out, status = np.zeros((len(values), _COLUMNS)), np.zeros(len(values))
     laws = read_structure(structure) if isinstance(structure, str) else structure
+    flexible = read_tyre(tyre)
+    if flexible is not None:
+        require_fitting_tyre(flexible, wheel)
+        # The slip that is given is that of the belt: it runs at the rim speed, whatever the deflection.
+        laws = with_tyre(laws, flexible._replace(rolling=0.0))
     _many_wheels(soil, wheel, values, by_load, 1.0 if shear == "resultant" else 0.0, laws, out, status)
     _require_support(wheel, values, status)
+    if flexible is not None:
+        out[:, 3] *= 1.0 - flexible.rolling * out[:, 8] / wheel.r
     return WheelForces(*(out[:, i].reshape(size.shape) for i in range(_COLUMNS)))
 
 

@@ -7,11 +7,10 @@ from types import MappingProxyType
 from typing import TypedDict, Unpack
 
 from offroad_env.errors import InvalidParameter
-from offroad_env.physics.records import Wheel
-from offroad_env.physics.tyre import Tyre
+from offroad_env.physics.records import Structure, Tyre, Wheel
 from offroad_env.world.catalogue import Catalogue, Entry, Quantity, given_fields
 
-__all__ = ["TYRES", "TyreFields", "make_tyre", "require_fitting_tyre"]
+__all__ = ["TYRES", "TyreFields", "make_tyre", "read_tyre", "require_fitting_tyre", "with_tyre"]
 
 #: Pressure that a carcass acts like [Pa]: the stiffness of the Goodyear tyre at four pressures extrapolates
 #: to zero at -75 kPa.
@@ -133,6 +132,50 @@ def _defaults(r: float, b: float) -> dict[str, float]:
         "cornering": _CORNERING,
         "rolling": _ROLLING,
     }
+
+
+def read_tyre(tyre: str | Tyre | None) -> Tyre | None:
+    """A tyre by its name in `TYRES`, or itself; None stays None: a rigid wheel.
+
+    Raises
+    ------
+    UnknownNameError
+        For a name that the catalogue does not have.
+    """
+    if tyre is None or isinstance(tyre, Tyre):
+        return tyre
+    if isinstance(tyre, str):
+        return TYRES[tyre]
+    raise InvalidParameter(f"tyre must be a name in TYRES or a Tyre, got {tyre!r}")
+
+
+def with_tyre(structure: Structure | None, tyre: Tyre) -> Structure:
+    """The structure for wheels with this tyre.
+
+    Raises
+    ------
+    InvalidParameter
+        Where the structure has no room for a tyre, by the name of the choice that excludes it.
+    """
+    if structure is None:
+        raise InvalidParameter(
+            'a tyre needs a structure whose pressure acts along the ground: structure="grid" or "field"; a '
+            "rim with Wong-Reece contact angles is rigid"
+        )
+    if structure.ground_normal < 0.5:
+        raise InvalidParameter(
+            'a tyre needs pressure_direction="ground_normal": its belt is no rim that soil presses along '
+            "its normal"
+        )
+    if structure.own_sinkage < 0.5:
+        raise InvalidParameter(
+            'a tyre needs pressure_from="own_sinkage": Wong-Reece contact angles are those of a rigid rim'
+        )
+    if structure.grouser_height > 0.0:
+        raise InvalidParameter(
+            f"grousers of {structure.grouser_height:g} m stand on rigid rims; a tyre has none: leave one out"
+        )
+    return structure._replace(tyre=tyre)
 
 
 def require_fitting_tyre(tyre: Tyre, wheel: Wheel) -> None:

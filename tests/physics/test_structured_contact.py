@@ -120,8 +120,8 @@ def _grid_by_quad(soil, wheel, structure, h, motion, rut=NO_RUT, v_eps=0.2):
 def test_the_grid_laws_are_those_of_their_formulas(motion, h, rut):
     soil = SOILS["sandy_loam"]
     want = _grid_by_quad(soil, WHEEL, GRID, h, motion, rut)
-    fine = np.array(structured_reaction(GRID, soil, WHEEL, motion, h, rut, FINE))
-    fast = np.array(structured_reaction(GRID, soil, WHEEL, motion, h, rut, PLAIN))
+    fine = np.array(structured_reaction(GRID, soil, WHEEL, motion, h, 0.0, rut, FINE))
+    fast = np.array(structured_reaction(GRID, soil, WHEEL, motion, h, 0.0, rut, PLAIN))
     scale = np.array([want[2], want[2], want[2], want[2] * WHEEL.r])
     assert np.abs(fine - want) / scale == pytest.approx(np.zeros(4), abs=1e-6)
     assert np.abs(fast - want) / scale == pytest.approx(np.zeros(4), abs=1e-4)
@@ -141,7 +141,7 @@ def test_the_general_integrator_with_the_laws_of_a_preset_gives_its_forces(prese
         h, v = rng.uniform(0.003, 0.1), rng.uniform(0.5, 8.0)
         motion = WheelMotion(v, v * (1.0 - rng.uniform(-0.4, 0.6)), v * rng.uniform(-0.3, 0.3))
         want = np.array(wheel_reaction(soil, WHEEL, h, motion, options))
-        found = np.array(structured_reaction(structure, soil, WHEEL, motion, h, NO_RUT, options))
+        found = np.array(structured_reaction(structure, soil, WHEEL, motion, h, 0.0, NO_RUT, options))
         assert found == pytest.approx(want, abs=3e-5 * np.abs(want).max())
 
 
@@ -236,7 +236,7 @@ def test_a_following_wheel_stands_on_the_rut_or_makes_it_deeper():
 def test_shear_displacement_that_a_leader_left_lends_a_follower_grip():
     soil, motion = SOILS["lete_sand"], WheelMotion(3.0, 2.95, 0.0)
     pulls = [
-        structured_reaction(GRID, soil, WHEEL, motion, 0.0305, RutSection(1.0, 0.03, shear), FINE).F_x
+        structured_reaction(GRID, soil, WHEEL, motion, 0.0305, 0.0, RutSection(1.0, 0.03, shear), FINE).F_x
         for shear in (0.0, 0.5, 2.0)
     ]
     assert pulls[0] < pulls[1] < pulls[2]
@@ -271,7 +271,7 @@ def test_soil_takes_energy_from_every_wheel_that_rolls_the_way_it_travels():
         soil, h = soils[rng.integers(len(soils))], rng.uniform(0.002, 0.12)
         v, rim = rng.uniform(0.05, 8.0), rng.uniform(0.05, 8.0)
         motion = WheelMotion(rim, v, rng.uniform(-3.0, 3.0))
-        forces = structured_reaction(structure, soil, WHEEL, motion, h, NO_RUT, PLAIN)
+        forces = structured_reaction(structure, soil, WHEEL, motion, h, 0.0, NO_RUT, PLAIN)
         power = forces.torque * rim / WHEEL.r - forces.F_x * v - forces.F_y * motion.v_c
         worst = min(worst, power / (forces.F_z * (v + rim)))
     assert worst >= -1e-6
