@@ -51,7 +51,7 @@ from offroad_env.physics.contact import SUNK
 from offroad_env.physics.imu import GNSS, IMU, WHEEL
 from offroad_env.physics.packing import pack
 from offroad_env.physics.path_geometry import nearest_index
-from offroad_env.physics.records import Structure, Vehicle
+from offroad_env.physics.records import Structure, Tyre, Vehicle
 from offroad_env.simulation.drive import Command
 from offroad_env.simulation.sensor_presets import make_sensors
 from offroad_env.simulation.sensors import GnssConfig, SensorSuite
@@ -151,6 +151,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         `offroad_env.make_sensors`
     structure : laws of the wheels, "full", "grid", "field" or departures from them ("grid,ruts=none"); None
         is "full". Estimators go on to assume "full"
+    tyre : flexible tyres, a name in `offroad_env.world.tyres.TYRES`; they need structure "grid" or "field"
     render_mode : None, "human" or "rgb_array"
 
     ## Info
@@ -179,6 +180,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         vehicle: str | None = None,
         sensors: str | SensorSuite = "paper",
         structure: str | Structure | None = None,
+        tyre: str | Tyre | None = None,
         render_mode: str | None = None,
     ) -> None:
         self.scenario: Scenario = find_scenario(scenario)
@@ -196,7 +198,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         self.render_mode = render_mode
         self.soil_name = self.scenario.soil if soil is None else soil
         self._plants = PlantChoice(
-            soil_name=self.soil_name, model=model, vehicle_model=vehicle_model, structure=structure
+            soil_name=self.soil_name, model=model, vehicle_model=vehicle_model, structure=structure, tyre=tyre
         )
         self.n_range = checked_range(self.scenario.n_range if n_range is None else n_range, self.soil_name)
         self.vehicle: Vehicle = VEHICLES[self.scenario.vehicle if vehicle is None else vehicle]

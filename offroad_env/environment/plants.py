@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from offroad_env.environment.arguments import require_choice
 from offroad_env.environment.episode_records import PlantSizes
 from offroad_env.physics.axle import contact_shape
-from offroad_env.physics.records import Ground, Soil, SoilMap, Structure, Vehicle
+from offroad_env.physics.records import Ground, Soil, SoilMap, Structure, Tyre, Vehicle
 from offroad_env.simulation.simulator import MODELS, PAPER_SLIP, VEHICLE_MODELS, Plant, make_plant
 from offroad_env.world.terrain import flat
 
@@ -28,6 +28,7 @@ class PlantChoice:
     model: str = "full"
     vehicle_model: str = "half_car"
     structure: str | Structure | None = None
+    tyre: str | Tyre | None = None
 
     def __post_init__(self) -> None:
         require_choice("model", self.model, MODELS)
@@ -44,6 +45,7 @@ class PlantChoice:
             model=self.model,
             vehicle_model=self.vehicle_model,
             structure=self.structure,
+            tyre=self.tyre,
         )
 
     def belief(self, vehicle: Vehicle, soil: Soil, ground: Ground) -> Plant:

@@ -36,12 +36,14 @@ _TERM_COLUMNS = range(REPORTED_TERMS.start, REPORTED_TERMS.stop)
 _FEWEST = 4
 
 
-def make_vec(num_envs: int, **options: Any) -> VectorEnv:
+def make_vec(num_envs: int, *, version: str = "v0", **options: Any) -> VectorEnv:
     """``num_envs`` episodes of ``OffroadBekker-v0`` that run in one compiled call.
 
     Parameters
     ----------
     num_envs
+    version
+        Or those of ``OffroadBekker-v1``.
     options
         Arguments of `OffroadBekkerVectorEnv` and of `OffroadBekkerEnv`.
 
@@ -52,7 +54,7 @@ def make_vec(num_envs: int, **options: Any) -> VectorEnv:
     >>> observations["path"].shape
     (8, 12)
     """
-    name = "offroad_env:OffroadBekker-v0"
+    name = f"offroad_env:OffroadBekker-{version}"
     return gym.make_vec(name, num_envs, vectorization_mode="vector_entry_point", **options)
 
 
@@ -92,6 +94,9 @@ class OffroadBekkerVectorEnv(VectorEnv):
     ``reset(options={"n": [...]})`` takes one sinkage exponent per episode, or one for all.
     """
 
+    #: What runs N times.
+    single: type[OffroadBekkerEnv] = OffroadBekkerEnv
+
     def __init__(
         self,
         num_envs: int = 1,
@@ -105,7 +110,7 @@ class OffroadBekkerVectorEnv(VectorEnv):
             raise InvalidParameter(f"num_envs must be at least 1, got {num_envs}")
         self.num_envs = int(num_envs)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.envs = [OffroadBekkerEnv(**options) for _ in range(self.num_envs)]
+        self.envs = [self.single(**options) for _ in range(self.num_envs)]
         first = self.envs[0]
         self.max_episode_steps = int(max_episode_steps)
         self._time_limit = first.scenario.time_limit
