@@ -63,7 +63,7 @@ def _choice(name: str, value: str, allowed: tuple[str, ...]) -> str:
     return value
 
 
-def make_plant(
+def make_plant(  # noqa: PLR0913 - a plant's options are its interface
     vehicle: Vehicle,
     soil: Soil,
     ground: Ground,

@@ -132,7 +132,7 @@ def _checked(name: str, value: ArrayLike, low: float, high: float, unit: str, hi
     return array
 
 
-def wheel_forces(
+def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     soil: Soil,
     wheel: Wheel,
     *,
