@@ -51,6 +51,8 @@ if ENV_ID not in registry:
         vector_entry_point="offroad_env.environment.env_v1:OffroadBekkerVectorEnvV1",
         max_episode_steps=6000,
     )
+    # v0 stays: v1 has other defaults. With a number here Gymnasium would call v0 out of date.
+    registry["OffroadBekker-v1"].version = None
 
 
 def __getattr__(name: str) -> Any:

@@ -472,6 +472,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
             time=float(episode["time"]),
             state=self.state.copy(),
             readings=self.readings.copy(),
+            contact=self.warm.copy(),
             command=(steer, drive),
             progress=float(episode["progress"]),
             cross_track_error=float(episode["cross_track_error"]),

@@ -34,23 +34,21 @@ class OffroadBekkerEnvV1(OffroadBekkerEnv):
     each can be set back:
 
     - ``structure="field"`` (v0: None, Wong-Reece contact angles on a rigid rim, no ruts): pressure along the
-      ground's normal from each point's own sinkage, shear along the path in the soil, ruts that the rear wheels
-      follow, Lyasko's slip sinkage
-    - ``tyre="own"`` (v0: None, rigid rims): the vehicle's tyre in `world.tyres.TYRES`, else one of its size at
-      150 kPa
-    - ``natural_soil=True`` (v0: False, the same soil everywhere but for the stretches of "patches"): a random
-      field of pressure, n, cohesion and friction angle around the drawn soil
+      ground's normal from each point's own sinkage, shear along the path in the soil, ruts that the rear
+      wheels follow, Lyasko's slip sinkage
+    - ``tyre="own"`` (v0: None, rigid rims): the vehicle's tyre in `world.tyres.TYRES`, else one of its size
+      at 150 kPa
     - ``sensors="automotive"`` (v0: "paper", white noise, gravity taken out): bias and drift, scale errors,
       misalignment, gravity in the accelerations, latency, losses, counted wheel speeds, GNSS errors of 0.2 m
 
-    The first three need ``model="full"`` and deformable soil.
+    Structure and tyre need ``model="full"`` and deformable soil.
 
     ## Observation Space
     That of v0. ``imu`` holds gravity: a_z is about 9.8 m/s^2 at rest, and a_x leans with the pitch. The pose
     behind ``path`` lags by the latency of the receiver and wanders with its error.
 
     ## Estimators
-    They assume the half-car on rigid rims with Wong-Reece angles on uniform soil, and sensors with white
+    They assume the half-car on rigid rims with Wong-Reece angles and sensors with white
     noise: with these defaults the model is not matched.
 
     ## Version History

@@ -36,16 +36,15 @@ _TERM_COLUMNS = range(REPORTED_TERMS.start, REPORTED_TERMS.stop)
 _FEWEST = 4
 
 
-def make_vec(num_envs: int, *, version: str = "v0", **options: Any) -> VectorEnv:
+def make_vec(num_envs: int, **options: Any) -> VectorEnv:
     """``num_envs`` episodes of ``OffroadBekker-v0`` that run in one compiled call.
 
     Parameters
     ----------
     num_envs
-    version
-        Or those of ``OffroadBekker-v1``.
     options
-        Arguments of `OffroadBekkerVectorEnv` and of `OffroadBekkerEnv`.
+        Arguments of `OffroadBekkerVectorEnv` and of `OffroadBekkerEnv`; ``version="v1"`` makes episodes of
+        ``OffroadBekker-v1``.
 
     Examples
     --------
@@ -54,7 +53,7 @@ def make_vec(num_envs: int, *, version: str = "v0", **options: Any) -> VectorEnv
     >>> observations["path"].shape
     (8, 12)
     """
-    name = f"offroad_env:OffroadBekker-{version}"
+    name = f"offroad_env:OffroadBekker-{options.pop('version', 'v0')}"
     return gym.make_vec(name, num_envs, vectorization_mode="vector_entry_point", **options)
 
 

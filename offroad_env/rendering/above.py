@@ -222,9 +222,9 @@ class MapView:
         x = canvas.words((x, bottom + 11), [("front", FRONT), ("rear", REAR)])
         if course.soil_varies:
             canvas.box((left, bottom - 26, 300, 22), PANEL)
-            for start, colour, word in ((left + 8, SOFT, "softer soil"), (left + 122, FIRM, "firmer soil")):
-                canvas.box((start, bottom - 22, 18, 14), colour, MUTED)
-                canvas.text((start + 25, bottom - 15), word)
+            for place, colour, word in ((left + 8, SOFT, "softer soil"), (left + 122, FIRM, "firmer soil")):
+                canvas.box((place, bottom - 22, 18, 14), colour, MUTED)
+                canvas.text((place + 25, bottom - 15), word)
         length = round_number(130.0 / course.scale)
         right = MAP[0] + MAP[2] - 14
         start = right - length * course.scale

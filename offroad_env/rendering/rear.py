@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -12,10 +13,10 @@ from offroad_env.rendering.canvas import Canvas, number, rectangle, turned
 from offroad_env.rendering.style import BODY, CAB, EDGE, FRONT, INK, MUTED, REAR, SOIL, TYRE, Box
 from offroad_env.world.terrain import heights
 
-__all__ = ["RearView"]
+__all__ = ["REAR_WIDTH", "RearView"]
 
 #: Width of the panel [pixels].
-WIDTH = 150
+REAR_WIDTH = 150
 
 
 class RearView:
@@ -51,7 +52,9 @@ class RearView:
             canvas.stroke(line, EDGE, 1.0)
         self._write(snapshot, wheels, box)
 
-    def _draw_body(self, snapshot: Snapshot, rear: np.ndarray, put, track: float) -> None:  # type: ignore[no-untyped-def]
+    def _draw_body(
+        self, snapshot: Snapshot, rear: np.ndarray, put: Callable[[np.ndarray], np.ndarray], track: float
+    ) -> None:
         vehicle, roll = snapshot.plant.vehicle, float(snapshot.state[at.ROLL])
         bottoms = rear[:, at.HEIGHT] - rear[:, at.SINKAGE]
         r = vehicle.r
