@@ -33,6 +33,7 @@ from offroad_env.environment.episode_records import (
     N_FRONT,
     N_REAR,
     NIS,
+    PAPER_FORCE,
     PROGRESS,
     REPORTED_TERMS,
     SAMPLES,
@@ -41,6 +42,7 @@ from offroad_env.environment.episode_records import (
     SINKAGE_R,
     SLIP_F,
     SLIP_R,
+    SOIL_WAVES,
     SPEED,
     TIME,
     PeriodOptions,
@@ -68,6 +70,7 @@ from offroad_env.physics.numerics import copy_into
 from offroad_env.physics.packing import PackedPlant, unpack
 from offroad_env.physics.paper_vehicle import paper_advance
 from offroad_env.physics.path_geometry import PathTable, project
+from offroad_env.physics.records import SoilField
 from offroad_env.physics.sensor_errors import sense_with_memory
 
 if TYPE_CHECKING:
@@ -76,7 +79,6 @@ if TYPE_CHECKING:
 __all__ = [
     "BELIEVE",
     "DRIVE",
-    "PAPER_FORCE",
     "REPORT",
     "announce_compilation",
     "period_full",
@@ -89,8 +91,6 @@ _GOAL, (_ROLLOVER, _IMMOBILISED, _DIVERGED) = 1, range(len(ENDINGS) - 3, len(END
 
 _STUCK_TIME, _STUCK_DRIVE = 4.0, 0.3  # [s], [-]
 _ROLLOVER_TIME = 0.2  # [s]
-#: Body force at full drive, per unit of mass [m/s^2]: above the paper's largest, 2.4.
-PAPER_FORCE = 3.0
 
 
 @cache
@@ -104,10 +104,21 @@ def announce_compilation() -> None:
 
 
 @inline_kernel
-def _plant(e: np.record, table: np.ndarray, options: PeriodOptions) -> Plant:
-    """The true plant of an episode."""
+def _own_field(field: SoilField | None, k: int) -> SoilField | None:
+    """The natural soil of episode ``k``; ``field`` has the waves of all of them, one after the other."""
+    if field is None:
+        return (
+            field  # what is returned must be of one type: numba's optional records lose count of their arrays
+        )
+    return SoilField(field.edge, field.patches, field.waves[k * SOIL_WAVES : (k + 1) * SOIL_WAVES])
+
+
+@inline_kernel
+def _plant(e: np.record, table: np.ndarray, options: PeriodOptions, k: int) -> Plant:
+    """The true plant of episode ``k``."""
     waves, patches = table[e.path_end : e.waves_end], table[e.waves_end : e.patches_end]
-    return unpack(PackedPlant(e.plant[:], waves, patches, None, options.structure))
+    field = _own_field(options.soil_field, k)
+    return unpack(PackedPlant(e.plant[:], waves, patches, None, options.structure, field))
 
 
 @inline_kernel
@@ -176,7 +187,7 @@ def _drive_full(
     e: np.record, rules: np.record, table: np.ndarray, noise: np.ndarray, options: PeriodOptions, k: int
 ) -> None:
     """DRIVE: hold the command for as many samples as the period has; from SUNK on it is broken off."""
-    plant, command = _plant(e, table, options), _full_command(rules, e.action[:])
+    plant, command = _plant(e, table, options, k), _full_command(rules, e.action[:])
     state, warm, readings = e.state[:], e.warm[:], e.readings[:]
     work = np.empty((WORK_ROWS, readings.shape[0]))
     slope, last = e.slope[:], work[0][: state.shape[0]]
@@ -202,7 +213,7 @@ def _drive_paper(
     e: np.record, rules: np.record, table: np.ndarray, noise: np.ndarray, options: PeriodOptions, k: int
 ) -> None:
     """`_drive_full` for the paper's model."""
-    plant, command = _plant(e, table, options), _paper_command(rules, e.action[:])
+    plant, command = _plant(e, table, options, k), _paper_command(rules, e.action[:])
     state, warm, readings = e.state[:], e.warm[:], e.readings[:]
     e.samples[:][:] = 0.0
     worst = 0.0

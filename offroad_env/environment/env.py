@@ -17,7 +17,9 @@ from estimators.filters.registry import filter_id
 from offroad_env.effects import Extension, read_extension
 from offroad_env.environment.arguments import (
     ResetOptions,
+    believed_range,
     checked_range,
+    command_of,
     require_bearing,
     require_choice,
     require_rate,
@@ -25,7 +27,6 @@ from offroad_env.environment.arguments import (
 from offroad_env.environment.control_period import (
     BELIEVE,
     DRIVE,
-    PAPER_FORCE,
     REPORT,
     announce_compilation,
     period_full,
@@ -59,6 +60,7 @@ from offroad_env.simulation.simulator import (
     FULL_STEP,
     settled_state,
 )
+from offroad_env.world.natural_soil import SoilSpread
 from offroad_env.world.soils import SOILS, make_soil
 from offroad_env.world.vehicles import VEHICLES
 
@@ -152,6 +154,8 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
     structure : laws of the wheels, "full", "grid", "field" or departures from them ("grid,ruts=none"); None
         is "full". Estimators go on to assume "full"
     tyre : flexible tyres, a name in `offroad_env.world.tyres.TYRES`; they need structure "grid" or "field"
+    natural_soil : True, or a `world.natural_soil.SoilSpread`: pressure, n, cohesion and friction angle vary
+        over metres around the drawn soil
     render_mode : None, "human" or "rgb_array"
 
     ## Info
@@ -181,6 +185,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         sensors: str | SensorSuite = "paper",
         structure: str | Structure | None = None,
         tyre: str | Tyre | None = None,
+        natural_soil: bool | SoilSpread = False,
         render_mode: str | None = None,
     ) -> None:
         self.scenario: Scenario = find_scenario(scenario)
@@ -198,7 +203,12 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         self.render_mode = render_mode
         self.soil_name = self.scenario.soil if soil is None else soil
         self._plants = PlantChoice(
-            soil_name=self.soil_name, model=model, vehicle_model=vehicle_model, structure=structure, tyre=tyre
+            soil_name=self.soil_name,
+            model=model,
+            vehicle_model=vehicle_model,
+            structure=structure,
+            tyre=tyre,
+            natural_soil=natural_soil,
         )
         self.n_range = checked_range(self.scenario.n_range if n_range is None else n_range, self.soil_name)
         self.vehicle: Vehicle = VEHICLES[self.scenario.vehicle if vehicle is None else vehicle]
@@ -226,12 +236,6 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = self._layout.space()
 
-    def _believed_range(self) -> tuple[float, float]:
-        """``n_range``, widened to 0.1 where it holds a single soil: a filter needs something to estimate."""
-        low, high = self.n_range
-        widen = max(0.05 - 0.5 * (high - low), 0.0)
-        return max(low - widen, 0.06), high + widen
-
     @property
     def briefing(self) -> Briefing:
         """What a controller may know before it starts."""
@@ -256,8 +260,10 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         self.sensors.reset(self.np_random, radius=self.vehicle.r)
         self._sensor_errors = self.sensors.errors
         vehicle, soil = chosen.truth(self.vehicle, self._believed_soil, drawn)
-        soils = self.course.soil_map(self.n_range)
-        self.plant = self._plants.truth(vehicle, soil, self.course.ground, soils)
+        soils, field = self.course.soil_map(self.n_range), None
+        if self._plants.is_natural:
+            field = self._plants.soil_field(soil, int(self.np_random.integers(2**63)))
+        self.plant = self._plants.truth(vehicle, soil, self.course.ground, soils, field)
         X, Y, yaw = (float(value) for value in self.course.path.nodes[0, :3])
         start = self.scenario.start_speed
         if self.extension is not None:
@@ -286,12 +292,12 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         belief = self._plants.belief(self.vehicle, self._believed_soil, self.course.known_ground)
         if isinstance(self._choice, OnBoard):
             imu, gnss = self.sensors.imu, self.sensors.gnss or GnssConfig()
-            self.estimator = make_estimator(self._choice, belief, self._believed_range(), imu, gnss)
+            self.estimator = make_estimator(self._choice, belief, believed_range(self.n_range), imu, gnss)
             self.estimator.reset(*self.prior, self._navigation.pose)
         elif self._choice == _COMPILED:
             self.estimator = self._learner = OnlineParameterUKF(
                 belief,
-                self._believed_range(),
+                believed_range(self.n_range),
                 dt=CONTROL_PERIOD / SAMPLES,
                 imu=self.sensors.imu,
                 settings=CHANGING_SOIL if self.scenario.changing else None,
@@ -433,15 +439,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
     @property
     def command(self) -> Command:
         """The last action as a command: steering [rad], drive and brake torque [N m] (paper: force, NaN)."""
-        steer, drive = self._episode["action"].tolist()
-        angle = steer * self.vehicle.steer_max
-        if self.model == "paper":
-            return angle, drive * PAPER_FORCE * self.vehicle.m, math.nan
-        return (
-            angle,
-            max(drive, 0.0) * self.vehicle.drive_torque_max,
-            max(-drive, 0.0) * self.vehicle.brake_torque_max,
-        )
+        return command_of(self.vehicle, self.model, self._episode["action"].tolist())
 
     def result(self) -> tuple[dict[str, Any], float]:
         """``info`` and the reward, from the report of the period."""

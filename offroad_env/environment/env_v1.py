@@ -9,6 +9,7 @@ from offroad_env.environment.scenarios import find_scenario
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv
 from offroad_env.physics.records import Structure, Tyre
 from offroad_env.simulation.sensors import SensorSuite
+from offroad_env.world.natural_soil import SoilSpread
 from offroad_env.world.tyres import TYRES, make_tyre
 from offroad_env.world.vehicles import VEHICLES
 
@@ -38,18 +39,20 @@ class OffroadBekkerEnvV1(OffroadBekkerEnv):
       wheels follow, Lyasko's slip sinkage
     - ``tyre="own"`` (v0: None, rigid rims): the vehicle's tyre in `world.tyres.TYRES`, else one of its size
       at 150 kPa
+    - ``natural_soil=True`` (v0: False, the same soil everywhere but for the stretches of "patches"): a random
+      field of pressure, n, cohesion and friction angle around the drawn soil
     - ``sensors="automotive"`` (v0: "paper", white noise, gravity taken out): bias and drift, scale errors,
       misalignment, gravity in the accelerations, latency, losses, counted wheel speeds, GNSS errors of 0.2 m
 
-    Structure and tyre need ``model="full"`` and deformable soil.
+    Structure, tyre and natural soil need ``model="full"`` and deformable soil.
 
     ## Observation Space
     That of v0. ``imu`` holds gravity: a_z is about 9.8 m/s^2 at rest, and a_x leans with the pitch. The pose
     behind ``path`` lags by the latency of the receiver and wanders with its error.
 
     ## Estimators
-    They assume the half-car on rigid rims with Wong-Reece angles and sensors with white
-    noise: with these defaults the model is not matched.
+    They assume the half-car on rigid rims with Wong-Reece angles on uniform soil, and sensors
+    with white noise: with these defaults the model is not matched.
 
     ## Version History
     v1: other defaults than v0, as above.
@@ -62,6 +65,7 @@ class OffroadBekkerEnvV1(OffroadBekkerEnv):
         vehicle: str | None = None,
         structure: str | Structure | None = "field",
         tyre: str | Tyre | None = "own",
+        natural_soil: bool | SoilSpread = True,
         sensors: str | SensorSuite = "automotive",
         **options: Any,
     ) -> None:
@@ -71,6 +75,7 @@ class OffroadBekkerEnvV1(OffroadBekkerEnv):
             vehicle=vehicle,
             structure=structure,
             tyre=own_tyre(name) if tyre == "own" else tyre,
+            natural_soil=natural_soil,
             sensors=sensors,
             **options,
         )

@@ -28,17 +28,19 @@ if TYPE_CHECKING:
     from offroad_env.environment.scenarios import Scenario
     from offroad_env.physics.axle import Plant
     from offroad_env.physics.path_geometry import PathTable
-    from offroad_env.physics.records import Ground, Structure, Vehicle
+    from offroad_env.physics.records import Ground, SoilField, Structure, Vehicle
     from offroad_env.simulation.sensors import SensorSuite
 
 __all__ = [
     "CONTROL_PERIOD",
     "LAST_ROW",
     "NOISE_ROWS",
+    "PAPER_FORCE",
     "REPORTED",
     "REPORTED_TERMS",
     "RULES",
     "SAMPLES",
+    "SOIL_WAVES",
     "Memory",
     "PeriodArguments",
     "PeriodOptions",
@@ -49,6 +51,8 @@ __all__ = [
 
 CONTROL_PERIOD = 0.02  #: time between actions [s]
 SAMPLES = 2  #: samples of the sensors in a period
+#: Body force at full drive, per unit of mass [m/s^2]: above the paper's largest, 2.4.
+PAPER_FORCE = 3.0
 
 #: Periods for which sensor noise is drawn at a time.
 _NOISE_PERIODS = 32
@@ -210,11 +214,16 @@ def info_of(report: np.ndarray, n: float, path_length: float, ending: str) -> tu
     }, sum(terms)
 
 
+#: Waves of the natural soil of an episode.
+SOIL_WAVES = 64
+
+
 class PeriodOptions(NamedTuple):
     """What episodes have beyond the plain half-car; None is compiled away, so each choice is an edition."""
 
     sensing: np.ndarray | None = None  #: (N,) of the type `SENSING`: what sensors remember
     structure: Structure | None = None  #: laws of the wheels
+    soil_field: SoilField | None = None  #: natural soil, ``SOIL_WAVES`` rows of waves an episode
 
 
 class PeriodArguments(NamedTuple):
@@ -257,6 +266,8 @@ class Memory:
         self.sensing: np.ndarray | None = None
         #: Laws of the wheels, the same in all episodes.
         self.structure: Structure | None = None
+        #: Natural soil with the waves of all episodes (count SOIL_WAVES, 8); None where soil is uniform.
+        self.soil_field: SoilField | None = None
 
     def mount(self, row: int, sensors: SensorSuite) -> None:
         """Write the sensors of an episode, as they have been reset, into its row."""
@@ -290,6 +301,11 @@ class Memory:
             self.tables = grown
         self.tables[row, : ends[-1]] = np.concatenate(parts)
         self.structure, episode = plant.structure, self.episodes[row]
+        if plant.soil_field is not None:
+            if self.soil_field is None:
+                waves = np.zeros((len(self.episodes) * SOIL_WAVES, 8))
+                self.soil_field = plant.soil_field._replace(waves=waves)
+            self.soil_field.waves[row * SOIL_WAVES : (row + 1) * SOIL_WAVES] = plant.soil_field.waves
         episode["ds"] = path.ds
         for name, end in zip(("path_end", "waves_end", "patches_end", "known_end"), ends, strict=True):
             episode[name] = end
@@ -320,6 +336,13 @@ class Memory:
         ):
             self.rules[name] = value
 
+    def _fields(self, rows: slice) -> SoilField | None:
+        """Natural soil of some of the episodes."""
+        if self.soil_field is None:
+            return None
+        part = slice(rows.start * SOIL_WAVES, rows.stop * SOIL_WAVES)
+        return self.soil_field._replace(waves=self.soil_field.waves[part])
+
     def part(self, rows: slice) -> PeriodArguments:
         """What the compiled period takes, for some of the episodes."""
         return PeriodArguments(
@@ -330,5 +353,9 @@ class Memory:
             self.actions[rows],
             self.shown[rows],
             self.assumptions,
-            PeriodOptions(None if self.sensing is None else self.sensing[rows], self.structure),
+            PeriodOptions(
+                sensing=None if self.sensing is None else self.sensing[rows],
+                structure=self.structure,
+                soil_field=self._fields(rows),
+            ),
         )

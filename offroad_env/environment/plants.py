@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from offroad_env.environment.arguments import require_choice
-from offroad_env.environment.episode_records import PlantSizes
+from offroad_env.environment.episode_records import SOIL_WAVES, PlantSizes
 from offroad_env.physics.axle import contact_shape
-from offroad_env.physics.records import Ground, Soil, SoilMap, Structure, Tyre, Vehicle
+from offroad_env.physics.records import Ground, Soil, SoilField, SoilMap, Structure, Tyre, Vehicle
 from offroad_env.simulation.simulator import MODELS, PAPER_SLIP, VEHICLE_MODELS, Plant, make_plant
+from offroad_env.world.natural_soil import SoilSpread, natural_soil
 from offroad_env.world.terrain import flat
 
 __all__ = ["PlantChoice"]
@@ -29,12 +30,30 @@ class PlantChoice:
     vehicle_model: str = "half_car"
     structure: str | Structure | None = None
     tyre: str | Tyre | None = None
+    natural_soil: bool | SoilSpread = False
 
     def __post_init__(self) -> None:
         require_choice("model", self.model, MODELS)
         require_choice("vehicle_model", self.vehicle_model, VEHICLE_MODELS)
 
-    def truth(self, vehicle: Vehicle, soil: Soil, ground: Ground, soils: SoilMap | None = None) -> Plant:
+    @property
+    def is_natural(self) -> bool:
+        """Whether the soil varies as a random field."""
+        return self.natural_soil is not False
+
+    def soil_field(self, soil: Soil, seed: int) -> SoilField:
+        """The random field of an episode around its soil."""
+        spread = self.natural_soil if isinstance(self.natural_soil, SoilSpread) else None
+        return natural_soil(soil, seed, spread=spread, waves=SOIL_WAVES)
+
+    def truth(
+        self,
+        vehicle: Vehicle,
+        soil: Soil,
+        ground: Ground,
+        soils: SoilMap | None = None,
+        field: SoilField | None = None,
+    ) -> Plant:
         """The plant that is driven."""
         return make_plant(
             vehicle,
@@ -46,6 +65,7 @@ class PlantChoice:
             vehicle_model=self.vehicle_model,
             structure=self.structure,
             tyre=self.tyre,
+            soil_field=field,
         )
 
     def belief(self, vehicle: Vehicle, soil: Soil, ground: Ground) -> Plant:

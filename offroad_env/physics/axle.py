@@ -20,6 +20,7 @@ from offroad_env.physics.records import (
     FloatArray,
     Ground,
     Soil,
+    SoilField,
     SoilMap,
     SpringState,
     Structure,
@@ -28,6 +29,7 @@ from offroad_env.physics.records import (
     WheelMotion,
 )
 from offroad_env.physics.slip import slip_ratio
+from offroad_env.physics.soil_field import local_soil
 from offroad_env.physics.structured_contact import contact_solution
 
 __all__ = [
@@ -44,6 +46,7 @@ __all__ = [
     "contact_columns",
     "contact_options",
     "contact_shape",
+    "soil_at",
     "static_loads",
     "suspension_force",
     "suspension_load",
@@ -66,6 +69,7 @@ class Plant(NamedTuple):
     fine: bool  #: reference quadrature instead of the fast one
     effects: FloatArray | None = None  #: rows of `hooks`; None = the base model, without any trace of them
     structure: Structure | None = None  #: laws of the wheels; None = Wong-Reece wheels, without ruts
+    soil_field: SoilField | None = None  #: natural soil; None = the same soil everywhere but for the map
 
 
 class Directions(NamedTuple):
@@ -160,6 +164,13 @@ def contact_shape(structure: Structure | None) -> tuple[int, int]:
 
 
 @inline_kernel
+def soil_at(plant: Plant, X: float, Y: float) -> Soil:
+    """The plant's soil at (X, Y) [m], before any effect."""
+    n = sinkage_exponent(plant.soil_map, plant.soil.n, X, Y)
+    return local_soil(plant.soil_field, with_exponent(plant.soil, n), X, Y)
+
+
+@inline_kernel
 def contact_options(plant: Plant) -> ContactOptions:
     """How the plant's contacts are computed."""
     return ContactOptions(plant.v_eps, plant.resultant, plant.fine)
@@ -236,9 +247,8 @@ def axle_contact(
 ) -> AxleReaction:
     """Solve one axle's contact and note it in ``readings``, the axle's part of the readings."""
     vehicle, arm = plant.vehicle, stance.arm
-    n = sinkage_exponent(plant.soil_map, plant.soil.n, stance.x, stance.y)
     place = AxlePlace(stance.x, stance.y, arm, plant.v_eps)
-    soil = change_soil(plant.effects, with_exponent(plant.soil, n), motion, place)
+    soil = change_soil(plant.effects, soil_at(plant, stance.x, stance.y), motion, place)
     frame = slope_frame(stance.g_l, stance.g_c)
     wheel = Wheel(vehicle.r, vehicle.b)
     options = contact_options(plant)

@@ -13,7 +13,7 @@ import numpy as np
 from offroad_env.physics._jit import inline_kernel
 from offroad_env.physics.axle import Plant
 from offroad_env.physics.record_operations import numbers_of, record_from
-from offroad_env.physics.records import FloatArray, Structure
+from offroad_env.physics.records import FloatArray, SoilField, Structure
 
 __all__ = ["PackedPlant", "pack", "unpack"]
 
@@ -28,16 +28,18 @@ class PackedPlant(NamedTuple):
     patches: FloatArray
     effects: FloatArray | None
     structure: Structure | None
+    soil_field: SoilField | None
 
 
 def pack(plant: Plant) -> PackedPlant:
     """The plant as arrays; `unpack` gives back the same plant."""
     numbers = np.array(numbers_of(plant))
-    return PackedPlant(numbers, plant.ground.waves, plant.soil_map.patches, plant.effects, plant.structure)
+    options = plant.effects, plant.structure, plant.soil_field
+    return PackedPlant(numbers, plant.ground.waves, plant.soil_map.patches, *options)
 
 
 @inline_kernel
 def unpack(packed: PackedPlant) -> Plant:
     """The `Plant` that was packed."""
-    parts = (packed.waves, packed.patches, packed.effects, packed.structure)
+    parts = (packed.waves, packed.patches, packed.effects, packed.structure, packed.soil_field)
     return record_from(Plant, packed.numbers, parts)

@@ -5,21 +5,36 @@ from __future__ import annotations
 import numpy as np
 
 from offroad_env.physics.ground import sinkage_exponent
+from offroad_env.physics.records import FloatArray
+from offroad_env.physics.soil_field import REFERENCE_SINKAGE
 from offroad_env.simulation.simulator import Plant
+from offroad_env.world.natural_soil import reference_pressure, soil_maps
 
 __all__ = ["firmness", "varies"]
-
-#: Sinkage at which soils are compared: (z / 5 cm)^n turns about the middle of what wheels sink [m].
-REFERENCE_SINKAGE = 0.05
 
 
 def varies(plant: Plant) -> bool:
     """Whether the soil is another one at some places."""
-    return len(plant.soil_map.patches) > 0
+    return plant.soil_field is not None or len(plant.soil_map.patches) > 0
 
 
-def firmness(plant: Plant, X: np.ndarray, Y: np.ndarray) -> np.ndarray:
+def firmness(plant: Plant, X: FloatArray, Y: FloatArray) -> FloatArray:
     """Logarithm of the pressure at 5 cm over that of the base soil, on the grid X (J,), Y (I,): (I, J)."""
-    soil, soils = plant.soil, plant.soil_map
-    n = np.array([[sinkage_exponent(soils, soil.n, x, y) for x in X] for y in Y])
-    return np.asarray((n - soil.n) * np.log(REFERENCE_SINKAGE))
+    across, up = np.meshgrid(X, Y)
+    firm = _patches(plant, across, up) * np.log(REFERENCE_SINKAGE)
+    if plant.soil_field is not None:
+        natural = soil_maps(plant.soil_field, plant.soil, across, up)
+        firm = firm + np.log(natural.pressure / reference_pressure(plant.soil))
+    return np.asarray(firm)
+
+
+def _patches(plant: Plant, X: FloatArray, Y: FloatArray) -> FloatArray:
+    """What the map of n adds to the exponent of the base soil."""
+    soils, n = plant.soil_map, plant.soil.n
+    near = np.zeros(X.shape, np.bool_)
+    for x, y, radius, _ in soils.patches:
+        near |= np.hypot(X - x, Y - y) < radius + soils.edge
+    added = np.zeros(X.shape)
+    places = zip(X[near].tolist(), Y[near].tolist(), strict=True)
+    added[near] = [sinkage_exponent(soils, n, x, y) - n for x, y in places]
+    return added

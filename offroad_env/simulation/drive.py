@@ -20,6 +20,7 @@ import numpy as np
 
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
+from offroad_env.physics.axle import soil_at
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.full_vehicle import full_advance
 from offroad_env.physics.ground import sinkage_exponent
@@ -117,6 +118,8 @@ class DriveRecord:
     @cached_property
     def n(self) -> np.ndarray:
         """(T,) true sinkage exponent under the centre of gravity [-]."""
+        if self.plant.soil_field is not None:
+            return np.array([soil_at(self.plant, x[at.X], x[at.Y]).n for x in self.states])
         soil_map, n = self.plant.soil_map, self.plant.soil.n
         return np.array([sinkage_exponent(soil_map, n, x[at.X], x[at.Y]) for x in self.states])
 

@@ -19,7 +19,7 @@ from offroad_env.physics import state as at
 from offroad_env.physics.axle import contact_shape
 from offroad_env.physics.batch import full_rows, paper_rows
 from offroad_env.physics.packing import PackedPlant, pack
-from offroad_env.physics.records import Soil, Vehicle
+from offroad_env.physics.records import Soil, SoilField, Vehicle
 from offroad_env.simulation.simulator import FULL_STEP, Plant, plant_model
 
 __all__ = [
@@ -70,13 +70,20 @@ def _same(one: np.ndarray | None, other: np.ndarray | None) -> bool:
     return np.array_equal(one, other)
 
 
+def _same_field(one: SoilField | None, other: SoilField | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    same = _same(one.patches, other.patches) and _same(one.waves, other.waves)
+    return one.edge == other.edge and same
+
+
 def make_fleet(plants: Sequence[Plant]) -> Fleet:
-    """Plants that share model, ground, soil map and effects, as a fleet.
+    """Plants that share model, ground, soil map, soil field and effects, as a fleet.
 
     Raises
     ------
     InvalidParameter
-        When there is none, or when they differ in model, ground, soil map or effects.
+        When there is none, or when they differ in model, ground, soil map, soil field or effects.
     """
     if not plants:
         raise InvalidParameter("a fleet needs at least one plant")
@@ -89,6 +96,8 @@ def make_fleet(plants: Sequence[Plant]) -> Fleet:
             raise InvalidParameter("the plants of a fleet must share their effects")
         if other.structure != first.structure:
             raise InvalidParameter("the plants of a fleet must share their structure")
+        if not _same_field(other.soil_field, first.soil_field):
+            raise InvalidParameter("the plants of a fleet must share their soil field")
     models = {plant_model(plant) for plant in plants}
     if len(models) > 1:
         raise InvalidParameter("the plants of a fleet must be all full or all paper")

@@ -95,12 +95,12 @@ class Kept(NamedTuple):
 
 
 def _bare_plant(plants: Plants, i: int) -> Plant:
-    return unpack(PackedPlant(plants.numbers[i], plants.waves[1:], plants.patches[1:], None, None))
+    return unpack(PackedPlant(plants.numbers[i], plants.waves[1:], plants.patches[1:], None, None, None))
 
 
 def _changed_plant(plants: ChangedPlants, i: int) -> Plant:
     effects = plants.effects[1:]
-    return unpack(PackedPlant(plants.numbers[i], plants.waves[1:], plants.patches[1:], effects, None))
+    return unpack(PackedPlant(plants.numbers[i], plants.waves[1:], plants.patches[1:], effects, None, None))
 
 
 @cache
@@ -280,6 +280,8 @@ class CudaFleet:
         dt: float = FULL_STEP,
         stream: Any = None,
     ) -> None:
+        if fleet.packed.soil_field is not None:
+            raise InvalidParameter("the compiled CUDA fleet has no soil_field: take simulate_fleet_commands")
         self._timing = float(dt), count_steps(fleet, interval, dt)
         _require_device()
         count, packed = len(fleet), fleet.packed

@@ -19,7 +19,7 @@ from offroad_env.physics.batch import full_rows
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.packing import pack
 from offroad_env.physics.paper_vehicle import simulate_paper
-from offroad_env.physics.records import Ground, Soil, SoilMap, Structure, Tyre, Vehicle, Wheel
+from offroad_env.physics.records import Ground, Soil, SoilField, SoilMap, Structure, Tyre, Vehicle, Wheel
 from offroad_env.physics.settle import settle
 from offroad_env.world.structures import read_structure
 from offroad_env.world.tyres import read_tyre, require_fitting_tyre, with_tyre
@@ -74,6 +74,7 @@ def make_plant(  # noqa: PLR0913 - a plant's options are its interface
     soil_map: SoilMap | None = None,
     structure: str | Structure | None = None,
     tyre: str | Tyre | None = None,
+    soil_field: SoilField | None = None,
 ) -> Plant:
     """Bundle validated parts into what the kernels take.
 
@@ -93,11 +94,15 @@ def make_plant(  # noqa: PLR0913 - a plant's options are its interface
     tyre : str or Tyre, optional
         Flexible tyres, by a name in `world.tyres.TYRES` or from `make_tyre`; None: rigid rims. They need a
         structure whose pressure acts along the ground's normal, such as "grid" or "field".
+    soil_field : SoilField, optional
+        How the whole soil varies, from `world.natural_soil.natural_soil`, for a deformable soil.
     """
     _choice("model", model, MODELS)
     _choice("vehicle_model", vehicle_model, VEHICLE_MODELS)
     if not -1.0 < slip < 1.0:
         raise InvalidParameter(f"slip must be in (-1, 1), got {slip} - in percent?")
+    if soil_field is not None and soil.rigid > 0.5:
+        raise InvalidParameter("soil_field must be None on hard ground, which has no parameters of soil")
     if soil_map is None:
         soil_map = SoilMap(0.3, np.empty((0, 4)))
     full = model == "full"
@@ -113,6 +118,7 @@ def make_plant(  # noqa: PLR0913 - a plant's options are its interface
         v_eps=(0.3 if soil.rigid else 0.2) if full else 1e-3,
         fine=False,
         structure=_wheel_laws(structure, model, read_tyre(tyre), Wheel(vehicle.r, vehicle.b)),
+        soil_field=soil_field,
     )
 
 
