@@ -22,7 +22,7 @@ from fleet import COMMAND, full_plant
 
 from offroad_env.physics import numerics
 from offroad_env.physics import state as at
-from offroad_env.physics.batch import full_rows
+from offroad_env.physics.batch import PLAIN_COMMAND, full_rows
 from offroad_env.physics.packing import pack
 from offroad_env.simulation.simulator import FULL_STEP
 
@@ -108,7 +108,7 @@ def count(intervals: int) -> Counter:
     found = np.zeros((1, 1, at.STATE_SIZE)), np.zeros((1, 1, at.READINGS_SIZE)), np.zeros((1, 2))
     counts.clear()
     with _watched():
-        full_rows(fleet, start, held, (FULL_STEP, 4), (0, 1), found)
+        full_rows(fleet, start, held, (FULL_STEP, 4), (0, 1), found, PLAIN_COMMAND)
     if found[2][0, 1] != intervals:
         raise RuntimeError("the vehicle did not come to the end")
     return Counter(counts)

@@ -39,17 +39,18 @@ class Diagnose(Results):
 
     logs: Positional[tuple[Path, ...]]  #: logs: CSV or Parquet with a YAML of the same name, or ROS bags
     rig: bool = False  #: the logs are trials of a wheel rig
+    structure: str | None = None  #: laws of the wheels instead of the logs', such as grid or field
     check: tuple[Path, ...] = ()  #: other runs of the vehicle, to measure the gain without a fit
 
     def run(self) -> None:
         """Read, diagnose, write, and print the verdict."""
         from estimators.discrepancy.rig_diagnosis import diagnose_rig
         from estimators.discrepancy.summarise import summarise
-        from estimators.logs import read_logs
+        from estimators.logs import read_logs, with_structure
 
         if not self.logs:
             raise DataError("name at least one log")
-        logs = read_logs(self.logs)
+        logs = with_structure(read_logs(self.logs), self.structure)
         if logs[0].rig != self.rig:
             kind = "trials of a wheel rig: add --rig" if logs[0].rig else "a drive, not trials of a wheel rig"
             raise DataError(f"{logs[0].name}: holds {kind}")
@@ -107,12 +108,12 @@ class Diagnose(Results):
     def _checked(self, diagnosis: Diagnosis) -> dict[str, tuple[ChannelGain, ...]]:
         """Gains on the logs of ``--check``, printed and as numbers."""
         from estimators.discrepancy.other_runs import gains_on
-        from estimators.logs import read_logs
+        from estimators.logs import read_logs, with_structure
 
         if not diagnosis.causes:
             say("no causes, so nothing to gain on other runs")
             return {}
-        found = gains_on(diagnosis, read_logs(self.check))
+        found = gains_on(diagnosis, with_structure(read_logs(self.check), self.structure))
         for name, gains in found.items():
             parts = (
                 f"{g.channel} {100.0 * (1.0 - g.extended / max(g.nominal, 1e-300)):+.0f} %" for g in gains

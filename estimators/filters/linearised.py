@@ -93,7 +93,7 @@ def motion_slopes(
     Returns the worst contact status.
     """
     work, readings = np.empty((3, ETA)), np.empty(at.READINGS_SIZE)
-    side, trial = np.empty(SIZE), np.empty((2, 3))
+    side, trial = np.empty(SIZE), np.empty((warm.shape[0], warm.shape[1]))
     worst = 0.0
     for j in range(SIZE):
         for sign in (-1.0, 1.0):
@@ -122,7 +122,7 @@ def reading_slopes(
     ``inputs`` (3,) are those of the moment.
     """
     work, readings = np.empty((3, ETA)), np.empty(at.READINGS_SIZE)
-    side, trial = np.empty(SIZE), np.empty((2, 3))
+    side, trial = np.empty(SIZE), np.empty((warm.shape[0], warm.shape[1]))
     worst = 0.0
     for j in range(SIZE):
         for sign in (-1.0, 1.0):

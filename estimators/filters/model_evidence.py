@@ -241,7 +241,7 @@ def _slopes(
     """
     M, stiffness = motion.q.shape[0], model.stiffness[g]
     worst = _predict(model, _Hypothesis(model.n[g], 0.0, stiffness), motion, controls, warm, predicted)
-    trial, other = np.empty((2, 3)), np.empty(_PREDICTED)
+    trial, other = np.empty((warm.shape[0], warm.shape[1])), np.empty(_PREDICTED)
     for j in range(M + _ACTING):
         step, moved = np.zeros(_ACTING), motion.q.copy()
         if j < M:

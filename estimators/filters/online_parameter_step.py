@@ -340,7 +340,7 @@ def _model(assumed: np.record, map_: tuple[FloatArray, FloatArray]) -> tuple[Pac
     """Packed plant and mount of the inertial unit."""
     waves, patches = map_
     mount = ImuMount(assumed.lever[:], assumed.rotation[:], assumed.mount[0], assumed.mount[1])
-    return PackedPlant(assumed.plant[:], waves, patches, None, None, None), mount
+    return PackedPlant(assumed.plant[:], waves, patches, None, None, None, None), mount
 
 
 @kernel

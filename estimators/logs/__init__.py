@@ -23,6 +23,7 @@ from estimators.logs.runs import (
     plant_of,
     start_of,
     truth_of,
+    with_structure,
 )
 from estimators.logs.units import Check, Finding
 from estimators.logs.writing import write_log
@@ -51,5 +52,6 @@ __all__ = [
     "read_logs",
     "start_of",
     "truth_of",
+    "with_structure",
     "write_log",
 ]

@@ -96,6 +96,7 @@ class LogConfig:
 
     soil: Soil  #: prior
     model: str = "full"  #: "full" or "paper"
+    structure: str = "full"  #: laws of the wheels of the full model, see `world.structures.read_structure`
     drivetrain: str = "torque"  #: "force" or "torque"
     slip: float = 0.0  #: constant slip of the paper's model [-]
     vehicle: Vehicle | None = None

@@ -24,6 +24,7 @@ from offroad_env.physics.records import Soil, Vehicle, Wheel
 from offroad_env.simulation.simulator import MODELS
 from offroad_env.world.catalogue import Quantity
 from offroad_env.world.soils import make_soil
+from offroad_env.world.structures import read_structure
 from offroad_env.world.vehicles import make_vehicle, make_wheel
 
 __all__ = ["parse_config"]
@@ -71,6 +72,7 @@ def parse_config(top: Section, *, rig: bool) -> LogConfig:
     else:
         config = LogConfig(
             model=top.choice("model", MODELS),
+            structure=_structure(top),
             drivetrain=top.choice("drivetrain", _DRIVETRAINS),
             slip=top.number("slip", _SLIP, 0.0),
             vehicle=_vehicle(top.section("vehicle")),
@@ -93,6 +95,18 @@ def _optional_section(top: Section, key: str) -> Section | None:
         return top.section(key)
     top.take(key, None)
     return None
+
+
+def _structure(top: Section) -> str:
+    """The laws of the wheels, as text that can be read."""
+    text = top.take("structure", "full")
+    try:
+        if not isinstance(text, str):
+            raise InvalidParameter(f"structure must be text, got {shown(text)}")
+        read_structure(text)
+    except InvalidParameter as error:
+        raise top.error(str(error), "structure") from None
+    return text
 
 
 def _units(top: Section) -> tuple[tuple[str, str], ...]:
@@ -132,7 +146,7 @@ def _rig_config(top: Section, units: tuple[tuple[str, str], ...]) -> LogConfig:
     soil = _soil(top.section("soil"))
     for name in ("drivetrain", "slip", "terrain", "imu", "gnss", "inputs", "start", "unknown"):
         top.take(name, None)  # harmless beside a wheel: the same YAML may serve a vehicle
-    return LogConfig(model=model, wheel=wheel, soil=soil, units=units)
+    return LogConfig(model=model, structure=_structure(top), wheel=wheel, soil=soil, units=units)
 
 
 def _refused(section: Section, error: InvalidParameter) -> DataError:

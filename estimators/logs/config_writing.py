@@ -45,6 +45,8 @@ def _as_mapping(config: LogConfig) -> dict[str, Any]:
     if config.gnss is not None:
         sd = {"position": config.gnss.sd_position, "speed": config.gnss.sd_speed}
         mapping["gnss"] = {"sd": {name: value for name, value in sd.items() if value is not None}}
+    if config.structure != "full":
+        mapping["structure"] = config.structure
     if config.unknown:
         mapping["unknown"] = list(config.unknown)
     return mapping

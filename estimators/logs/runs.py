@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from offroad_env.physics.records import Ground
 from offroad_env.simulation.drive import DriveRecord
 from offroad_env.simulation.sensors import SensorSuite
 from offroad_env.simulation.simulator import Plant, Trajectory, make_plant, plant_model, settled_state
+from offroad_env.world.structures import read_structure
 from offroad_env.world.terrain import paper_terrain
 
 __all__ = [
@@ -31,10 +32,30 @@ __all__ = [
     "start_of",
     "truth_of",
     "wave_rows",
+    "with_structure",
 ]
 
 
 # ------------------------------------------------------------------ from a log
+
+
+def with_structure(logs: Sequence[Log], structure: str | None) -> list[Log]:
+    """The same logs with wheels that follow other laws than the logs state; None leaves them.
+
+    Raises
+    ------
+    InvalidParameter
+        For a structure that there is not, or a log of the paper's model, whose wheels are its own.
+    """
+    if structure is None:
+        return list(logs)
+    if structure != "full":
+        read_structure(structure)
+    if structure != "full" and any(log.config.model == "paper" for log in logs):
+        raise InvalidParameter(
+            f"structure={structure!r} needs logs with model: full; the paper's has its own"
+        )
+    return [replace(log, config=replace(log.config, structure=structure)) for log in logs]
 
 
 def plant_of(log: Log, *, vehicle_model: str = "half_car") -> Plant:
@@ -53,6 +74,7 @@ def plant_of(log: Log, *, vehicle_model: str = "half_car") -> Plant:
         model=config.model,
         vehicle_model=vehicle_model,
         slip=config.slip,
+        structure=None if config.model == "paper" else config.structure,
     )
 
 

@@ -364,7 +364,7 @@ def linearise(
 ) -> float:
     """Slopes of motion A (26, 26) and reading H (7, 26) at ``point``, and the reading; contact status."""
     x, readings = np.empty(ETA), np.empty(at.READINGS_SIZE)
-    base, trial_warm = np.empty(at.READINGS_SIZE), np.empty((2, 3))
+    base, trial_warm = np.empty(at.READINGS_SIZE), np.empty((warm.shape[0], warm.shape[1]))
     d_0, d, z = np.empty(LENGTH), np.empty(LENGTH), np.empty(CHANNELS)
     _forces(point, inputs, model, warm, x, base)
     _motion(point, base, model, d_0)

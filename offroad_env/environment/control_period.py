@@ -107,9 +107,7 @@ def announce_compilation() -> None:
 def _own_field(field: SoilField | None, k: int) -> SoilField | None:
     """The natural soil of episode ``k``; ``field`` has the waves of all of them, one after the other."""
     if field is None:
-        return (
-            field  # what is returned must be of one type: numba's optional records lose count of their arrays
-        )
+        return field  # not None: numba's optional records lose count of their arrays
     return SoilField(field.edge, field.patches, field.waves[k * SOIL_WAVES : (k + 1) * SOIL_WAVES])
 
 
@@ -118,7 +116,8 @@ def _plant(e: np.record, table: np.ndarray, options: PeriodOptions, k: int) -> P
     """The true plant of episode ``k``."""
     waves, patches = table[e.path_end : e.waves_end], table[e.waves_end : e.patches_end]
     field = _own_field(options.soil_field, k)
-    return unpack(PackedPlant(e.plant[:], waves, patches, None, options.structure, field))
+    four_wheel, structure = options.four_wheel, options.structure
+    return unpack(PackedPlant(e.plant[:], waves, patches, None, four_wheel, structure, field))
 
 
 @inline_kernel

@@ -142,7 +142,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
     terrain_info : "none", "estimate" or "truth"
     model : "full", "paper", or the file of an extended model that ``offroad diagnose`` has written: the truth
         then has its effects
-    vehicle_model : "half_car" or "bicycle"
+    vehicle_model : "half_car", "bicycle", or "four_wheel" with roll and a contact for every wheel
     estimator : "online_parameter_ukf", "online_joint_ukf", "online_ukf_bank" (in short "parameter", "joint",
         "bank") or "none"; None runs the parameter UKF when ``terrain_info="estimate"``. An
         `estimators.filters.online.OnBoard` also holds the rate, and vehicle, soil and ground of the filter's
@@ -202,8 +202,10 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         self.terrain_info, self.model, self.vehicle_model = terrain_info, model, vehicle_model
         self.render_mode = render_mode
         self.soil_name = self.scenario.soil if soil is None else soil
+        self.vehicle: Vehicle = VEHICLES[self.scenario.vehicle if vehicle is None else vehicle]
         self._plants = PlantChoice(
             soil_name=self.soil_name,
+            vehicle=self.vehicle,
             model=model,
             vehicle_model=vehicle_model,
             structure=structure,
@@ -211,7 +213,6 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
             natural_soil=natural_soil,
         )
         self.n_range = checked_range(self.scenario.n_range if n_range is None else n_range, self.soil_name)
-        self.vehicle: Vehicle = VEHICLES[self.scenario.vehicle if vehicle is None else vehicle]
         low, high = self.n_range
         self.prior = (0.5 * (low + high), max((high - low) / math.sqrt(12.0), 1e-3))
         self._believed_soil = make_soil(SOILS[self.soil_name], n=self.prior[0])
@@ -372,7 +373,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
     @property
     def sizes(self) -> PlantSizes:
         """Lengths of the arrays of its episodes."""
-        return self._plants.sizes(self.vehicle, self._believed_soil)
+        return self._plants.sizes(self._believed_soil)
 
     @property
     def memory_size(self) -> int:

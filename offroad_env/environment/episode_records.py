@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from offroad_env.environment.scenarios import Scenario
     from offroad_env.physics.axle import Plant
     from offroad_env.physics.path_geometry import PathTable
-    from offroad_env.physics.records import Ground, SoilField, Structure, Vehicle
+    from offroad_env.physics.records import FourWheel, Ground, SoilField, Structure, Vehicle
     from offroad_env.simulation.sensors import SensorSuite
 
 __all__ = [
@@ -223,6 +223,7 @@ class PeriodOptions(NamedTuple):
 
     sensing: np.ndarray | None = None  #: (N,) of the type `SENSING`: what sensors remember
     structure: Structure | None = None  #: laws of the wheels
+    four_wheel: FourWheel | None = None  #: what four wheels have beyond two axles
     soil_field: SoilField | None = None  #: natural soil, ``SOIL_WAVES`` rows of waves an episode
 
 
@@ -266,6 +267,8 @@ class Memory:
         self.sensing: np.ndarray | None = None
         #: Laws of the wheels, the same in all episodes.
         self.structure: Structure | None = None
+        #: What four wheels have beyond two axles, the same in all episodes.
+        self.four_wheel: FourWheel | None = None
         #: Natural soil with the waves of all episodes (count SOIL_WAVES, 8); None where soil is uniform.
         self.soil_field: SoilField | None = None
 
@@ -283,10 +286,12 @@ class Memory:
             ("tick", 0),
         ):
             episode[name] = value
-        if sensors.has_memory and self.sensing is None:
+        # `imu.sense` knows no roll.
+        remembering = sensors.has_memory or self.four_wheel is not None
+        if remembering and self.sensing is None:
             self.sensing = np.zeros(len(self.episodes), SENSING)
         if self.sensing is not None:
-            self.sensing[row] = sensors.memory[0] if sensors.has_memory else np.zeros((), SENSING)
+            self.sensing[row] = sensors.memory[0] if remembering else np.zeros((), SENSING)
 
     def lay_out(self, row: int, path: PathTable, plant: Plant, known: Ground) -> None:
         """Write the course of an episode into its table; all tables grow where it is longer.
@@ -300,7 +305,7 @@ class Memory:
             grown[:, : self.tables.shape[1]] = self.tables
             self.tables = grown
         self.tables[row, : ends[-1]] = np.concatenate(parts)
-        self.structure, episode = plant.structure, self.episodes[row]
+        self.structure, self.four_wheel, episode = plant.structure, plant.four_wheel, self.episodes[row]
         if plant.soil_field is not None:
             if self.soil_field is None:
                 waves = np.zeros((len(self.episodes) * SOIL_WAVES, 8))
@@ -356,6 +361,7 @@ class Memory:
             PeriodOptions(
                 sensing=None if self.sensing is None else self.sensing[rows],
                 structure=self.structure,
+                four_wheel=self.four_wheel,
                 soil_field=self._fields(rows),
             ),
         )

@@ -6,13 +6,18 @@ from dataclasses import dataclass
 
 from offroad_env.environment.arguments import require_choice
 from offroad_env.environment.episode_records import SOIL_WAVES, PlantSizes
+from offroad_env.physics import state as at
 from offroad_env.physics.axle import contact_shape
 from offroad_env.physics.records import Ground, Soil, SoilField, SoilMap, Structure, Tyre, Vehicle
 from offroad_env.simulation.simulator import MODELS, PAPER_SLIP, VEHICLE_MODELS, Plant, make_plant
+from offroad_env.world.four_wheel import make_four_wheel
 from offroad_env.world.natural_soil import SoilSpread, natural_soil
 from offroad_env.world.terrain import flat
 
-__all__ = ["PlantChoice"]
+__all__ = ["FOUR_WHEEL", "PlantChoice"]
+
+#: The vehicle model with roll.
+FOUR_WHEEL = "four_wheel"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +31,7 @@ class PlantChoice:
     """
 
     soil_name: str
+    vehicle: Vehicle  #: nominal one
     model: str = "full"
     vehicle_model: str = "half_car"
     structure: str | Structure | None = None
@@ -34,7 +40,7 @@ class PlantChoice:
 
     def __post_init__(self) -> None:
         require_choice("model", self.model, MODELS)
-        require_choice("vehicle_model", self.vehicle_model, VEHICLE_MODELS)
+        require_choice("vehicle_model", self.vehicle_model, (*VEHICLE_MODELS, FOUR_WHEEL))
 
     @property
     def is_natural(self) -> bool:
@@ -54,7 +60,8 @@ class PlantChoice:
         soils: SoilMap | None = None,
         field: SoilField | None = None,
     ) -> Plant:
-        """The plant that is driven."""
+        """The plant that is driven; roll inertia and stiffness are those of the nominal vehicle."""
+        four = make_four_wheel(self.vehicle) if self.vehicle_model == FOUR_WHEEL else None
         return make_plant(
             vehicle,
             soil,
@@ -63,6 +70,7 @@ class PlantChoice:
             soil_map=soils,
             model=self.model,
             vehicle_model=self.vehicle_model,
+            four_wheel=four,
             structure=self.structure,
             tyre=self.tyre,
             soil_field=field,
@@ -71,11 +79,10 @@ class PlantChoice:
     def belief(self, vehicle: Vehicle, soil: Soil, ground: Ground) -> Plant:
         """The plant that estimators assume: a half-car on rigid rims where the truth has more."""
         slip = PAPER_SLIP.get(self.soil_name, 0.0)
-        return make_plant(
-            vehicle, soil, ground, slip=slip, model=self.model, vehicle_model=self.vehicle_model
-        )
+        kind = "half_car" if self.vehicle_model == FOUR_WHEEL else self.vehicle_model
+        return make_plant(vehicle, soil, ground, slip=slip, model=self.model, vehicle_model=kind)
 
-    def sizes(self, vehicle: Vehicle, soil: Soil) -> PlantSizes:
+    def sizes(self, soil: Soil) -> PlantSizes:
         """Lengths of the arrays of an episode."""
-        wheels, contact = contact_shape(self.truth(vehicle, soil, flat()).structure)
-        return PlantSizes(wheels=wheels, contact=contact)
+        plant = self.truth(self.vehicle, soil, flat())
+        return PlantSizes(*contact_shape(plant.structure, plant.four_wheel), *at.sizes(plant.four_wheel))

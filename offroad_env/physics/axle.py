@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, merged_kernel
-from offroad_env.physics.contact import Support, slope_frame
+from offroad_env.physics.contact import ContactFrame, Support, slope_frame
 from offroad_env.physics.ground import ground_readings, sinkage_exponent
 from offroad_env.physics.hooks import change_soil, change_wheel_forces
 from offroad_env.physics.numerics import GRAVITY, smooth_step
@@ -18,6 +18,7 @@ from offroad_env.physics.records import (
     AxleSpring,
     ContactOptions,
     FloatArray,
+    FourWheel,
     Ground,
     Soil,
     SoilField,
@@ -43,10 +44,13 @@ __all__ = [
     "Velocity",
     "axle_contact",
     "axle_motion",
+    "borne_contact",
     "contact_columns",
     "contact_options",
     "contact_shape",
+    "readings_size",
     "soil_at",
+    "state_size",
     "static_loads",
     "suspension_force",
     "suspension_load",
@@ -68,6 +72,7 @@ class Plant(NamedTuple):
     v_eps: float  #: low-speed regularisation [m/s]
     fine: bool  #: reference quadrature instead of the fast one
     effects: FloatArray | None = None  #: rows of `hooks`; None = the base model, without any trace of them
+    four_wheel: FourWheel | None = None  #: None = two axles, without any trace of four wheels
     structure: Structure | None = None  #: laws of the wheels; None = Wong-Reece wheels, without ruts
     soil_field: SoilField | None = None  #: natural soil; None = the same soil everywhere but for the map
 
@@ -139,6 +144,18 @@ class AxleReaction(NamedTuple):
 
 
 @inline_kernel
+def state_size(plant: Plant) -> int:
+    """How many numbers the state of a plant's vehicle has."""
+    return at.STATE_SIZE if plant.four_wheel is None else at.FOUR_WHEEL_SIZE
+
+
+@inline_kernel
+def readings_size(plant: Plant) -> int:
+    """How many readings an evaluation of a plant gives."""
+    return at.READINGS_SIZE if plant.four_wheel is None else at.FOUR_WHEEL_READINGS
+
+
+@inline_kernel
 def with_pressure(soil: Soil, n: float, factor: float) -> Soil:
     """The same soil with exponent ``n`` and ``factor`` times the moduli of sinkage."""
     return replace(soil, k_c=factor * soil.k_c, k_phi=factor * soil.k_phi, n=n)
@@ -158,9 +175,10 @@ def contact_columns(structure: Structure | None) -> int:
     return at.STRUCTURED_CONTACT_SIZE
 
 
-def contact_shape(structure: Structure | None) -> tuple[int, int]:
-    """Shape of a contact state, (wheels, numbers): the warm start of each contact, and the ruts."""
-    return 2, at.CONTACT_SIZE if structure is None else at.STRUCTURED_CONTACT_SIZE
+def contact_shape(structure: Structure | None, four_wheel: FourWheel | None = None) -> tuple[int, int]:
+    """Shape of a contact state, (axles or wheels, numbers): the warm start of each contact, and the ruts."""
+    columns = at.CONTACT_SIZE if structure is None else at.STRUCTURED_CONTACT_SIZE
+    return 2 if four_wheel is None else at.WHEEL_COUNT, columns
 
 
 @inline_kernel
@@ -246,13 +264,29 @@ def axle_contact(
     readings: FloatArray,
 ) -> AxleReaction:
     """Solve one axle's contact and note it in ``readings``, the axle's part of the readings."""
+    frame = slope_frame(stance.g_l, stance.g_c)
+    reaction: AxleReaction = borne_contact(plant, motion, stance, support, frame, warm, readings)
+    return reaction
+
+
+@merged_kernel
+def borne_contact(
+    plant: Plant,
+    motion: WheelMotion,
+    stance: AxleStance,
+    support: Support,
+    bearing: ContactFrame,
+    warm: FloatArray,
+    readings: FloatArray,
+) -> AxleReaction:
+    """`axle_contact` where the z components of ``bearing`` say how the forces add to what bears the load."""
     vehicle, arm = plant.vehicle, stance.arm
     place = AxlePlace(stance.x, stance.y, arm, plant.v_eps)
     soil = change_soil(plant.effects, soil_at(plant, stance.x, stance.y), motion, place)
     frame = slope_frame(stance.g_l, stance.g_c)
     wheel = Wheel(vehicle.r, vehicle.b)
     options = contact_options(plant)
-    solution = contact_solution(plant.structure, soil, wheel, motion, frame, support, warm, options)
+    solution = contact_solution(plant.structure, soil, wheel, motion, bearing, support, warm, options)
     F_n, h = solution.F_n, solution.sinkage
     forces = AxleForces(solution.F_l, solution.F_c, solution.torque)
     contact = AxleContact(F_n, h, arm, plant.v_eps, vehicle.r, vehicle.b, vehicle.wheels_per_axle)

@@ -1,4 +1,4 @@
-"""Preset ``full``, equations of motion: wheel spin, slopes, drag, actuators.
+"""Preset ``full``, equations of motion of the half-car: wheel spin, slopes, drag, actuators.
 
 Translation is Newton's law in heading axes that stay horizontal: v_x and v_y are horizontal, v_z
 vertical. Each wheel's contact force is resolved in the local slope frame, so gravity along a
@@ -41,7 +41,17 @@ from offroad_env.physics.records import (
 )
 from offroad_env.physics.ruts import follow_rut
 
-__all__ = ["AxleTorques", "actuators", "available_torque", "axle_torques", "full_derivative"]
+__all__ = [
+    "AxleTorques",
+    "actuators",
+    "available_torque",
+    "axle_torques",
+    "body_forces",
+    "body_motion",
+    "half_car_derivative",
+    "resisting_torque",
+    "slope_motion",
+]
 
 
 #: Shortest time constant of an actuator: one step of the model, which integrates the lags explicitly [s].
@@ -69,7 +79,7 @@ class AxlePush(NamedTuple):
 
 
 @inline_kernel
-def _slope_motion(motion: AxleMotion, rim_speed: float) -> WheelMotion:
+def slope_motion(motion: AxleMotion, rim_speed: float) -> WheelMotion:
     """Velocities in the slope of the ground, of a hub that moves horizontally with ``motion``."""
     g_l, g_c = motion.g_l, motion.g_c
     q_l = math.sqrt(1.0 + g_l * g_l)
@@ -110,7 +120,7 @@ def _full_axle(
         N_0 = change_load(plant.effects, N_0, state, spring)
     else:
         k = 0.0
-    turning = _slope_motion(motion, v.r * x[at.OMEGA_F + axle])
+    turning = slope_motion(motion, v.r * x[at.OMEGA_F + axle])
     stance = AxleStance(motion.x, motion.y, motion.H, motion.g_l, motion.g_c, arm)
     support = Support(N_0, k, v.wheels_per_axle)
     if axle > 0:
@@ -127,6 +137,16 @@ def _full_axle(
 
 
 @inline_kernel
+def resisting_torque(vehicle: Vehicle, omega: float, load: float, brake: float, v_eps: float) -> float:
+    """What brakes and rolling resistance hold against the spin [N m]; ``brake`` [N m].
+
+    tanh over ``v_eps`` lets a held wheel creep instead of chattering around zero.
+    """
+    held = math.tanh(vehicle.r * omega / (0.5 * v_eps))
+    return (brake + vehicle.rolling_resistance * load * vehicle.r) * held
+
+
+@inline_kernel
 def _spin_acceleration(
     vehicle: Vehicle,
     omega: float,
@@ -135,14 +155,9 @@ def _spin_acceleration(
     torques: tuple[float, float],
     v_eps: float,
 ) -> float:
-    """Angular acceleration of an axle's wheels [rad/s^2]; ``torques`` = (drive, brake) [N m].
-
-    Brakes and rolling resistance oppose the spin; tanh over ``v_eps`` lets a held wheel creep
-    instead of chattering around zero.
-    """
+    """Angular acceleration of an axle's wheels [rad/s^2]; ``torques`` = (drive, brake) [N m]."""
     drive, brake = torques
-    held = math.tanh(vehicle.r * omega / (0.5 * v_eps))
-    resisting = (brake + vehicle.rolling_resistance * load * vehicle.r) * held
+    resisting = resisting_torque(vehicle, omega, load, brake, v_eps)
     return (drive - resisting - soil_torque) / (vehicle.wheels_per_axle * vehicle.I_w)
 
 
@@ -171,7 +186,7 @@ def axle_torques(vehicle: Vehicle, x: FloatArray) -> AxleTorques:
 def actuators(vehicle: Vehicle, x: FloatArray, command: tuple[float, float, float], d: FloatArray) -> None:
     """First-order lags into ``d``; the steering rate saturates smoothly at ``steer_rate``.
 
-    ``command`` as `full_derivative` takes it. A lag of zero is carried out as `_SHORTEST_LAG`.
+    ``command`` as `equations.full_derivative` takes it. A lag of zero is carried out as `_SHORTEST_LAG`.
     """
     steer, drive, brake = command
     reach = max(vehicle.steer_lag, _SHORTEST_LAG) * vehicle.steer_rate
@@ -181,8 +196,17 @@ def actuators(vehicle: Vehicle, x: FloatArray, command: tuple[float, float, floa
     d[at.BRAKE] = (brake - x[at.BRAKE]) / lag
 
 
+@inline_kernel
+def body_forces(plant: Plant, x: FloatArray, traction: float, side: float, yawing: float) -> BodyForces:
+    """Forces of the wheels ([N], [N], [N m] in heading axes) and of the air on the body."""
+    v_x, v_y = x[at.V_X], x[at.V_Y]
+    drag = 0.5 * AIR_DENSITY * plant.vehicle.drag_area * math.sqrt(v_x * v_x + v_y * v_y)
+    forces = BodyForces(traction - drag * v_x, side - drag * v_y, yawing)
+    return change_body_forces(plant.effects, forces, x, plant.vehicle)
+
+
 @kernel
-def full_derivative(
+def half_car_derivative(
     x: FloatArray,
     command: tuple[float, float, float],
     plant: Plant,
@@ -190,10 +214,7 @@ def full_derivative(
     d: FloatArray,
     readings: FloatArray,
 ) -> None:
-    """Time derivative of the state into ``d``.
-
-    ``command`` = (steer [rad], drive torque [N m, total at the wheels], brake torque [N m, total]).
-    """
+    """`equations.full_derivative` of a half-car."""
     v = plant.vehicle
     N_f, N_r = static_loads(v)
     yaw, pitch, wheel = sin_cos(x[at.YAW]), sin_cos(x[at.PITCH]), sin_cos(x[at.STEER])
@@ -215,21 +236,18 @@ def full_derivative(
         lift += push.F_s
         pitching += push.F_s * arm
         yawing += push.F_y * push.arm
-    v_x, v_y = x[at.V_X], x[at.V_Y]
-    drag = 0.5 * AIR_DENSITY * v.drag_area * math.sqrt(v_x * v_x + v_y * v_y)
-    forces = BodyForces(traction - drag * v_x, side - drag * v_y, yawing)
-    forces = change_body_forces(plant.effects, forces, x, v)
+    forces = body_forces(plant, x, traction, side, yawing)
     a_z = pitch_acc = 0.0
     if plant.half_car > 0.5:
         a_z = lift / v.m
         pitch_acc = (pitching + traction * v.h_cg) * pitch[1] / v.I_y
-    _body_motion(v, x, yaw, forces, (a_z, pitch_acc), d, readings)
+    body_motion(v, x, yaw, forces, (a_z, pitch_acc), d, readings)
     actuators(v, x, command, d)
     readings[at.STATUS] = worst
 
 
 @inline_kernel
-def _body_motion(
+def body_motion(
     vehicle: Vehicle,
     x: FloatArray,
     yaw: tuple[float, float],

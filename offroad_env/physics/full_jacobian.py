@@ -1,4 +1,4 @@
-"""The stiff directions of the full model: what its integrator takes implicitly.
+"""The stiff directions of the half-car: what its integrator takes implicitly.
 
 Near standstill and at small slips a wheel's spin, its traction and its side force answer to a change of
 speed within milliseconds. The approximate Jacobian holds these and nothing else: the slip along each
@@ -18,10 +18,16 @@ from offroad_env.physics.numerics import sin_cos
 from offroad_env.physics.records import FloatArray, Soil, Vehicle, Wheel, WheelMotion
 from offroad_env.physics.structured_contact import reaction_at_sinkage, rut_section_of
 
-__all__ = ["solve_stages", "stiffnesses"]
+__all__ = [
+    "axle_stiffnesses",
+    "held_spin_stiffness",
+    "side_stiffness",
+    "slip_stiffness",
+    "solve_axle_stages",
+]
 
-# The row that holds the Jacobian, front and rear: torque and traction over slip speed (`_slip_stiffness`),
-# what brakes and bearings hold (`_held_spin_stiffness`), side force over side speed (`_side_stiffness`).
+# The row that holds the Jacobian, front and rear: torque and traction over slip speed (`slip_stiffness`),
+# what brakes and bearings hold (`held_spin_stiffness`), side force over side speed (`side_stiffness`).
 _SLIP_TORQUE, _SLIP_FORCE, _HELD, _SIDE = 0, 2, 4, 6
 
 
@@ -69,9 +75,7 @@ def _reaction_before(
 
 
 @merged_kernel
-def _slip_stiffness(
-    plant: Plant, omega: float, warm: FloatArray, readings: FloatArray
-) -> tuple[float, float]:
+def slip_stiffness(plant: Plant, omega: float, warm: FloatArray, readings: FloatArray) -> tuple[float, float]:
     """(dT/ds [N s], dF_l/ds [N s/m]) of an axle, s = r omega - v_l [m/s], neither negative.
 
     One more evaluation at fixed sinkage and load.
@@ -86,7 +90,7 @@ def _slip_stiffness(
 
 
 @inline_kernel
-def _held_spin_stiffness(vehicle: Vehicle, omega: float, load: float, brake: float, v_eps: float) -> float:
+def held_spin_stiffness(vehicle: Vehicle, omega: float, load: float, brake: float, v_eps: float) -> float:
     """Secant of the brake and rolling-resistance torque from omega to rest / inertia [1/s], negative.
 
     The tangent vanishes outside the narrow band around rest, and a braked wheel would jump across
@@ -100,14 +104,14 @@ def _held_spin_stiffness(vehicle: Vehicle, omega: float, load: float, brake: flo
 
 
 @inline_kernel
-def _side_stiffness(readings: FloatArray) -> float:
+def side_stiffness(readings: FloatArray) -> float:
     """-F_c/v_c of an axle [N s/m]: the secant, at least as steep as the tangent; 0 without side slip."""
     v_c = readings[at.V_C]
     return max(-readings[at.F_C] / v_c, 0.0) if abs(v_c) > 1e-9 else 0.0
 
 
 @kernel
-def stiffnesses(
+def axle_stiffnesses(
     plant: Plant, x: FloatArray, warm: FloatArray, readings: FloatArray, stiffness: FloatArray
 ) -> None:
     """What the Jacobian holds, into ``stiffness`` (8,)."""
@@ -116,10 +120,10 @@ def stiffnesses(
     brake = torques.brake_f
     for axle in range(2):
         omega, seen = x[at.OMEGA_F + axle], readings[axle * at.AXLE : (axle + 1) * at.AXLE]
-        torque, force = _slip_stiffness(plant, omega, warm[axle], seen)
+        torque, force = slip_stiffness(plant, omega, warm[axle], seen)
         stiffness[_SLIP_TORQUE + axle], stiffness[_SLIP_FORCE + axle] = torque, force
-        stiffness[_HELD + axle] = _held_spin_stiffness(v, omega, seen[at.N], brake, plant.v_eps)
-        stiffness[_SIDE + axle] = _side_stiffness(seen)
+        stiffness[_HELD + axle] = held_spin_stiffness(v, omega, seen[at.N], brake, plant.v_eps)
+        stiffness[_SIDE + axle] = side_stiffness(seen)
         brake = torques.brake_r
 
 
@@ -202,7 +206,9 @@ def _implicit_sides(
 
 
 @kernel
-def solve_stages(plant: Plant, x: FloatArray, stiffness: FloatArray, gamma_dt: float, k: FloatArray) -> None:
+def solve_axle_stages(
+    plant: Plant, x: FloatArray, stiffness: FloatArray, gamma_dt: float, k: FloatArray
+) -> None:
     """Solve (1 - gamma dt J) k = right side, in place, along and then across the wheels."""
     _implicit_slips(plant, x, stiffness, gamma_dt, k)
     _implicit_sides(plant, x, stiffness, gamma_dt, k)

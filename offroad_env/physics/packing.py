@@ -13,7 +13,7 @@ import numpy as np
 from offroad_env.physics._jit import inline_kernel
 from offroad_env.physics.axle import Plant
 from offroad_env.physics.record_operations import numbers_of, record_from
-from offroad_env.physics.records import FloatArray, SoilField, Structure
+from offroad_env.physics.records import FloatArray, FourWheel, SoilField, Structure
 
 __all__ = ["PackedPlant", "pack", "unpack"]
 
@@ -27,6 +27,7 @@ class PackedPlant(NamedTuple):
     waves: FloatArray
     patches: FloatArray
     effects: FloatArray | None
+    four_wheel: FourWheel | None
     structure: Structure | None
     soil_field: SoilField | None
 
@@ -34,12 +35,19 @@ class PackedPlant(NamedTuple):
 def pack(plant: Plant) -> PackedPlant:
     """The plant as arrays; `unpack` gives back the same plant."""
     numbers = np.array(numbers_of(plant))
-    options = plant.effects, plant.structure, plant.soil_field
+    options = plant.effects, plant.four_wheel, plant.structure, plant.soil_field
     return PackedPlant(numbers, plant.ground.waves, plant.soil_map.patches, *options)
 
 
 @inline_kernel
 def unpack(packed: PackedPlant) -> Plant:
     """The `Plant` that was packed."""
-    parts = (packed.waves, packed.patches, packed.effects, packed.structure, packed.soil_field)
+    parts = (
+        packed.waves,
+        packed.patches,
+        packed.effects,
+        packed.four_wheel,
+        packed.structure,
+        packed.soil_field,
+    )
     return record_from(Plant, packed.numbers, parts)

@@ -20,6 +20,7 @@ __all__ = [
     "BodyForces",
     "ContactOptions",
     "FloatArray",
+    "FourWheel",
     "Ground",
     "RutSection",
     "Soil",
@@ -101,6 +102,34 @@ class Vehicle(NamedTuple):
     torque_lag: float  #: first-order time constant of drive and brake torque [s]
     drive_front: float  #: front share of the drive torque, 0 ... 1 [-]
     brake_front: float  #: front share of the brake torque, 0 ... 1 [-]
+
+
+class FourWheel(NamedTuple):
+    """What a vehicle with four wheels has beyond a `Vehicle`; made by `world.four_wheel`.
+
+    Springs and dampers of a wheel are half of its axle's.
+    """
+
+    I_x: float  #: roll moment of inertia of the whole vehicle [kg m^2]
+    track_f: float  #: distance between the front wheels [m]
+    track_r: float  #: distance between the rear wheels [m]
+    roll_centre_f: float  #: height of the front roll centre above the contact points [m]
+    roll_centre_r: float  #: height of the rear one [m]
+    anti_roll_f: float  #: roll stiffness of the front axle beyond that of its springs [N m/rad]
+    anti_roll_r: float  #: and of the rear axle [N m/rad]
+    bump_f: float  #: travel of a front wheel up to its bump stop, from static equilibrium [m]
+    bump_r: float  #: of a rear wheel [m]
+    droop_f: float  #: travel of a front wheel down to its rebound stop [m]
+    droop_r: float  #: of a rear wheel [m]
+    toe_f: float  #: toe-in of each front wheel [rad]
+    toe_r: float  #: of each rear wheel [rad]
+    ackermann: float  #: 1.0 = the wheels' axes meet in one point, 0.0 = parallel wheels [-]
+    rear_steer: float  #: angle of the rear wheels per angle of the front ones [-]
+    skid: float  #: 1.0 = turns by different torques left and right, no wheel is steered
+    lock_f: float  #: 1.0 = the front differential is locked, 0.0 = open
+    lock_r: float  #: the rear one
+    lock_c: float  #: the one between the axles
+    servo: float  #: torque per error of a wheel's given speed [N m s/rad]; 0.0 = torques are given
 
 
 class Ground(NamedTuple):

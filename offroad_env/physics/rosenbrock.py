@@ -14,8 +14,7 @@ from typing import NamedTuple
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel, merged_kernel
 from offroad_env.physics.axle import Plant
-from offroad_env.physics.full_dynamics import full_derivative
-from offroad_env.physics.full_jacobian import solve_stages, stiffnesses
+from offroad_env.physics.equations import full_derivative, solve_stages, spin_change, stiffnesses
 from offroad_env.physics.records import FloatArray
 
 __all__ = ["WORK_ROWS", "StepArrays", "StepReuse", "rosenbrock_step"]
@@ -39,16 +38,16 @@ class StepReuse(NamedTuple):
 class StepArrays(NamedTuple):
     """Arrays of a step."""
 
-    work: FloatArray  #: (WORK_ROWS, READINGS_SIZE) scratch
-    seen: FloatArray  #: (READINGS_SIZE,) readings of the state before
-    after: FloatArray  #: (READINGS_SIZE,) readings of the state reached; may be ``seen``
+    work: FloatArray  #: (WORK_ROWS, `readings_size`) scratch
+    seen: FloatArray  #: (`readings_size`,) readings of the state before
+    after: FloatArray  #: (`readings_size`,) readings of the state reached; may be ``seen``
 
 
 @merged_kernel
 def _stages(
     x: FloatArray,
     warm: FloatArray,
-    command: tuple[float, float, float],
+    command: tuple[float, ...],
     plant: Plant,
     dt: float,
     work: FloatArray,
@@ -65,15 +64,14 @@ def _stages(
     for i in range(size):
         k_2[i] -= 2.0 * k_1[i]
     solve_stages(plant, x, stiffness, _GAMMA * dt, k_2)
-    front, rear = k_1[at.OMEGA_F] + k_2[at.OMEGA_F], k_1[at.OMEGA_R] + k_2[at.OMEGA_R]
-    return later[at.STATUS], 0.5 * dt * plant.vehicle.r * max(abs(front), abs(rear))
+    return later[at.STATUS], 0.5 * dt * plant.vehicle.r * spin_change(plant, k_1, k_2)
 
 
 @kernel
 def rosenbrock_step(
     x: FloatArray,
     warm: FloatArray,
-    command: tuple[float, float, float],
+    command: tuple[float, ...],
     plant: Plant,
     dt: float,
     reuse: StepReuse,

@@ -7,99 +7,29 @@ soil. Here both axles carry their static loads, follow the ground, and the wheel
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
+from offroad_env.physics._jit import kernel
 from offroad_env.physics.axle import (
-    AxleMotion,
-    AxleReaction,
-    AxleStance,
     Plant,
     Pose,
     Velocity,
-    axle_contact,
     axle_motion,
     contact_columns,
     static_loads,
     with_exponent,
 )
-from offroad_env.physics.contact import CONTACT, Support
+from offroad_env.physics.contact import CONTACT
 from offroad_env.physics.numerics import sin_cos
-from offroad_env.physics.records import FloatArray, Structure, Wheel, WheelMotion
-from offroad_env.physics.ruts import Place, follow_rut, prefill_track, track_spacing
+from offroad_env.physics.records import FloatArray, Wheel
+from offroad_env.physics.rolling import Rolling, come_straight, rest_reaction, rolling_rim
+from offroad_env.physics.ruts import Place, follow_rut
 from offroad_env.physics.slip import constant_slip_rim
 from offroad_env.physics.structured_contact import deflection_on_soil
 
 __all__ = ["settle"]
-
-
-class Rolling(NamedTuple):
-    """An axle of a vehicle that rolls straight on."""
-
-    motion: AxleMotion
-    arm: float  #: distance ahead of the CG [m]
-    N_0: float  #: load [N]
-
-
-@kernel
-def _rest(plant: Plant, axle: Rolling, rim: float, warm: FloatArray, readings: FloatArray) -> AxleReaction:
-    """Reaction of an axle whose wheels turn at the rim speed ``rim`` [m/s].
-
-    The paper's model knows no slopes.
-    """
-    motion = axle.motion
-    g_l, g_c = motion.g_l, motion.g_c
-    if plant.resultant < 0.5:
-        g_l = g_c = 0.0
-    turning = WheelMotion(rim, motion.u_l, motion.u_c)
-    stance = AxleStance(motion.x, motion.y, motion.H, g_l, g_c, axle.arm)
-    support = Support(axle.N_0, 0.0, plant.vehicle.wheels_per_axle)
-    return axle_contact(plant, turning, stance, support, warm, readings)
-
-
-@merged_kernel
-def _rolling_rim(plant: Plant, axle: Rolling, warm: FloatArray, readings: FloatArray) -> float:
-    """Rim speed [m/s] of an axle whose soil torque is zero; 0 at rest.
-
-    Regula falsi with halving (Illinois) between 0.5 and 1.5 of the travel speed.
-    """
-    u_l = axle.motion.u_l
-    if u_l <= 0.0:
-        return 0.0
-    low, high, T_low, T_high = 0.5 * u_l, 1.5 * u_l, math.nan, math.nan
-    rim, side = low, 0.0
-    for _ in range(80):
-        T = _rest(plant, axle, rim, warm, readings).torque
-        if math.isnan(T_low):
-            T_low, rim = T, high
-            continue
-        if math.isnan(T_high):
-            T_high = T
-        elif abs(T) < 1e-9 * axle.N_0 or high - low < 1e-12 * u_l:
-            break
-        elif T > 0.0:
-            high, T_high = rim, T
-            T_low *= 0.5 if side > 0.0 else 1.0
-            side = 1.0
-        else:
-            low, T_low = rim, T
-            T_high *= 0.5 if side < 0.0 else 1.0
-            side = -1.0
-        rim = (low * T_high - high * T_low) / (T_high - T_low)
-    return rim
-
-
-@inline_kernel
-def _come_straight(
-    structure: Structure | None, row: FloatArray, place: Place, sinkage: float, wheelbase: float
-) -> None:
-    """The track of a wheel that has come straight to a place."""
-    if structure is None:
-        return
-    prefill_track(structure, row, place, sinkage, track_spacing(wheelbase))
 
 
 @kernel
@@ -128,10 +58,10 @@ def settle(
         if i == 1:
             follow_rut(plant.structure, warm[0], warm[1], v.b, motion.x, motion.y)
         if plant.resultant > 0.5:
-            rim = _rolling_rim(plant, axle, warm[i], seen)
+            rim = rolling_rim(plant, axle, warm[i], seen)
         else:
             rim = constant_slip_rim(plant.slip, motion.u_l)
-        worst = max(worst, _rest(plant, axle, rim, warm[i], seen).status)
+        worst = max(worst, rest_reaction(plant, axle, rim, warm[i], seen).status)
         x[at.OMEGA_F + i] = rim / v.r
         soil = with_exponent(plant.soil, seen[at.EXPONENT])
         load = axle.N_0 / v.wheels_per_axle
@@ -139,7 +69,7 @@ def settle(
         heights[i], rates[i] = motion.H - lowered, motion.H_dot
         if i == 0:
             place = Place(motion.x, motion.y, direction)
-            _come_straight(plant.structure, warm[0], place, seen[at.SINKAGE], v.l_f + v.l_r)
+            come_straight(plant.structure, warm[0], place, seen[at.SINKAGE], v.l_f + v.l_r)
     if plant.half_car > 0.5:
         base = v.l_f + v.l_r
         sin = min(max((heights[0] - heights[1]) / base, -1.0), 1.0)

@@ -7,11 +7,17 @@ __all__ = [
     "CELLS",
     "CELL_SIZE",
     "CONTACT_SIZE",
+    "FOUR_WHEEL_NAMES",
+    "FOUR_WHEEL_READINGS",
+    "FOUR_WHEEL_SIZE",
     "MOTION",
     "READINGS_SIZE",
     "STATE_NAMES",
     "STATE_SIZE",
     "STRUCTURED_CONTACT_SIZE",
+    "WHEELS",
+    "WHEEL_COUNT",
+    "sizes",
 ]
 
 # Vehicle state. The paper's ten states come first; `full` adds wheel spin and actuators.
@@ -55,3 +61,8 @@ WHEEL_COUNT = 4
 WHEELS = READINGS_SIZE
 ROLL_ACC = WHEELS + WHEEL_COUNT * AXLE
 FOUR_WHEEL_READINGS = ROLL_ACC + 1
+
+
+def sizes(four_wheel: object) -> tuple[int, int]:
+    """(state, readings): how many numbers they have for what a plant holds of four wheels, or for None."""
+    return (STATE_SIZE, READINGS_SIZE) if four_wheel is None else (FOUR_WHEEL_SIZE, FOUR_WHEEL_READINGS)

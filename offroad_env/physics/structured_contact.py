@@ -6,6 +6,7 @@ The equation is that of `contact`; a rut shifts the depth from which the force g
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel
@@ -39,9 +40,10 @@ from offroad_env.physics.records import (
     WheelMotion,
     WheelReaction,
 )
+from offroad_env.physics.rim import Rim
 from offroad_env.physics.slip import TINY_SPEED, rolling_direction, slip_ratio
 from offroad_env.physics.slip_sinkage import linear_sinkage_factor, lyasko_sinkage_factor
-from offroad_env.physics.structured_patch import Rim, RimForces, SlipSpeeds, rebound_angle, rim_forces
+from offroad_env.physics.structured_patch import RimForces, SlipSpeeds, rebound_angle, rim_forces
 from offroad_env.physics.tyre import (
     Belt,
     TyreLoad,
@@ -63,6 +65,13 @@ __all__ = [
 ]
 
 _TOLERANCE, _SAME, _ITERATIONS = 1e-11, 5e-8, 60
+
+
+class _Balance(NamedTuple):
+    """A solution, for the next one."""
+
+    rise: float  #: above the rut's bottom [m]
+    force: float  #: load of the axle [N]
 
 
 @inline_kernel
@@ -113,7 +122,7 @@ def _rim(structure: Structure, soil: Soil, wheel: Wheel, h: float, carried: Tyre
         1.0 / soil.k_y,
         shares,
         carried,
-        Belt(wheel.r, 1.0, 1.0, 0.0),
+        Belt(wheel.r, 1.0, 1.0, 0.0, 0.0),
     )
 
 
@@ -216,6 +225,44 @@ def _load_line(
 
 
 @inline_kernel
+def _held_share(tyre: Tyre | None, carried: TyreLoad, rise: float) -> float:
+    """Local exponent of the force at a held deflection over that where a tyre deflects with its load."""
+    if tyre is None:
+        return 1.0
+    f = carried.deflection
+    # Force grows like the root of the circle's radius: d ln R* / d ln f of `substitute_circle_ratio`.
+    return 1.0 - 0.5 * carried.growth * math.sqrt(f / (f + rise))
+
+
+@inline_kernel
+def _remembered_exponent(tyre: Tyre | None, exponent: float, warm: FloatArray, now: _Balance) -> float:
+    """Exponent d ln load / d ln rise for the next prediction; ``exponent`` is the last one's.
+
+    A tyre's is measured from one solution to the next: within a solution its load hardly changes.
+    """
+    if tyre is None:
+        return exponent
+    rise, force = warm[at.RISE], warm[at.FORCE_ROW]
+    if rise > 0.0 and force > 0.0 and now.rise > 0.0 and now.force > 0.0:
+        grown = fast_log(now.rise / rise)
+        if abs(grown) > 1e-6:
+            measured = fast_log(now.force / force) / grown
+            if 0.6 * exponent < measured < 1.7 * exponent:
+                return measured
+    return exponent
+
+
+@inline_kernel
+def _keep(
+    tyre: Tyre | None, warm: FloatArray, h: float, exponent: float, now: _Balance, forces: RimForces
+) -> None:
+    """A solution into its row of the contact state."""
+    warm[at.EXPONENT_OF_RISE] = _remembered_exponent(tyre, exponent, warm, now)
+    warm[at.SINKAGE_ROW], warm[at.FORCE_ROW], warm[at.RISE] = h, now.force, now.rise
+    warm[at.PEAK], warm[at.SHEAR] = forces.peak, forces.shear
+
+
+@inline_kernel
 def _first_rise(
     tyre: Tyre | None,
     on_soil: TyreOnSoil,
@@ -259,15 +306,14 @@ def solve_structured_contact(
     N_0, k, wheels = support
     on_soil = tyre_on_soil(structure.tyre, soil, wheel)
     if soil.rigid > 0.5:
-        carried = supported_load(structure.tyre, on_soil, N_0 / wheels, k / wheels)
-        pressed = Support(wheels * carried.load, 0.0, wheels)
-        return hard_ground_contact(soil, wheel.r, motion, options.v_eps, frame, pressed)
+        load = wheels * supported_load(structure.tyre, on_soil, N_0 / wheels, k / wheels).load
+        return hard_ground_contact(soil, wheel.r, motion, options.v_eps, frame, Support(load, 0.0, wheels))
     rut = rut_section_of(structure, warm)
     depth, e, exponent = _first_rise(structure.tyre, on_soil, soil.n, wheel.r, rut, support, warm)
     h = depth + e
     low, high = 0.0, deepest_sinkage(wheel.r)
     e_old, V_old, before = 0.0, 0.0, RimForces(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    status = NO_ROOT
+    status, held = NO_ROOT, 1.0
     for i in range(_ITERATIONS):
         carried = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels)
         forces = _directed(structure, soil, wheel, motion, h, carried, rut, options)
@@ -280,6 +326,9 @@ def solve_structured_contact(
         e = h - depth
         change = e - e_old
         measured = i > 0 and abs(change) > 1e-8 * abs(e) and e > 0.0 < e_old and V > 0.0 and V_old > 0.0
+        if i == 0:
+            held = _held_share(structure.tyre, carried, e)
+            exponent *= held
         if measured:
             exponent = measured_exponent(V / V_old, e / e_old)
         step = (target - V) / (exponent * abs(V) / max(e, 1e-12) + relief)
@@ -304,9 +353,7 @@ def solve_structured_contact(
         if not low < h < high:
             h = 0.5 * (low + high)
     carried = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels)
-    warm[at.SINKAGE_ROW], warm[at.EXPONENT_OF_RISE] = h, exponent
-    warm[at.FORCE_ROW] = wheels * carried.load
-    warm[at.RISE], warm[at.PEAK], warm[at.SHEAR] = h - depth, forces.peak, forces.shear
+    _keep(structure.tyre, warm, h, exponent / held, _Balance(h - depth, wheels * carried.load), forces)
     forces = _scaled(forces, wheels)
     return ContactSolution(status, forces.F_x, forces.F_y, forces.F_z, forces.torque, h)
 

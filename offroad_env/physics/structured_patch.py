@@ -11,23 +11,15 @@ import math
 from typing import NamedTuple
 
 from offroad_env.physics._jit import inline_kernel, kernel
-from offroad_env.physics.contact_angles import AngleShares, entry_angle
+from offroad_env.physics.contact_angles import entry_angle
 from offroad_env.physics.contact_patch import Patch, PatchPoint, patch_point
 from offroad_env.physics.numerics import LANES, half_angle, lane_block, lane_rows, lane_sum
 from offroad_env.physics.pressure_sinkage import bekker_pressure, rebound_modulus, rebound_pressure
 from offroad_env.physics.quadrature import ENTRY, EXIT, HALVES, RUNNING, SMOOTH
-from offroad_env.physics.record_operations import replace
-from offroad_env.physics.records import FloatArray, RutSection, Structure, Tyre
-from offroad_env.physics.shear_stress import janosi_hanamoto_mobilisation
-from offroad_env.physics.tyre import (
-    Belt,
-    TyreLoad,
-    belt_on_soil,
-    friction_limited_strength,
-    mobilised_in_series,
-)
+from offroad_env.physics.records import FloatArray, RutSection, Structure
+from offroad_env.physics.rim import Rim, flexed_rim, mobilised_share, shear_strength, soil_displacement
 
-__all__ = ["Rim", "RimForces", "SlipSpeeds", "rebound_angle", "rim_forces"]
+__all__ = ["RimForces", "SlipSpeeds", "rebound_angle", "rim_forces"]
 
 #: Largest growth of j/K over the piece at the entry, and the ratio of a later piece's end to its start;
 #: the same for reference accuracy.
@@ -46,23 +38,6 @@ _COS, _SIN, _SIGMA, _RATE_X, _RATE_Y, _LENGTH, _J_X, _J_Y = range(8)
 _START, _BLOCK_ROWS = _J_X, 8
 #: Row of the blocks' rules.
 _RULES = 24
-
-
-class Rim(NamedTuple):
-    """A rim on its soil, for one evaluation."""
-
-    radius: float  #: of the contact's circle [m]
-    arm: float  #: of the shear stress about the hub, and of the rim's speed [m]
-    b: float  #: width [m]
-    modulus: float  #: Bekker modulus, k_c over the width that counts included [Pa/m^n]
-    n: float  #: sinkage exponent [-]
-    c: float  #: cohesion [Pa]
-    tan_phi: float  #: [-]
-    per_k_x: float  #: 1 / Janosi modulus along the wheel [1/m]
-    per_k_y: float  #: across it [1/m]
-    shares: AngleShares  #: Wong-Reece angles over the entry angle
-    carried: TyreLoad  #: how a tyre carries its load; of a rigid rim without meaning
-    belt: Belt  #: and lies on its soil
 
 
 class SlipSpeeds(NamedTuple):
@@ -223,22 +198,6 @@ def _integrands(
 
 
 @inline_kernel
-def _strength(tyre: Tyre | None, rim: Rim, sigma: float) -> float:
-    """Shear strength of soil under a rim, of soil and rubber under a tyre [Pa]."""
-    if tyre is None:
-        return rim.c + sigma * rim.tan_phi
-    return friction_limited_strength(tyre.mu, sigma, rim.c + sigma * rim.tan_phi)
-
-
-@inline_kernel
-def _mobilised(tyre: Tyre | None, rim: Rim, strength: float, j: float) -> float:
-    """Share of a ``strength`` [Pa] that a shear displacement mobilises [-]."""
-    if tyre is None:
-        return janosi_hanamoto_mobilisation(j)
-    return mobilised_in_series(j, rim.belt.soil, rim.belt.tread * strength)
-
-
-@inline_kernel
 def _sums(
     rim: Rim, structure: Structure, rates: _Rates, rule: int, rows: FloatArray
 ) -> tuple[float, float, float, float]:
@@ -249,24 +208,28 @@ def _sums(
         for i in range(LANES):
             u_x = rates.along * rows[_COS, i] - rates.across
             size = math.sqrt(u_x * u_x + rates.side * rates.side) + _TINY
-            strength = _strength(tyre, rim, rows[_SIGMA, i])
-            tau = strength * _mobilised(tyre, rim, strength, rows[_J_X, i] + _running(rate_x, rule, i)) / size
+            strength = shear_strength(tyre, rim, rows[_SIGMA, i])
+            tau = (
+                strength
+                * mobilised_share(tyre, rim, strength, rows[_J_X, i] + _running(rate_x, rule, i))
+                / size
+            )
             weight, tau_xy = RUNNING[rule, 1, i] * rows[_LENGTH, i], (tau * u_x, tau * rates.side)
             out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(rows, i, sides, weight, tau_xy)
     else:
         path, shared = structure.soil_path, structure.resultant
         for i in range(LANES):
-            strength = _strength(tyre, rim, rows[_SIGMA, i])
+            strength = shear_strength(tyre, rim, rows[_SIGMA, i])
             j_x = rows[_J_X, i] + _running(rate_x, rule, i)
             j_y = rows[_J_Y, i] + _running(rate_y, rule, i)
             u_x = rates.along * rows[_COS, i] - rates.across
             # The displacement's own direction along the rim, that of the slip in the soil.
             tau_x = math.copysign(
-                strength * _mobilised(tyre, rim, strength, abs(j_x)), path * u_x + (1.0 - path) * j_x
+                strength * mobilised_share(tyre, rim, strength, abs(j_x)), path * u_x + (1.0 - path) * j_x
             )
-            tau_y = math.copysign(strength * _mobilised(tyre, rim, strength, abs(j_y)), rates.side)
+            tau_y = math.copysign(strength * mobilised_share(tyre, rim, strength, abs(j_y)), rates.side)
             j = math.sqrt(j_x * j_x + j_y * j_y) + _TINY
-            both = strength * _mobilised(tyre, rim, strength, j) / j
+            both = strength * mobilised_share(tyre, rim, strength, j) / j
             tau_xy = (
                 shared * both * j_x + (1.0 - shared) * tau_x,
                 shared * both * j_y + (1.0 - shared) * tau_y,
@@ -274,22 +237,6 @@ def _sums(
             weight = RUNNING[rule, 1, i] * rows[_LENGTH, i]
             out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(rows, i, sides, weight, tau_xy)
     return lane_sum(out[0]), lane_sum(out[1]), lane_sum(out[2]), lane_sum(out[3])
-
-
-@inline_kernel
-def _flexed(tyre: Tyre | None, rim: Rim, structure: Structure, h: float, depth: float) -> Rim:
-    """The rim as it lies on a strip of soil whose surface is ``depth`` [m] deep: a tyre deflects."""
-    if tyre is None:
-        return rim
-    bearing = bekker_pressure(rim.modulus, rim.n, h)
-    slope = rebound_modulus(structure.elastic_modulus, bearing, h)
-    z = h - depth
-    peak = min(slope * z, bearing)
-    strength = _strength(tyre, rim, peak)
-    modulus = 1.0 / math.sqrt(rim.per_k_x * rim.per_k_y)
-    belt = belt_on_soil(rim.carried, rim.radius, z, peak / slope, modulus, strength)
-    per_k_x, per_k_y = rim.per_k_x / belt.unit, rim.per_k_y / belt.unit
-    return replace(rim, radius=belt.radius, per_k_x=per_k_x, per_k_y=per_k_y, belt=belt)
 
 
 @inline_kernel
@@ -498,14 +445,14 @@ def rim_forces(
         depth = 0.0 if i == 0 else rut.depth
         if share <= 0.0 or h <= depth:
             continue
-        own = _flexed(structure.tyre, rim, structure, h, depth)
+        shear_before = structure.shear_carry * rut.shear if i == 1 else 0.0
+        own = flexed_rim(structure.tyre, rim, structure, h, depth, shear_before)
         strip = _virgin_strip(own, structure, h) if i == 0 else _rut_strip(own, structure, h, depth)
-        carried = structure.shear_carry * rut.shear / own.belt.unit if i == 1 else 0.0
-        part = _strip_forces(own, structure, speeds, strip, carried, fine)
+        part = _strip_forces(own, structure, speeds, strip, own.belt.carried, fine)
         F_x += share * part.F_x
         F_y += share * part.F_y
         F_z += share * part.F_z
         torque += share * part.torque
         peak += share * part.peak
-        shear += share * (part.shear * own.belt.unit)
+        shear += share * soil_displacement(structure.tyre, own, strip.peak, part.shear)
     return RimForces(F_x, F_y, F_z, torque, peak, shear)

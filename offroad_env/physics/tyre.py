@@ -75,6 +75,7 @@ class Belt(NamedTuple):
     unit: float  #: shear displacement that the others count in [Janosi moduli]
     soil: float  #: engaged Janosi modulus [units]
     tread: float  #: displacement of the tread per shear stress [units/Pa]
+    carried: float  #: shear displacement that the soil has already [units]
 
 
 @inline_kernel
@@ -263,4 +264,4 @@ def belt_on_soil(
     engaged = engaged_share(ratio)
     per_stress = 1.0 / (carried.tread * modulus)
     unit = engaged + per_stress * strength
-    return Belt(r * ratio, unit, engaged / unit, per_stress / unit)
+    return Belt(r * ratio, unit, engaged / unit, per_stress / unit, 0.0)

@@ -97,8 +97,8 @@ class DriveRecord:
     t: np.ndarray  #: (T,) [s]
     commands: np.ndarray  #: (T, 3) steering [rad], drive, brake torque [N m]; the first row is zero
     samples: np.ndarray  #: (T, 11) measurements, channels of `offroad_env.physics.imu`; NaN between samples
-    states: np.ndarray  #: (T, 15) truth, see `offroad_env.physics.state`
-    readings: np.ndarray  #: (T, 32) truth, see `offroad_env.physics.state`
+    states: np.ndarray  #: (T, 15) truth, with four wheels (T, 19), see `offroad_env.physics.state`
+    readings: np.ndarray  #: (T, 32) truth, with four wheels (T, 85), see `offroad_env.physics.state`
 
     @property
     def imu(self) -> np.ndarray:
@@ -171,7 +171,7 @@ def simulate_drive(
         sensors.reset(np.random.default_rng(seed), radius=plant.vehicle.r)
     truth = plant = faults.plant(plant)
     state, warm = settled_state(plant, v_x=speed)
-    command, readings = (0.0, 0.0, 0.0), np.zeros(at.READINGS_SIZE)
+    command, readings = (0.0, 0.0, 0.0), np.zeros(at.sizes(plant.four_wheel)[1])
     full_advance(state, warm, command, plant, timing.tick, 0, readings)
     past: list[Command] = []
     rows = [(command, _sample(state, readings, sensors, faults), state.copy(), readings.copy())]

@@ -17,9 +17,9 @@ import numpy as np
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
 from offroad_env.physics.axle import contact_shape
-from offroad_env.physics.batch import full_rows, paper_rows
+from offroad_env.physics.batch import PLAIN_COMMAND, WHEEL_COMMAND, full_rows, paper_rows
 from offroad_env.physics.packing import PackedPlant, pack
-from offroad_env.physics.records import Soil, SoilField, Vehicle
+from offroad_env.physics.records import FourWheel, Soil, SoilField, Vehicle
 from offroad_env.simulation.simulator import FULL_STEP, Plant, plant_model
 
 __all__ = [
@@ -48,7 +48,7 @@ class Fleet:
     @property
     def contact_shape(self) -> tuple[int, int, int]:
         """Shape of the contact states, (N, wheels, numbers)."""
-        return len(self), *contact_shape(self.packed.structure)
+        return len(self), *contact_shape(self.packed.structure, self.packed.four_wheel)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +64,7 @@ class FleetRun:
     done: np.ndarray  #: (N,) intervals that the vehicle carried out
 
 
-def _same(one: np.ndarray | None, other: np.ndarray | None) -> bool:
+def _same(one: np.ndarray | FourWheel | None, other: np.ndarray | FourWheel | None) -> bool:
     if one is None or other is None:
         return one is other
     return np.array_equal(one, other)
@@ -78,12 +78,12 @@ def _same_field(one: SoilField | None, other: SoilField | None) -> bool:
 
 
 def make_fleet(plants: Sequence[Plant]) -> Fleet:
-    """Plants that share model, ground, soil map, soil field and effects, as a fleet.
+    """Plants that share model, ground, soil map, soil field, effects and four-wheel fields, as a fleet.
 
     Raises
     ------
     InvalidParameter
-        When there is none, or when they differ in model, ground, soil map, soil field or effects.
+        When there is none, or when they differ in one of these.
     """
     if not plants:
         raise InvalidParameter("a fleet needs at least one plant")
@@ -94,6 +94,8 @@ def make_fleet(plants: Sequence[Plant]) -> Fleet:
             raise InvalidParameter("the plants of a fleet must share ground waves and soil map")
         if not _same(other.effects, first.effects):
             raise InvalidParameter("the plants of a fleet must share their effects")
+        if not _same(other.four_wheel, first.four_wheel):
+            raise InvalidParameter("the plants of a fleet must share vehicle model and four-wheel fields")
         if other.structure != first.structure:
             raise InvalidParameter("the plants of a fleet must share their structure")
         if not _same_field(other.soil_field, first.soil_field):
@@ -148,12 +150,13 @@ def _rows(name: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return np.array(array, order="C")
 
 
-def _inputs(name: str, values: np.ndarray, count: int) -> np.ndarray:
-    """Inputs as (N or 1, K, 3)."""
+def _inputs(name: str, values: np.ndarray, count: int, widths: tuple[int, ...] = (3,)) -> np.ndarray:
+    """Inputs as (N or 1, K, one of ``widths``)."""
     array = np.ascontiguousarray(values, dtype=np.float64)
     if array.ndim == 2:
         array = array[None]
-    if array.ndim != 3 or array.shape[0] not in (1, count) or array.shape[1] < 1 or array.shape[2] != 3:
+    shape = array.shape
+    if array.ndim != 3 or shape[0] not in (1, count) or shape[1] < 1 or shape[2] not in widths:
         raise InvalidParameter(f"{name} must be (K, 3) or ({count}, K, 3), got shape {np.shape(values)}")
     return array
 
@@ -171,10 +174,13 @@ def _in_threads(work: Callable[[tuple[int, int]], None], count: int, threads: in
         list(pool.map(lambda i: work((int(edges[i]), int(edges[i + 1]))), range(len(edges) - 1)))
 
 
-def _found(count: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _found(
+    count: int, rows: int, sizes: tuple[int, int] = (at.STATE_SIZE, at.READINGS_SIZE)
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    state, readings = sizes
     return (
-        np.full((rows, count, at.STATE_SIZE), np.nan),
-        np.full((rows, count, at.READINGS_SIZE), np.nan),
+        np.full((rows, count, state), np.nan),
+        np.full((rows, count, readings), np.nan),
         np.zeros((count, 2)),
     )
 
@@ -215,24 +221,29 @@ def simulate_fleet_commands(
 
     Parameters
     ----------
-    states, warm : (N, 15) and (N, 2, 3), or (15,) and (2, 3) for all; warm as `Fleet.contact_shape`
+    states, warm : (N, 15) and (N, 2, 3), or (15,) and (2, 3) for all; with four wheels (19,); warm as
+        `Fleet.contact_shape`
     commands : (N, K, 3), or (K, 3) for all
-        Steering angle [rad], drive torque [N m], brake torque [N m], each held for ``interval`` [s].
+        Steering angle [rad], drive torque [N m], brake torque [N m], each held for ``interval`` [s]; with
+        four wheels four more columns may follow, see `simulate_commands`.
     every : bool
         Keep every command boundary, or the end only.
     threads : int, optional
         Threads at work; by default one for each core that the process may use.
     """
     count, steps = len(fleet), count_steps(fleet, interval, dt)
-    held = _inputs("commands", commands, count)
+    four = fleet.packed.four_wheel is not None
+    held = _inputs("commands", commands, count, (3, 7) if four else (3,))
     if not np.isfinite(held).all():
         raise InvalidParameter("commands must be finite, got NaN or infinity")
-    start = _rows("states", states, (count, at.STATE_SIZE)), _rows("warm", warm, fleet.contact_shape)
-    found = _found(count, held.shape[1] + 1 if every else 1)
+    sizes = at.sizes(fleet.packed.four_wheel)
+    start = _rows("states", states, (count, sizes[0])), _rows("warm", warm, fleet.contact_shape)
+    found = _found(count, held.shape[1] + 1 if every else 1, sizes)
     timing = float(dt), steps
+    sort = PLAIN_COMMAND if held.shape[2] == 3 else WHEEL_COMMAND
 
     def work(rows: tuple[int, int]) -> None:
-        full_rows(fleet.packed, start, held, timing, rows, found)
+        full_rows(fleet.packed, start, held, timing, rows, found, sort)
 
     _in_threads(work, count, threads or len(os.sched_getaffinity(0)))
     return _as_run(found, held.shape[1])

@@ -95,12 +95,16 @@ class Kept(NamedTuple):
 
 
 def _bare_plant(plants: Plants, i: int) -> Plant:
-    return unpack(PackedPlant(plants.numbers[i], plants.waves[1:], plants.patches[1:], None, None, None))
+    return unpack(
+        PackedPlant(plants.numbers[i], plants.waves[1:], plants.patches[1:], None, None, None, None)
+    )
 
 
 def _changed_plant(plants: ChangedPlants, i: int) -> Plant:
     effects = plants.effects[1:]
-    return unpack(PackedPlant(plants.numbers[i], plants.waves[1:], plants.patches[1:], effects, None, None))
+    return unpack(
+        PackedPlant(plants.numbers[i], plants.waves[1:], plants.patches[1:], effects, None, None, None)
+    )
 
 
 @cache
@@ -285,6 +289,11 @@ class CudaFleet:
         self._timing = float(dt), count_steps(fleet, interval, dt)
         _require_device()
         count, packed = len(fleet), fleet.packed
+        if packed.four_wheel is not None:
+            raise InvalidParameter(
+                "fleets on a graphics processor take half-cars and bicycles; vehicle_model 'four_wheel' runs "
+                "in offroad_env.simulation.fleet"
+            )
         queue = _as_stream(stream)
         tables = [table for table in (packed.waves, packed.patches, packed.effects) if table is not None]
         rows = [np.concatenate([np.zeros((1, table.shape[1])), table]) for table in tables]

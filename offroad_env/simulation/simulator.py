@@ -15,12 +15,24 @@ import numpy as np
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics.axle import Plant
-from offroad_env.physics.batch import full_rows
+from offroad_env.physics.batch import PLAIN_COMMAND, WHEEL_COMMAND, full_rows
 from offroad_env.physics.contact import SUNK
+from offroad_env.physics.four_wheel_settle import settle_four_wheels
 from offroad_env.physics.packing import pack
 from offroad_env.physics.paper_vehicle import simulate_paper
-from offroad_env.physics.records import Ground, Soil, SoilField, SoilMap, Structure, Tyre, Vehicle, Wheel
+from offroad_env.physics.records import (
+    FourWheel,
+    Ground,
+    Soil,
+    SoilField,
+    SoilMap,
+    Structure,
+    Tyre,
+    Vehicle,
+    Wheel,
+)
 from offroad_env.physics.settle import settle
+from offroad_env.world.four_wheel import make_four_wheel
 from offroad_env.world.structures import read_structure
 from offroad_env.world.tyres import read_tyre, require_fitting_tyre, with_tyre
 
@@ -44,6 +56,7 @@ FULL_STEP = 0.005
 PAPER_SLIP = {"clay": 0.0275, "dry_sand": -0.0785}
 
 MODELS = ("full", "paper")
+#: Vehicle models of environment and filters; `make_plant` also takes "four_wheel".
 VEHICLE_MODELS = ("half_car", "bicycle")
 
 
@@ -52,8 +65,8 @@ class Trajectory:
     """A run. Row i belongs to ``t[i]``; columns are indexed by ``offroad_env.physics.state``."""
 
     t: np.ndarray  #: (T,) time [s]
-    states: np.ndarray  #: (T, 15) vehicle states
-    readings: np.ndarray  #: (T, 32) wheel forces, loads, sinkages, accelerations
+    states: np.ndarray  #: (T, 15) vehicle states; with four wheels (T, 19)
+    readings: np.ndarray  #: (T, 32) wheel forces, loads, sinkages, accelerations; with four wheels (T, 85)
     status: float  #: worst contact status: 0 contact, 1 some wheel was airborne
 
 
@@ -72,6 +85,7 @@ def make_plant(  # noqa: PLR0913 - a plant's options are its interface
     vehicle_model: str = "half_car",
     slip: float = 0.0,
     soil_map: SoilMap | None = None,
+    four_wheel: FourWheel | None = None,
     structure: str | Structure | None = None,
     tyre: str | Tyre | None = None,
     soil_field: SoilField | None = None,
@@ -82,12 +96,16 @@ def make_plant(  # noqa: PLR0913 - a plant's options are its interface
     ----------
     model : {"full", "paper"}
         Decides the shear law (resultant or independent) and the low-speed regularisation.
-    vehicle_model : {"half_car", "bicycle"}
-        "bicycle" holds the static axle loads; heave and pitch do not move.
+    vehicle_model : {"half_car", "bicycle", "four_wheel"}
+        "bicycle" holds the static axle loads; heave and pitch do not move. "four_wheel" adds roll and a
+        contact for every wheel; needs the full model and two wheels an axle.
     slip : float
         Constant slip of the paper's model [-], in (-1, 1).
     soil_map : SoilMap, optional
         Where n differs from ``soil.n``.
+    four_wheel : FourWheel, optional
+        Roll, steering and driveline of a vehicle with four wheels, see `world.four_wheel`; by default the
+        rules of `make_four_wheel`.
     structure : str or Structure, optional
         Laws of the wheels, by a name that `world.structures.read_structure` knows. None or "full": a rigid
         rim with Wong-Reece contact angles. "paper" is a ``model``.
@@ -98,7 +116,8 @@ def make_plant(  # noqa: PLR0913 - a plant's options are its interface
         How the whole soil varies, from `world.natural_soil.natural_soil`, for a deformable soil.
     """
     _choice("model", model, MODELS)
-    _choice("vehicle_model", vehicle_model, VEHICLE_MODELS)
+    _choice("vehicle_model", vehicle_model, (*VEHICLE_MODELS, "four_wheel"))
+    four_wheel = _four_wheel(vehicle, model, vehicle_model, four_wheel)
     if not -1.0 < slip < 1.0:
         raise InvalidParameter(f"slip must be in (-1, 1), got {slip} - in percent?")
     if soil_field is not None and soil.rigid > 0.5:
@@ -113,13 +132,27 @@ def make_plant(  # noqa: PLR0913 - a plant's options are its interface
         soil_map=soil_map,
         slip=float(slip),
         resultant=1.0 if full else 0.0,
-        half_car=1.0 if vehicle_model == "half_car" else 0.0,
+        half_car=0.0 if vehicle_model == "bicycle" else 1.0,
         # Below this speed resistance is viscous. Hard ground is stiffer than soil: it needs a wider seam.
         v_eps=(0.3 if soil.rigid else 0.2) if full else 1e-3,
         fine=False,
+        four_wheel=four_wheel,
         structure=_wheel_laws(structure, model, read_tyre(tyre), Wheel(vehicle.r, vehicle.b)),
         soil_field=soil_field,
     )
+
+
+def _four_wheel(
+    vehicle: Vehicle, model: str, vehicle_model: str, given: FourWheel | None
+) -> FourWheel | None:
+    """What a plant of this vehicle model holds of four wheels."""
+    if vehicle_model != "four_wheel":
+        if given is not None:
+            raise InvalidParameter(f"four_wheel belongs to vehicle_model 'four_wheel', got {vehicle_model!r}")
+        return None
+    if model != "full":
+        raise InvalidParameter(f"vehicle_model 'four_wheel' needs model 'full', got {model!r}")
+    return make_four_wheel(vehicle) if given is None else given
 
 
 def _wheel_laws(
@@ -146,7 +179,9 @@ def plant_model(plant: Plant) -> str:
 def settled_state(
     plant: Plant, *, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, v_x: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """State (15,) and warm start (2, 3) of a vehicle settled on its soil, rolling at ``v_x`` [m/s].
+    """State and warm start of a vehicle settled on its soil, rolling at ``v_x`` [m/s].
+
+    (15,) and (2, 3), with four wheels (19,) and (4, 3).
 
     Raises
     ------
@@ -154,7 +189,8 @@ def settled_state(
         When the soil cannot carry the vehicle.
     """
     pose = (float(x), float(y), float(yaw))
-    status, state, warm = settle(plant, pose, float(v_x))
+    rest = settle if plant.four_wheel is None else settle_four_wheels
+    status, state, warm = rest(plant, pose, float(v_x))
     if status >= SUNK:
         raise SolverFailure(
             f"the soil (n = {plant.soil.n:g}) does not carry the vehicle ({plant.vehicle.m:g} kg): "
@@ -207,10 +243,16 @@ def simulate(
     return Trajectory(t=half_steps[::2], states=states, readings=readings, status=status)
 
 
-def _checked_commands(commands: np.ndarray) -> np.ndarray:
+def _checked_commands(commands: np.ndarray, four_wheel: FourWheel | None) -> np.ndarray:
     rows = np.ascontiguousarray(commands, dtype=np.float64)
-    if rows.ndim != 2 or rows.shape[1] != 3:
-        raise InvalidParameter(f"commands must be (K, 3): steer, drive, brake, got shape {rows.shape}")
+    widths = (3,) if four_wheel is None else (3, 7)
+    if rows.ndim != 2 or rows.shape[1] not in widths:
+        more = "" if four_wheel is None else ", or (K, 7): and the four wheels"
+        raise InvalidParameter(f"commands must be (K, 3): steer, drive, brake{more}, got shape {rows.shape}")
+    if four_wheel is not None and four_wheel.servo > 0.0 and rows.shape[1] == 3:
+        raise InvalidParameter(
+            "commands must be (K, 7) where a servo turns the wheels: their speeds are missing"
+        )
     if not np.isfinite(rows).all():
         raise InvalidParameter("commands must be finite, got NaN or infinity")
     return rows
@@ -231,7 +273,9 @@ def simulate_commands(
     ----------
     commands : array (K, 3)
         Steering angle [rad], total drive torque [N m], total brake torque [N m], each held for
-        ``interval`` [s].
+        ``interval`` [s]. With four wheels also (K, 7): then a torque for each wheel [N m] beside that of
+        the driveline, front left, front right, rear left, rear right; where the plant has a servo, their
+        speeds [rad/s].
 
     Returns
     -------
@@ -245,7 +289,7 @@ def simulate_commands(
     SolverFailure
         When a contact has no solution or the state is not finite, with the time it happened.
     """
-    commands = _checked_commands(commands)
+    commands = _checked_commands(commands, plant.four_wheel)
     steps = round(interval / dt)
     if steps < 1 or abs(steps * dt - interval) > 1e-9 * interval:
         raise InvalidParameter(f"interval must be a multiple of dt = {dt:g} s, got {interval:g} s")
@@ -253,10 +297,11 @@ def simulate_commands(
     alone = packed._replace(numbers=packed.numbers[None])
     start = np.array(state, dtype=np.float64)[None], np.array(warm, dtype=np.float64)[None]
     rows = len(commands) + 1
-    states, readings = np.empty((rows, 1, at.STATE_SIZE)), np.empty((rows, 1, at.READINGS_SIZE))
-    outcome = np.empty((1, 2))
-    full_rows(alone, start, commands[None], (float(dt), steps), (0, 1), (states, readings, outcome))
-    worst, done = outcome[0].tolist()
+    states, readings = (np.empty((rows, 1, size)) for size in at.sizes(plant.four_wheel))
+    found = states, readings, np.empty((1, 2))
+    sort = PLAIN_COMMAND if commands.shape[1] == 3 else WHEEL_COMMAND
+    full_rows(alone, start, commands[None], (float(dt), steps), (0, 1), found, sort)
+    worst, done = found[2][0].tolist()
     if done < len(commands):
         raise SolverFailure(
             f"the simulation failed at t = {done * interval:.3f} s (contact status {worst:g})"

@@ -169,9 +169,8 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
         All laws of the wheel together instead (`world.structures`), such as "grid" on virgin soil; its
         shear strength then counts, ``shear`` does not.
     tyre : str or Tyre, optional
-        A flexible tyre on the wheel, by its name in `world.tyres.TYRES` or from `make_tyre`; None: a rigid
-        rim. It needs a ``structure`` whose pressure acts along the ground's normal, such as "grid" or
-        "field". Slip then refers to its effective rolling radius.
+        A flexible tyre, by its name in `world.tyres.TYRES` or from `make_tyre`, with ``structure`` "grid" or
+        "field"; slip then refers to its effective rolling radius. None: a rigid rim.
 
     Returns
     -------
@@ -198,17 +197,23 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     size, slip, slip_angle = np.broadcast_arrays(size, slip, slip_angle)
     values = np.stack([size.ravel(), slip.ravel(), slip_angle.ravel()], axis=1)
     out, status = np.zeros((len(values), _COLUMNS)), np.zeros(len(values))
-    laws = read_structure(structure) if isinstance(structure, str) else structure
     flexible = read_tyre(tyre)
-    if flexible is not None:
-        require_fitting_tyre(flexible, wheel)
-        # The slip that is given is that of the belt: it runs at the rim speed, whatever the deflection.
-        laws = with_tyre(laws, flexible._replace(rolling=0.0))
+    laws = _laws(structure, flexible, wheel)
     _many_wheels(soil, wheel, values, by_load, 1.0 if shear == "resultant" else 0.0, laws, out, status)
     _require_support(wheel, values, status)
     if flexible is not None:
         out[:, 3] *= 1.0 - flexible.rolling * out[:, 8] / wheel.r
     return WheelForces(*(out[:, i].reshape(size.shape) for i in range(_COLUMNS)))
+
+
+def _laws(structure: str | Structure | None, tyre: Tyre | None, wheel: Wheel) -> Structure | None:
+    """The structure by which a wheel is computed; None for the plain rigid wheel."""
+    laws = read_structure(structure) if isinstance(structure, str) else structure
+    if tyre is None:
+        return laws
+    require_fitting_tyre(tyre, wheel)
+    # The slip that is given is that of the belt: it runs at the rim speed, whatever the deflection.
+    return with_tyre(laws, tyre._replace(rolling=0.0))
 
 
 def _load_or_sinkage(

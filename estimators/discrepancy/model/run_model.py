@@ -29,6 +29,7 @@ from offroad_env.effects.protocol import Inputs, SensorErrors, Setup
 from offroad_env.errors import DataError, SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics.contact import SUNK
+from offroad_env.physics.full_vehicle import straight_track
 from offroad_env.simulation.sensors import ImuConfig
 from offroad_env.simulation.simulator import FULL_STEP, settled_state
 
@@ -396,7 +397,7 @@ class RunModel:
         x, warm = settled_state(setup.plant, x=spec.x, y=spec.y, yaw=spec.yaw, v_x=max(spec.v_x, 0.0))
         for name, value in spec.state:
             x[at.STATE_NAMES.index(name.upper() if name in ("x", "y") else name)] = value
-        starts, warms = np.empty((len(windows), at.STATE_SIZE)), np.empty((len(windows), 2, 3))
+        starts, warms = np.empty((len(windows), at.STATE_SIZE)), np.empty((len(windows), *warm.shape))
         instant = 0
         for w in range(len(windows)):
             first = int(windows.first[w])
@@ -407,6 +408,8 @@ class RunModel:
                 x = self.simulate(setup, x[None], warm[None], piece).states[-1].copy()
             if w > 0 or not self.log.config.start.state:
                 self._correct(x, self.t_0 + self.step * first)
+            if setup.plant.structure is not None:
+                straight_track(setup.plant, x, warm)
             starts[w], warms[w], instant = x, warm, first
         return starts, warms
 

@@ -67,7 +67,7 @@ def run_full(
     states, readings = out.states, out.readings
     dt, steps = timing.dt, timing.steps
     worst = np.zeros(spans.shape[0])
-    x, warm = np.empty(at.STATE_SIZE), np.empty((2, 3))
+    x, warm = np.empty(at.STATE_SIZE), np.empty((starts.warm.shape[1], starts.warm.shape[2]))
     work = np.empty((WORK_ROWS, at.READINGS_SIZE))
     row = 0
     for w in range(spans.shape[0]):
@@ -140,7 +140,7 @@ def run_paper(
     states, readings = out.states, out.readings
     dt, steps = timing.dt, timing.steps
     worst = np.zeros(spans.shape[0])
-    x, warm = np.empty(at.STATE_SIZE), np.empty((2, 3))
+    x, warm = np.empty(at.STATE_SIZE), np.empty((starts.warm.shape[1], starts.warm.shape[2]))
     row = 0
     for w in range(spans.shape[0]):
         first, count = spans[w, 0], spans[w, 1]

@@ -49,7 +49,7 @@ _NUISANCES = tuple(replace(own, step=_GROUND_STEP) for own in NUISANCES if own.n
 def _balance(plant: Plant, motions: FloatArray, loads: FloatArray, readings: FloatArray) -> float:
     """Contact of every trial on its own; returns the worst status. ``motions`` = (r omega, v_l, v_c)."""
     worst = 0.0
-    warm = np.zeros(3)
+    warm = np.zeros(at.STRUCTURED_CONTACT_SIZE)
     stance = AxleStance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for i in range(loads.shape[0]):
         warm[:] = 0.0
@@ -212,7 +212,9 @@ class RigModel:
         vehicle = VEHICLES["mrzr"]._replace(
             r=wheel.r, b=wheel.b, wheels_per_axle=1.0, m=4.0 * float(np.mean(trials.load)) / GRAVITY
         )
-        plant = make_plant(vehicle, log.config.soil, flat(), model=log.config.model)
+        config = log.config
+        structure = None if config.model == "paper" else config.structure
+        plant = make_plant(vehicle, config.soil, flat(), model=config.model, structure=structure)
         # Trials are steady and have no speed of their own: nothing to regularise.
         self.setup = RigSetup(plant=plant._replace(v_eps=0.0), mount=ImuConfig().mount())
         self.motions = _motions(trials.slip, trials.slip_angle)

@@ -31,6 +31,7 @@ from estimators.logs import (
     read_log,
     read_logs,
     start_of,
+    with_structure,
     write_log,
 )
 from estimators.logs.clocks import pose_age
@@ -43,6 +44,7 @@ from offroad_env.simulation.drive import simulate_drive
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
 from offroad_env.simulation.simulator import make_plant, settled_state, simulate, simulate_commands
 from offroad_env.world.soils import SOILS, make_soil
+from offroad_env.world.structures import read_structure
 from offroad_env.world.terrain import add, flat, grade, paper_terrain, rough_terrain
 from offroad_env.world.vehicles import VEHICLES, make_wheel
 
@@ -262,6 +264,19 @@ def test_a_description_survives_its_yaml(terrain, rigid, log, tmp_path):
         back = replace(back, soil=soil)
     assert replace(back, start=config.start) == config
     assert dict(back.start.state) == dict(config.start.state)
+
+
+def test_a_log_states_the_laws_of_its_wheels(log, tmp_path):
+    [changed_log] = with_structure([log], "grid,ruts=none")
+    write_log(tmp_path / "run.csv", changed_log)
+    read = read_log(tmp_path / "run.csv")
+    assert read.config.structure == "grid,ruts=none"
+    assert plant_of(read).structure == read_structure("grid,ruts=none")
+    assert plant_of(log).structure is None
+    text = (tmp_path / "run.yaml").read_text()
+    (tmp_path / "run.yaml").write_text(text.replace("grid,ruts=none", "grid,ruts=deep"))
+    with pytest.raises(DataError, match=r"ruts must be one of none, pressure"):
+        read_log(tmp_path / "run.csv")
 
 
 def test_a_stated_state_overrules_the_settled_vehicle(log):

@@ -1,0 +1,95 @@
+"""A rim on its soil, rigid or with a tyre: what its stresses follow from besides the place.
+
+A rigid rim has no tyre (None): then the compiler leaves nothing of one.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from offroad_env.physics._jit import inline_kernel
+from offroad_env.physics.contact_angles import AngleShares
+from offroad_env.physics.numerics import fast_log
+from offroad_env.physics.pressure_sinkage import bekker_pressure, rebound_modulus
+from offroad_env.physics.record_operations import replace
+from offroad_env.physics.records import Structure, Tyre
+from offroad_env.physics.shear_stress import janosi_hanamoto_mobilisation
+from offroad_env.physics.tyre import (
+    Belt,
+    TyreLoad,
+    belt_on_soil,
+    friction_limited_strength,
+    mobilised_in_series,
+)
+
+__all__ = ["Rim", "flexed_rim", "mobilised_share", "shear_strength", "soil_displacement"]
+
+_TINY = 1e-150
+
+
+class Rim(NamedTuple):
+    """A rim on its soil, for one evaluation."""
+
+    radius: float  #: of the contact's circle [m]
+    arm: float  #: of the shear stress about the hub, and of the rim's speed [m]
+    b: float  #: width [m]
+    modulus: float  #: Bekker modulus, k_c over the width that counts included [Pa/m^n]
+    n: float  #: sinkage exponent [-]
+    c: float  #: cohesion [Pa]
+    tan_phi: float  #: [-]
+    per_k_x: float  #: 1 / Janosi modulus along the wheel [1/m]
+    per_k_y: float  #: across it [1/m]
+    shares: AngleShares  #: Wong-Reece angles over the entry angle
+    carried: TyreLoad  #: how a tyre carries its load; of a rigid rim without meaning
+    belt: Belt  #: and lies on its soil
+
+
+@inline_kernel
+def shear_strength(tyre: Tyre | None, rim: Rim, sigma: float) -> float:
+    """Shear strength of soil under a rim, of soil and rubber under a tyre [Pa]."""
+    if tyre is None:
+        return rim.c + sigma * rim.tan_phi
+    return friction_limited_strength(tyre.mu, sigma, rim.c + sigma * rim.tan_phi)
+
+
+@inline_kernel
+def mobilised_share(tyre: Tyre | None, rim: Rim, strength: float, j: float) -> float:
+    """Share of a ``strength`` [Pa] that a shear displacement mobilises [-]."""
+    if tyre is None:
+        return janosi_hanamoto_mobilisation(j)
+    # Soil that has sheared before does not give way until its stress is back: the tread alone does.
+    tread = rim.belt.tread * strength
+    alone = (j - rim.belt.carried) / (tread + _TINY)
+    return min(alone, mobilised_in_series(j, rim.belt.soil, tread))
+
+
+@inline_kernel
+def soil_displacement(tyre: Tyre | None, rim: Rim, peak: float, j: float) -> float:
+    """What soil has of the shear displacement ``j`` at the exit of a strip [Janosi moduli]."""
+    if tyre is None:
+        return j
+    share = min(mobilised_share(tyre, rim, shear_strength(tyre, rim, peak), j), 1.0 - 1e-12)
+    return rim.belt.unit * max(-rim.belt.soil * fast_log(1.0 - share), rim.belt.carried)
+
+
+@inline_kernel
+def flexed_rim(
+    tyre: Tyre | None, rim: Rim, structure: Structure, h: float, depth: float, shear: float
+) -> Rim:
+    """The rim as it lies on a strip of soil whose surface is ``depth`` [m] deep: a tyre deflects.
+
+    ``shear``: displacement that the soil has already [Janosi moduli].
+    """
+    if tyre is None:
+        return replace(rim, belt=replace(rim.belt, carried=shear))
+    bearing = bekker_pressure(rim.modulus, rim.n, h)
+    slope = rebound_modulus(structure.elastic_modulus, bearing, h)
+    z = h - depth
+    peak = min(slope * z, bearing)
+    strength = shear_strength(tyre, rim, peak)
+    modulus = 1.0 / math.sqrt(rim.per_k_x * rim.per_k_y)
+    belt = belt_on_soil(rim.carried, rim.radius, z, peak / slope, modulus, strength)
+    per_k_x, per_k_y = rim.per_k_x / belt.unit, rim.per_k_y / belt.unit
+    belt = replace(belt, carried=shear / belt.unit)
+    return replace(rim, radius=belt.radius, per_k_x=per_k_x, per_k_y=per_k_y, belt=belt)

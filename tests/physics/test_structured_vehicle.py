@@ -1,0 +1,53 @@
+"""The half-car on wheels of named structures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from offroad_env.physics.axle import contact_shape
+from offroad_env.simulation.fleet import make_fleet, simulate_fleet_commands
+from offroad_env.simulation.simulator import make_plant, settled_state, simulate_commands
+from offroad_env.world.soils import SOILS
+from offroad_env.world.structures import make_structure
+from offroad_env.world.terrain import flat
+from offroad_env.world.vehicles import VEHICLES
+
+
+@pytest.mark.parametrize("structure", ["grid", "field", "full,pressure_direction=ground_normal"])
+def test_wheels_of_any_structure_drive_the_half_car(structure):
+    """A rear wheel that follows in a rut rolls deeper; states and contact states stay finite."""
+    plant = make_plant(VEHICLES["mrzr"], SOILS["lete_sand"], flat(), structure=structure)
+    x, warm = settled_state(plant, v_x=4.0)
+    assert warm.shape == contact_shape(plant.structure)
+    assert simulate_commands(plant, x, warm, np.zeros((5, 3))).status == 0.0
+    commands = np.tile([0.05, 300.0, 0.0], (150, 1))
+    run = simulate_commands(plant, x, warm, commands)
+    assert np.isfinite(run.states).all()
+    again = simulate_commands(plant, x, warm, commands)
+    np.testing.assert_array_equal(run.states, again.states)
+    halved = simulate_commands(plant, x, warm, commands, dt=0.0025)
+    moved = np.hypot(*(halved.states[-1, :2] - run.states[-1, :2]))
+    assert moved < 2e-3 * np.hypot(*run.states[-1, :2])
+
+
+def test_general_wheels_with_the_laws_of_the_preset_drive_as_it_does():
+    plain = make_plant(VEHICLES["mrzr"], SOILS["lete_sand"], flat())
+    general = plain._replace(structure=make_structure("full"))
+    commands = np.tile([0.05, 900.0, 0.0], (100, 1))
+    ends = []
+    for plant in (plain, general):
+        x, warm = settled_state(plant, v_x=4.0)
+        ends.append(simulate_commands(plant, x, warm, commands).states[-1])
+    assert ends[1] == pytest.approx(ends[0], abs=1e-5, rel=1e-5)
+
+
+def test_a_fleet_with_ruts_drives_as_its_vehicles_alone():
+    plant = make_plant(VEHICLES["mrzr"], SOILS["lete_sand"], flat(), structure="grid")
+    x, warm = settled_state(plant, v_x=4.0)
+    commands = np.stack([np.tile([steer, 300.0, 0.0], (60, 1)) for steer in (0.0, 0.1)])
+    fleet = make_fleet([plant, plant])
+    together = simulate_fleet_commands(fleet, x, warm, commands)
+    for i in range(2):
+        alone = simulate_commands(plant, x, warm, commands[i])
+        np.testing.assert_array_equal(together.states[:, i], alone.states)
