@@ -161,7 +161,7 @@ def test_a_vehicle_meets_at_each_wheel_the_soil_of_that_place(structure):
 
 
 def test_a_field_without_waves_or_patches_changes_nothing():
-    empty = natural_soil(BASE, 0)._replace(waves=np.empty((0, 8)))
+    empty = natural_soil(BASE, 0)._replace(waves=np.empty((0, 12)))
     _, with_it = drive(empty, 1.0)
     _, without = drive(None, 1.0)
     np.testing.assert_array_equal(with_it.states, without.states)
