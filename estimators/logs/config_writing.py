@@ -7,7 +7,7 @@ from typing import Any
 import yaml
 
 from estimators.logs.config import RIGID_KEYS, SOIL_KEYS, LogConfig, StartSpec, TerrainSpec
-from estimators.logs.config_parsing import four_wheel_as_stated
+from estimators.logs.config_parsing import stated_four_wheel
 from offroad_env.errors import DataError
 from offroad_env.world.four_wheel import stated_fields
 
@@ -58,7 +58,7 @@ def _four_wheel_mapping(config: LogConfig) -> dict[str, Any]:
     """What the vehicle states of four wheels beyond the rules."""
     if config.vehicle is None or config.four_wheel is None:
         return {}
-    default = four_wheel_as_stated(config.vehicle, {})
+    default = stated_four_wheel(config.vehicle, {})
     return {} if default is None else dict(stated_fields(config.four_wheel, config.vehicle, default))
 
 

@@ -6,9 +6,6 @@ its CG, vertical springs over the ground under each wheel. Lateral load transfer
 the side forces act h_cg below the CG, and the wheels stand half a track beside it. Held at zero roll, with
 both wheels of an axle in one place, the equations are those of the half-car.
 
-A driveline on the body reacts on its pitch (``torque_reaction`` = 1): then traction acts on the body at the
-ground. Without that reaction it acts at the hubs.
-
 Left out: products of inertia, gyroscopic moments of the wheels, and what the sinkage of one wheel does to
 the anti-roll bar (the bar works on the angle between the body and the undeformed ground).
 """
@@ -52,6 +49,7 @@ from offroad_env.physics.full_dynamics import (
     body_motion,
     resisting_torque,
     slope_motion,
+    unreacted_arm,
 )
 from offroad_env.physics.hooks import change_load
 from offroad_env.physics.record_operations import replace
@@ -268,8 +266,6 @@ def wheel_forces(
     body, torques = attitude(x), axle_torques(v, x)
     note_motions(plant, x, body, readings)
     d[at.OMEGA_F] = d[at.OMEGA_R] = d[at.SPLIT_F] = d[at.SPLIT_R] = 0.0
-    # Brakes and bearings always react on the body.
-    free = (1.0 - four.torque_reaction) * body.pitch[1]
     worst = F_x = F_y = M_z = F_s = 0.0
     pitch_lift = roll_lift = pitch_push = roll_push = 0.0
     other = wheel_row(readings, 1)[_EXTENSION]
@@ -287,8 +283,7 @@ def wheel_forces(
             other = wheel_row(readings, 3)[_EXTENSION]
         brake = torques.brake_f if wheel < 2 else torques.brake_r
         torque = _driveline_torque(v, four, x, torques, wheel) + given_torque(four, command, wheel, omega)
-        resisting = resisting_torque(v, omega, found.V, 0.5 * brake, plant.v_eps)
-        torque -= resisting + row[at.TORQUE]
+        torque -= resisting_torque(v, omega, found.V, 0.5 * brake, plant.v_eps) + row[at.TORQUE]
         _spin_up(wheel, torque / v.I_w, d)
         worst = max(worst, found.status)
         sin_d, cos_d = place.steer
@@ -300,7 +295,7 @@ def wheel_forces(
         F_s += lifted - place.spring.static_load
         pitch_lift += (lifted - place.spring.static_load) * lever.lift_pitch
         roll_lift += lifted * lever.lift_roll
-        pitch_push += forward * lever.push_pitch - free * resisting
+        pitch_push += forward * (lever.push_pitch - unreacted_arm(plant.structure, v.r))
         roll_push += side * lever.push_roll
     _turn_wheels(four, d)
     return FourWheelForces(worst, F_x, F_y, M_z, F_s, pitch_lift, roll_lift, pitch_push, roll_push)

@@ -45,7 +45,6 @@ class WheelPlace(NamedTuple):
     bump: float  #: travel up to the bump stop [m]
     droop: float  #: travel down to the rebound stop [m]
     scrub: float  #: motion to the left per extension of the suspension [-]
-    below: float  #: height of the CG above where traction acts on the body [m]
     steer: tuple[float, float]  #: (sin, cos) of its angle
     spring: AxleSpring  #: its own
 
@@ -126,10 +125,7 @@ def wheel_place(four: FourWheel, vehicle: Vehicle, steer: float, wheel: int) -> 
     scrub = -left * 2.0 * centre / max(track, 1e-3)
     angle = sin_cos(wheel_angle(four, vehicle, steer, wheel))
     spring = AxleSpring(0.5 * N, 0.5 * k, 0.5 * c)
-    # Without its reaction the torque of a shaft leaves the traction to the hub.
-    below = vehicle.h_cg - (1.0 - four.torque_reaction) * vehicle.r
-    side = 0.5 * left * track
-    return WheelPlace(arm, side, track, anti_roll, bump, droop, scrub, below, angle, spring)
+    return WheelPlace(arm, 0.5 * left * track, track, anti_roll, bump, droop, scrub, angle, spring)
 
 
 @inline_kernel
@@ -149,6 +145,6 @@ def levers(vehicle: Vehicle, body: Attitude, place: WheelPlace) -> Levers:
         place.arm * sin + cos * rise,
         place.arm * cos - sin * rise,
         cos * across,
-        place.below * cos,
+        h * cos,
         h * cos_r - place.side * sin_r,
     )

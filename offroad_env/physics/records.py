@@ -130,7 +130,6 @@ class FourWheel(NamedTuple):
     lock_r: float  #: the rear one
     lock_c: float  #: the one between the axles
     servo: float  #: torque per error of a wheel's given speed [N m s/rad]; 0.0 = torques are given
-    torque_reaction: float  #: share of the driveline's torque that reacts on the body's pitch [-]
 
 
 class Ground(NamedTuple):
@@ -280,6 +279,7 @@ class Structure(NamedTuple):
     elastic_modulus: float  #: slope of unloading and reloading [Pa/m]
     damping: float  #: pressure per downward speed of the rim [Pa s/m]
     grouser_height: float  #: radial height of the grousers beyond the wheel's radius [m]
+    external_torque: float  #: shaft torques come from outside: the body bears no reaction to them
     tyre: Tyre | None = None  #: flexible tyre; None = a rigid rim
 
 

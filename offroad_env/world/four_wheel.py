@@ -56,7 +56,6 @@ FOUR_WHEEL_FIELDS = MappingProxyType(
         "lock_r": _FLAG,
         "lock_c": _FLAG,
         "servo": _between(0.0, 1e6, "N m s/rad"),
-        "torque_reaction": _FLAG,
     }
 )
 
@@ -85,7 +84,6 @@ _RULES: Mapping[str, Callable[[Vehicle, Mapping[str, float]], float]] = MappingP
         "lock_r": lambda v, _: 0.0,
         "lock_c": lambda v, _: 0.0,
         "servo": lambda v, _: 0.0,
-        "torque_reaction": lambda v, _: 1.0,
     }
 )
 
@@ -115,7 +113,6 @@ class FourWheelFields(TypedDict, total=False):
     lock_r: float | None
     lock_c: float | None
     servo: float | None
-    torque_reaction: float | None
 
 
 def make_four_wheel(vehicle: Vehicle, **fields: Unpack[FourWheelFields]) -> FourWheel:
@@ -156,9 +153,6 @@ def make_four_wheel(vehicle: Vehicle, **fields: Unpack[FourWheelFields]) -> Four
     servo
         Torque per error of a wheel's speed where commands give the wheels' speeds [N m s/rad]. Default: 0,
         commands give torques.
-    torque_reaction
-        Share of the driveline's torque that reacts on the body's pitch: 1 for motors on the body, 0 for
-        torques that act on the wheels from outside. Default: 1.
 
     Returns
     -------
