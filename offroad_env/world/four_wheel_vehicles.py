@@ -37,8 +37,8 @@ def _hmmwv() -> Entry[FourWheelVehicle]:
         name="hmmwv",
         record=FourWheelVehicle(vehicle, make_four_wheel(vehicle, I_x=1477.0)),
         title="HMMWV class light truck, Ackermann steering, open differentials",
-        source="HMMWV model of Project Chrono (src/chrono_models/vehicle/hmmwv): roll inertia of the body 1079 "
-        "kg m^2, and 120.3 kg at each corner, 0.91 m beside the middle",
+        source="HMMWV model of Project Chrono (src/chrono_models/vehicle/hmmwv): roll inertia of the body "
+        "1079 kg m^2, and 120.3 kg at each corner, 0.91 m beside the middle",
         remark="Everything else by the rules of `make_four_wheel`.",
     )
 
@@ -78,13 +78,13 @@ def _warthog() -> Entry[FourWheelVehicle]:
         record=FourWheelVehicle(vehicle, make_four_wheel(vehicle, I_x=56.0, skid=1.0)),
         title="skid-steered robot of 260 kg, Clearpath Warthog class",
         source="robot description published by Clearpath Robotics (github.com/warthog-cpr/warthog, "
-        "warthog_description/urdf/warthog_params.xacro): chassis 100 kg, two side units of 50 kg, wheels of 15 "
-        "kg, 0.30 m x 0.25 m; axles at +-0.46 m, wheels at +-0.56 m",
-        remark="Derived: inertias and CG height of uniform boxes and cylinders of these sizes at their places, "
-        "as if the side units stood in the middle. Not in the source, chosen for the class: the tyres as springs "
-        "(bounce 3.5 Hz, damping ratio 0.15; it has no other suspension but for the rocking of its side units, "
-        "which is left out), torque 1.2 of the weight at the wheels, 5 kW, drag area 1 m^2, lags 0.05 s; "
-        "``steer_max`` is the handle's largest position, at which right and left differ by all of the torque.",
+        "warthog_description/urdf/warthog_params.xacro): chassis 100 kg, two side units of 50 kg, wheels of "
+        "15 kg, 0.30 m x 0.25 m; axles at +-0.46 m, wheels at +-0.56 m",
+        remark="Derived: inertias and CG height of uniform boxes and cylinders of these sizes at their "
+        "places, as if the side units stood in the middle. Not in the source, chosen for the class: tyres as "
+        "springs (bounce 3.5 Hz, damping ratio 0.15; the rocking of the side units is left out), torque 1.2 "
+        "of the weight at the wheels, 5 kW, drag area 1 m^2, lags 0.05 s; ``steer_max`` is the handle's "
+        "largest position, at which right and left differ by all the torque.",
     )
 
 
