@@ -18,8 +18,8 @@ from offroad_env.physics.axle import (
     Velocity,
     axle_motion,
     contact_columns,
+    soil_under,
     static_loads,
-    with_exponent,
 )
 from offroad_env.physics.contact import CONTACT
 from offroad_env.physics.numerics import sin_cos
@@ -63,7 +63,7 @@ def settle(
             rim = constant_slip_rim(plant.slip, motion.u_l)
         worst = max(worst, rest_reaction(plant, axle, rim, warm[i], seen).status)
         x[at.OMEGA_F + i] = rim / v.r
-        soil = with_exponent(plant.soil, seen[at.EXPONENT])
+        soil = soil_under(plant, seen)
         load = axle.N_0 / v.wheels_per_axle
         lowered = seen[at.SINKAGE] + deflection_on_soil(plant.structure, soil, Wheel(v.r, v.b), load)
         heights[i], rates[i] = motion.H - lowered, motion.H_dot
