@@ -21,8 +21,10 @@ from offroad_env.world.tyres import TYRES, make_tyre
 from offroad_env.world.vehicles import make_wheel
 
 __all__ = [
+    "STRUCTURE",
     "Comparison",
     "CurvePoint",
+    "Snow",
     "field_ruts",
     "hard_ground_pressures",
     "load_deflection",
@@ -271,7 +273,7 @@ def snow(folder: Path) -> Snow:
     tyre = TYRES["crrel_light_truck"]
     base = SOILS["snow"]
     model = []
-    for factor in np.geomspace(0.25, 4.0, 8):
+    for factor in np.geomspace(1.0, 30.0, 10):
         soil = make_soil(base, k_c=factor * base.k_c, k_phi=factor * base.k_phi)
         try:
             model.append(towed(soil, tyre, 6800.0))
