@@ -21,22 +21,28 @@ __all__ = ["ReplayCommand"]
 
 #: Columns of the tables: channel, heading.
 _COLUMNS = {
-    "v_x": "v_x m/s", "v_y": "v_y m/s", "yaw_rate": "yaw rate rad/s", "omega_f": "ω front rad/s",
-    "omega_r": "ω rear rad/s", "a_y": "a_y m/s²", "position": "position m",
+    "v_x": "v_x\nm/s", "v_y": "v_y\nm/s", "yaw_rate": "yaw rate\nrad/s", "omega_f": "ω front\nrad/s",
+    "omega_r": "ω rear\nrad/s", "a_y": "a_y\nm/s²", "position": "position\nm",
 }  # fmt: skip
+
+
+#: Time between the numbers of the growth in the JSON [s].
+_GROWTH_STEP = 0.1
 
 
 @dataclass(kw_only=True)
 class ReplayCommand(Results):
     """Predict logs in windows from the logged steering and torques, and compare with what happened.
 
-    Vehicle, soil and ground are those of the log's description; nothing is fitted. Each window starts from a
-    smoother of the logged sensors after a lead-in of 1 s. Columns ref_* enter the errors only, where a log
-    has them. Prints root mean square errors over all logs and of each log, and writes the figure replay.png.
+    A structure is a choice of laws of wheel and soil: paper, full, grid, field, or one of them with changes,
+    as grid,ruts=none. Groups: all, ladder (from full to grid one law at a time), leave_one_out (grid less one
+    law). Vehicle, soil and ground are those of the log's description; nothing is fitted. Each window starts
+    from a smoother of the logged sensors after a lead-in of 1 s. Columns ref_* enter the errors only, where
+    a log has them. Prints root mean square errors over all logs and of each log, and writes replay.png.
     """
 
     logs: Positional[tuple[Path, ...]]  #: logs: CSV or Parquet with a YAML of the same name, or ROS bags
-    structure: tuple[str, ...] = ("full",)  #: laws of wheel and soil, or all
+    structure: tuple[str, ...] = ("full", "grid")  #: laws, "grid,ruts=none", all, ladder, leave_one_out
     vehicle_model: tuple[str, ...] = ("half_car",)  #: half_car, bicycle
     window: float = 4.0  #: length of a window [s]
     hold: Literal["stated", "zoh", "linear"] = "stated"  #: how inputs go on between their rows
@@ -55,13 +61,7 @@ class ReplayCommand(Results):
         cases = cases_of(self.structure, self.vehicle_model)
         replays = self._replayed(cases)
         groups = [pooled([replay for replay in replays if _case(replay) == case]) for case in cases]
-        title = f"{len(self.logs)} logs, windows of {self.window:g} s, root mean square errors"
-        console().print(table(title, _heading(), [_row(group) for group in groups], texts=2))
-        if len(self.logs) > 1:
-            rows = [(replay.log, *_row(replay)) for replay in replays]
-            console().print(table("each log", ("log", *_heading()), rows, texts=3))
-        compared = groups[0].references
-        say(f"compared with reference columns: {', '.join(compared) or 'none'}; else with smoothed sensors")
+        # Files first: a reader of a pipe may leave before the tables end.
         self.save_figure(replay_figure(groups), "replay")
         self.save_numbers(
             {
@@ -70,9 +70,16 @@ class ReplayCommand(Results):
                 "lead_in_s": LEAD_IN,
                 "hold": self.hold,
                 "runs": [_numbers(replay) for replay in replays],
-                "pooled": [_numbers(group) | {"growth": {"t": group.t, **group.growth}} for group in groups],
+                "pooled": [_numbers(group) | {"growth": _growth(group)} for group in groups],
             }
         )
+        title = f"{len(self.logs)} logs, windows of {self.window:g} s, root mean square errors"
+        if len(self.logs) > 1:
+            rows = [(replay.log, *_row(replay)) for replay in replays]
+            console().print(table("each log", ("log", *_heading()), rows, texts=3))
+        console().print(table(title, _heading(), [_row(group) for group in groups], texts=2))
+        compared = groups[0].references
+        say(f"compared with reference columns: {', '.join(compared) or 'none'}; else with smoothed sensors")
 
     def _replayed(self, cases: Sequence[Case]) -> list[Replay]:
         """All logs, in the order given, with a progress bar."""
@@ -104,13 +111,21 @@ def _case(replay: Replay) -> tuple[str, str]:
 
 
 def _heading() -> tuple[str, ...]:
-    return ("structure", "vehicle model", *_COLUMNS.values(), "windows")
+    return ("structure", "vehicle", *_COLUMNS.values(), "windows")
 
 
 def _row(replay: Replay) -> tuple[str, ...]:
+    from estimators.replay.structures import title_of
+
     errors = (f"{replay.rms[name]:.3g}" for name in _COLUMNS)
     failed = f" ({replay.failed} failed)" if replay.failed else ""
-    return (replay.structure, replay.vehicle_model, *errors, f"{replay.windows}{failed}")
+    return (title_of(replay.structure), replay.vehicle_model, *errors, f"{replay.windows}{failed}")
+
+
+def _growth(group: Replay) -> dict[str, Any]:
+    """Errors over the time in a window, ten times a second."""
+    every = max(round(_GROWTH_STEP / float(group.t[1])), 1)
+    return {name: rows[::every] for name, rows in {"t": group.t, **group.growth}.items()}
 
 
 def _numbers(replay: Replay) -> dict[str, Any]:

@@ -21,11 +21,17 @@ __all__ = ["SoilPlot"]
 class SoilPlot(Results):
     """Force and sinkage curves of a soil, over slip and over load.
 
-    Writes the figure soil_NAME.png. A curve ends where the soil no longer carries the wheel.
+    Writes the figure soil_NAME.png. A curve ends where the soil no longer carries the wheel. --field draws
+    natural soil around NAME seen from above; --prior shows the population of measured soils, and how well
+    it covers each soil when it is learnt without it.
     """
 
     name: Positional[str] = "dry_sand"  #: a soil of the catalogue, see --list
     list: bool = False  #: show the catalogue with its sources instead
+    prior: bool = False  #: show the prior of whole soils instead
+    field: bool = False  #: draw a random field around the soil instead
+    correlation_length: float = 5.0  #: of the field [m]
+    seed: int = 0  #: of the field, and of the soils sampled for the figure of the prior
     n: float | None = None  #: another sinkage exponent than the catalogue's [-]
     loads: tuple[float, ...] = (1000.0, 2000.0, 3500.0)  #: wheel loads of the curves over slip [N]
     slips: tuple[float, ...] = (0.0, 0.1, 0.3)  #: slips of the curves over load, -1 ... 1 [-]
@@ -38,6 +44,10 @@ class SoilPlot(Results):
         """List the catalogue or draw the curves."""
         if self.list:
             self._show_catalogue()
+        elif self.prior:
+            self._show_prior()
+        elif self.field:
+            self._draw_field()
         else:
             self._draw()
 
@@ -57,6 +67,58 @@ class SoilPlot(Results):
         for number, source in enumerate(sources, 1):
             say(f"{number:>2}  {source}")
         self.save_numbers({name: _describe(SOILS.entry(name)) for name in SOILS})
+
+    def _show_prior(self) -> None:
+        from agents.reports.figures.natural_soil import prior_figure
+        from offroad_env.world.soil_prior import PRIOR_NAMES, SoilPrior, leave_one_out
+
+        prior = SoilPrior.fitted()
+        title = f"Prior of whole soils from {len(prior.soils)} measured ones"
+        heading = ("number", "middle", "sd", *(f"corr. {name}" for name in PRIOR_NAMES[:4]))
+        rows = [
+            (name, f"{mean:.3f}", f"{sd:.3f}", *(f"{value:+.2f}" for value in correlation[:4]))
+            for name, mean, sd, correlation in zip(
+                PRIOR_NAMES, prior.mean, prior.scale.diagonal() ** 0.5, prior.correlation, strict=True
+            )
+        ]
+        console().print(table(title, heading, rows))
+        say("p(5 cm) [Pa] of a plate 0.2 m wide, c [Pa], phi [rad], K [m]; natural logarithms")
+        say(
+            f"t with {prior.degrees_of_freedom:g} degrees of freedom; correlations shrunk by "
+            f"{prior.shrinkage:.2f}; {prior.missing} numbers missing; log K a stated prior"
+        )
+        left_out = {
+            "one soil left out": leave_one_out(),
+            "one site left out": leave_one_out(sites=True),
+        }
+        heading = ("left out", "nominal", *PRIOR_NAMES[:4], "all four")
+        levels = (0.5, 0.8, 0.95)
+        rows = [
+            (label, f"{level:.0%}", *(f"{share:.0%}" for share in found.coverage(level)))
+            for label, found in left_out.items()
+            for level in levels
+        ]
+        console().print(table("Share of left-out soils inside", heading, rows))
+        self.save_figure(prior_figure(prior, left_out, seed=self.seed), "soil_prior")
+        coverage = {
+            label: {f"{level:g}": found.coverage(level) for level in levels}
+            for label, found in left_out.items()
+        }
+        self.save_numbers({"prior": prior, "coverage": coverage})
+
+    def _draw_field(self) -> None:
+        from agents.reports.figures.natural_soil import field_figure
+        from offroad_env.world.natural_soil import SoilSpread, natural_soil
+        from offroad_env.world.soils import SOILS, make_soil
+
+        entry = SOILS.entry(self.name)
+        soil = entry.record if self.n is None else make_soil(entry.record, n=self.n)
+        length, spread = self.correlation_length, SoilSpread()
+        field = natural_soil(soil, self.seed, correlation_length=length, spread=spread)
+        title = f"Natural soil around {entry.title}: correlation length {length:g} m, seed {self.seed}"
+        figure = field_figure(field, soil, title=title, width=12.0 * length, height=6.0 * length)
+        self.save_figure(figure, f"soil_field_{self.name}")
+        self.save_numbers({"correlation_length": length, "seed": self.seed, "spread": spread})
 
     def _draw(self) -> None:
         from agents.reports.figures.soil import soil_figure

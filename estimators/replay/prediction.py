@@ -17,7 +17,7 @@ from estimators.replay.planar_smoother import V_X, PlanarMotion
 from offroad_env.errors import SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
-from offroad_env.physics.axle import Plant
+from offroad_env.physics.axle import Plant, readings_size
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.full_vehicle import WORK_ROWS, full_continue, full_derivative
 from offroad_env.physics.record_operations import replace
@@ -118,7 +118,7 @@ def _run(
     exact = lags[0] < _SHORTEST_LAG, lags[1] < _SHORTEST_LAG
     # Heun's method, by which the solver integrates the actuators, makes this share of the way in a step.
     gain = dt / _SHORTEST_LAG - 0.5 * (dt / _SHORTEST_LAG) ** 2
-    work, seen = np.empty((WORK_ROWS, at.READINGS_SIZE)), np.empty(at.READINGS_SIZE)
+    work, seen = np.empty((WORK_ROWS, readings_size(plant))), np.empty(readings_size(plant))
     last = lead + out.a_y.shape[1] - 1
     for w in range(starts.first.shape[0]):
         if starts.first[w] < 0:

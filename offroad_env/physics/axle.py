@@ -50,6 +50,7 @@ __all__ = [
     "contact_shape",
     "readings_size",
     "soil_at",
+    "soil_under",
     "state_size",
     "static_loads",
     "suspension_force",
@@ -186,6 +187,15 @@ def soil_at(plant: Plant, X: float, Y: float) -> Soil:
     """The plant's soil at (X, Y) [m], before any effect."""
     n = sinkage_exponent(plant.soil_map, plant.soil.n, X, Y)
     return local_soil(plant.soil_field, with_exponent(plant.soil, n), X, Y)
+
+
+@inline_kernel
+def soil_under(plant: Plant, readings: FloatArray) -> Soil:
+    """The soil under an axle whose place and exponent ``readings`` hold."""
+    if plant.soil_field is None:
+        return with_exponent(plant.soil, readings[at.EXPONENT])
+    there = soil_at(plant, readings[at.WHEEL_X], readings[at.WHEEL_Y])
+    return with_exponent(there, readings[at.EXPONENT])
 
 
 @inline_kernel

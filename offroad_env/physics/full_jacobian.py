@@ -11,11 +11,11 @@ import math
 
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
-from offroad_env.physics.axle import Plant, contact_options, soil_at, with_exponent
+from offroad_env.physics.axle import Plant, contact_options, soil_under
 from offroad_env.physics.full_dynamics import axle_torques
 from offroad_env.physics.hard_ground import hard_ground_forces
 from offroad_env.physics.numerics import sin_cos
-from offroad_env.physics.records import FloatArray, Soil, Vehicle, Wheel, WheelMotion
+from offroad_env.physics.records import FloatArray, Vehicle, Wheel, WheelMotion
 from offroad_env.physics.structured_contact import reaction_at_sinkage, rut_section_of
 
 __all__ = [
@@ -31,14 +31,6 @@ __all__ = [
 _SLIP_TORQUE, _SLIP_FORCE, _HELD, _SIDE = 0, 2, 4, 6
 
 
-@inline_kernel
-def _soil_under(plant: Plant, readings: FloatArray) -> Soil:
-    """The soil under an axle, but for its exponent, which ``readings`` hold."""
-    if plant.soil_field is None:
-        return plant.soil
-    return soil_at(plant, readings[at.WHEEL_X], readings[at.WHEEL_Y])
-
-
 @merged_kernel
 def _plain_reaction(
     plant: Plant, motion: WheelMotion, warm: FloatArray, readings: FloatArray
@@ -48,7 +40,7 @@ def _plain_reaction(
     if plant.soil.rigid > 0.5:
         hard = hard_ground_forces(plant.soil, v.r, readings[at.N], motion, plant.v_eps)
         return hard.F_x, hard.torque
-    soil = with_exponent(_soil_under(plant, readings), readings[at.EXPONENT])
+    soil = soil_under(plant, readings)
     wheel = Wheel(v.r, v.b)
     options = contact_options(plant)
     one = reaction_at_sinkage(

@@ -161,13 +161,13 @@ class SoilField(NamedTuple):
 
     A row of ``patches``: x, y, radius [m], k_c z^n [N/m], k_phi z^n [Pa] at z = 5 cm, n, c [Pa], tan(phi),
     k_x, k_y [m], a_0, a_1, b_0, b_1; the edge is a smooth step of width ``edge`` [m]. A row of ``waves``:
-    p, q [rad/m], phase [rad], and the amplitudes of log p(5 cm), n, log c, log tan(phi), log K in
-    sin(p X + q Y + phase).
+    p, q [rad/m], the amplitudes of log p(5 cm), n, log c, log tan(phi), log K in sin(p X + q Y), and the five
+    in cos(p X + q Y).
     """
 
     edge: float  #: width of the edges of patches [m]
     patches: FloatArray  #: (K, 14) float64, C order
-    waves: FloatArray  #: (M, 8) float64, C order
+    waves: FloatArray  #: (M, 12) float64, C order
 
 
 class WheelMotion(NamedTuple):

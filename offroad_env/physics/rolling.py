@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
-from offroad_env.physics.axle import AxleMotion, AxleReaction, AxleStance, Plant, axle_contact, with_exponent
+from offroad_env.physics.axle import AxleMotion, AxleReaction, AxleStance, Plant, axle_contact, soil_under
 from offroad_env.physics.contact import Support
 from offroad_env.physics.records import FloatArray, Structure, Wheel, WheelMotion
 from offroad_env.physics.ruts import Place, prefill_track, track_spacing
@@ -91,7 +91,8 @@ def lowered_by(plant: Plant, load: float, seen: FloatArray) -> float:
     ``seen``: its readings. Sinkage, and the deflection of a tyre.
     """
     v = plant.vehicle
-    soil, wheel = with_exponent(plant.soil, seen[at.EXPONENT]), Wheel(v.r, v.b)
-    f = deflection_on_soil(plant.structure, soil, wheel, load / v.wheels_per_axle)
+    f = deflection_on_soil(
+        plant.structure, soil_under(plant, seen), Wheel(v.r, v.b), load / v.wheels_per_axle
+    )
     lowered: float = seen[at.SINKAGE] + f
     return lowered

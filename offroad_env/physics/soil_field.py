@@ -51,7 +51,7 @@ class Deviation(NamedTuple):
 
 @kernel
 def field_deviation(waves: FloatArray, X: float, Y: float) -> Deviation:
-    """Sum of the plane waves (M, 8) of a `SoilField` at (X, Y) [m]; in blocks, as those of the ground."""
+    """Sum of the plane waves (M, 12) of a `SoilField` at (X, Y) [m]; in blocks, as those of the ground."""
     count = waves.shape[0]
     rows = lane_rows()
     for i in range(LANES):
@@ -60,13 +60,14 @@ def field_deviation(waves: FloatArray, X: float, Y: float) -> Deviation:
     for block in range((count + LANES - 1) // LANES):
         for i in range(LANES):
             wave = min(block * LANES + i, count - 1)
-            s, _ = sin_cos(waves[wave, 0] * X + waves[wave, 1] * Y + waves[wave, 2])
-            s = s if block * LANES + i < count else 0.0
-            rows[0, i] += waves[wave, 3] * s
-            rows[1, i] += waves[wave, 4] * s
-            rows[2, i] += waves[wave, 5] * s
-            rows[3, i] += waves[wave, 6] * s
-            rows[4, i] += waves[wave, 7] * s
+            s, c = sin_cos(waves[wave, 0] * X + waves[wave, 1] * Y)
+            real = 1.0 if block * LANES + i < count else 0.0
+            s, c = real * s, real * c
+            rows[0, i] += waves[wave, 2] * s + waves[wave, 7] * c
+            rows[1, i] += waves[wave, 3] * s + waves[wave, 8] * c
+            rows[2, i] += waves[wave, 4] * s + waves[wave, 9] * c
+            rows[3, i] += waves[wave, 5] * s + waves[wave, 10] * c
+            rows[4, i] += waves[wave, 6] * s + waves[wave, 11] * c
     return Deviation(
         lane_sum(rows[0]), lane_sum(rows[1]), lane_sum(rows[2]), lane_sum(rows[3]), lane_sum(rows[4])
     )

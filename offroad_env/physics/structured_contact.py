@@ -21,7 +21,6 @@ from offroad_env.physics.contact import (
     balances,
     deepest_sinkage,
     hard_ground_contact,
-    measured_exponent,
     next_sinkage,
     predicted_sinkage,
     solve_contact,
@@ -64,7 +63,9 @@ __all__ = [
     "structured_reaction",
 ]
 
-_TOLERANCE, _SAME, _ITERATIONS = 1e-11, 5e-8, 60
+_TOLERANCE, _SAME, _ITERATIONS = 1e-11, 5e-8, 80
+#: Chords before the interval is halved only; largest local exponent of the load over the rise.
+_CHORDS, _STEEPEST = 30, 1e3
 
 
 class _Balance(NamedTuple):
@@ -225,6 +226,12 @@ def _load_line(
 
 
 @inline_kernel
+def _steep_exponent(ratio_V: float, ratio_h: float) -> float:
+    """Local exponent d ln V / d ln h: where half of a wheel meets a rut's bottom it is some tens."""
+    return min(max(fast_log(ratio_V) / fast_log(ratio_h), 0.02), _STEEPEST)
+
+
+@inline_kernel
 def _held_share(tyre: Tyre | None, carried: TyreLoad, rise: float) -> float:
     """Local exponent of the force at a held deflection over that where a tyre deflects with its load."""
     if tyre is None:
@@ -330,7 +337,7 @@ def solve_structured_contact(
             held = _held_share(structure.tyre, carried, e)
             exponent *= held
         if measured:
-            exponent = measured_exponent(V / V_old, e / e_old)
+            exponent = _steep_exponent(V / V_old, e / e_old)
         step = (target - V) / (exponent * abs(V) / max(e, 1e-12) + relief)
         if measured and abs(step) * abs(change) <= _TOLERANCE * e * e and abs(step) <= 1e-4 * e:
             status, forces = CONTACT, _beyond(forces, before, step / change)
@@ -350,7 +357,7 @@ def solve_structured_contact(
         h = 0.5 * (low + high)
         if e > 0.0:
             h = depth + next_sinkage(e, V, target, step, exponent, relief)
-        if not low < h < high:
+        if i > _CHORDS or not low < h < high:
             h = 0.5 * (low + high)
     carried = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels)
     _keep(structure.tyre, warm, h, exponent / held, _Balance(h - depth, wheels * carried.load), forces)

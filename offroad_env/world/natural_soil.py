@@ -44,6 +44,7 @@ _MARGIN = 3.0
 _N_RANGE = (0.05, 2.5)
 #: Root x of (1 + x) exp(-x) = 1/e: Matern's correlation 3/2 falls to 1/e over the correlation length.
 _MATERN_REACH = 2.1461932206205825
+_GOLDEN = 0.6180339887498949
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +103,7 @@ def natural_soil(
         The soil that the field is for, a deformable one: the median of c, tan(phi), p(5 cm) and K, the mean
         of n.
     rng
-        Source of directions, phases and amplitudes, or a seed; always ``7 waves`` draws.
+        Source of directions and phases, or a seed; always ``5 waves + 1`` draws.
     correlation_length
         Distance over which the correlation falls to 1/e [m]; soils have 1 ... 20 m.
     spread
@@ -190,21 +191,23 @@ def _square_root(correlation: ArrayLike | None) -> np.ndarray:
 
 
 def _wave_rows(rng: np.random.Generator, count: int, length: float, factor: np.ndarray) -> np.ndarray:
-    """(M, 8) plane waves with the spectrum of Matern's correlation and amplitudes of covariance F F'."""
+    """(M, 12) plane waves with the spectrum of Matern's correlation and amplitudes of covariance F F'."""
     if not 8 <= count <= 4096:
         raise InvalidParameter(f"waves must be in 8 ... 4096, got {count}")
     # Share of the variance over the plane beyond wavenumber k: (1 + k^2/a^2)^(-3/2), a = reach / length.
     beyond = (np.arange(count) + 0.5) / count
     wavenumber = _MATERN_REACH / length * np.sqrt(beyond ** (-2.0 / 3.0) - 1.0)
-    # One direction from each equal part of the half circle, dealt out to the wavenumbers at random.
-    parts = rng.random(count).argsort()
-    direction = math.pi * (parts + rng.random(count)) / count
-    phase = 2.0 * math.pi * rng.random(count)
-    # Orthonormal columns: the covariance over the plane is the stated one, not one drawn around it.
-    drawn, _ = np.linalg.qr(rng.standard_normal((count, 5)))
-    amplitudes = math.sqrt(2.0) * drawn @ factor.T
-    columns = (wavenumber * np.cos(direction), wavenumber * np.sin(direction), phase, *amplitudes.T)
-    return np.ascontiguousarray(np.stack(columns, axis=1))
+    # Golden section of the half circle: waves of about one length come from all directions.
+    direction = math.pi * ((rng.random() + _GOLDEN * np.arange(count)) % 1.0)
+    phase = 2.0 * math.pi * rng.random((count, 5))
+    # Each number has the same power in every wave, with a phase of its own.
+    drawn = np.concatenate([np.sin(phase), np.cos(phase)])
+    # Over the plane the five would be correlated a little by their random phases: the symmetric root of their
+    # covariance, close to one, takes that out, and the stated covariance stands exactly.
+    values, vectors = np.linalg.eigh(drawn.T @ drawn / count)
+    amplitudes = math.sqrt(2.0 / count) * drawn @ (vectors / np.sqrt(values)) @ vectors.T @ factor.T
+    columns = (wavenumber * np.cos(direction), wavenumber * np.sin(direction))
+    return np.ascontiguousarray(np.column_stack([*columns, amplitudes[:count], amplitudes[count:]]))
 
 
 def soil_maps(field: SoilField, base: Soil, X: ArrayLike, Y: ArrayLike) -> SoilMaps:

@@ -233,6 +233,22 @@ def test_a_following_wheel_stands_on_the_rut_or_makes_it_deeper():
     assert sinkage(4000.0, shallow)[0] == pytest.approx(first, rel=0.02)
 
 
+def test_a_wheel_that_is_partly_in_a_rut_finds_its_sinkage_at_once():
+    """Where a part meets the elastic bottom of the rut, load grows tens of times as fast as depth."""
+    soil, frame, motion = SOILS["sandy_loam"], slope_frame(0.01, -0.01), WheelMotion(5.6, 5.7, 0.01)
+    for share, depth in itertools.product((0.1, 0.4, 0.48, 0.52, 0.9), (0.02, 0.04)):
+        row = _row(RutSection(share, depth, 1.4))
+        for i in range(300):
+            load = 3000.0 * (1.0 + 0.5 * math.sin(0.05 * i))
+            row[at.RUT_DEPTH] = depth + 3e-4 * math.sin(0.3 * i)
+            row[at.RUT_SHARE] = share + 0.02 * math.sin(0.1 * i)
+            support = Support(load, 9e4, 1.0)
+            found = solve_structured_contact(GRID, soil, WHEEL, motion, frame, support, row, PLAIN)
+            F_z = found.F_l * frame.l_z + found.F_c * frame.c_z + found.F_n * frame.n_z
+            assert found.status == CONTACT, (share, depth, load)
+            assert float(F_z) == pytest.approx(load - 9e4 * found.sinkage, rel=1e-6), (share, depth, load)
+
+
 def test_shear_displacement_that_a_leader_left_lends_a_follower_grip():
     soil, motion = SOILS["lete_sand"], WheelMotion(3.0, 2.95, 0.0)
     pulls = [

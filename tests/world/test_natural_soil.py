@@ -136,24 +136,24 @@ def test_a_patch_is_another_whole_soil_with_a_smooth_edge():
         assert steps.max() < 0.05, "1 cm of a 1 m edge changes no parameter by a twentieth of the jump"
 
 
-def drive(field, seconds=4.0, structure=None):
-    plant = make_plant(VEHICLES["mrzr"], BASE, flat(), soil_field=field, structure=structure)
+def drive(field, seconds=4.0, **kinds):
+    plant = make_plant(VEHICLES["mrzr"], BASE, flat(), soil_field=field, **kinds)
     state, warm = settled_state(plant, v_x=4.0)
     commands = np.tile([0.05, 900.0, 0.0], (round(seconds / 0.02), 1))
     return plant, simulate_commands(plant, state, warm, commands)
 
 
-@pytest.mark.parametrize("structure", [None, "grid"])
-def test_a_vehicle_meets_at_each_wheel_the_soil_of_that_place(structure):
+@pytest.mark.parametrize("kinds", [{}, {"structure": "grid", "vehicle_model": "four_wheel"}])
+def test_a_vehicle_meets_at_each_wheel_the_soil_of_that_place(kinds):
     field = natural_soil(BASE, 11, correlation_length=2.0, patches=[(12.0, 0.0, 3.0, SOILS["clay"])])
-    _, run = drive(field, structure=structure)
-    for axle in (0, at.AXLE):
+    _, run = drive(field, **kinds)
+    for axle in [at.READINGS_SIZE + i * at.AXLE for i in range(4)] if kinds else [0, at.AXLE]:
         X, Y = run.readings[:, axle + at.WHEEL_X], run.readings[:, axle + at.WHEEL_Y]
         there = soil_maps(field, BASE, X, Y)
         np.testing.assert_allclose(run.readings[:, axle + at.EXPONENT], there.n, rtol=1e-12)
         assert np.ptp(there.n) > 0.2, "it went through the patch"
         # Softer ground at 5 cm is deeper ground.
-        if structure and axle:
+        if axle >= at.READINGS_SIZE + 2 * at.AXLE:
             continue  # the rear wheels run in the ruts of the front ones
         outside = np.abs(X - 12.0) > 4.0
         depth, pressure = run.readings[outside, axle + at.SINKAGE], there.pressure[outside]
@@ -161,7 +161,7 @@ def test_a_vehicle_meets_at_each_wheel_the_soil_of_that_place(structure):
 
 
 def test_a_field_without_waves_or_patches_changes_nothing():
-    empty = natural_soil(BASE, 0)._replace(waves=np.empty((0, 8)))
+    empty = natural_soil(BASE, 0)._replace(waves=np.empty((0, 12)))
     _, with_it = drive(empty, 1.0)
     _, without = drive(None, 1.0)
     np.testing.assert_array_equal(with_it.states, without.states)

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from estimators.replay.replay import CHANNELS, Replay
+from estimators.replay.structures import title_of
 
 __all__ = ["replay_figure"]
 
@@ -61,7 +62,7 @@ def replay_figure(groups: Sequence[Replay]) -> Figure:
 
 
 def _title(group: Replay) -> str:
-    return f"{group.structure} · {group.vehicle_model.replace('_', ' ')}"
+    return f"{title_of(group.structure)} · {group.vehicle_model.replace('_', ' ')}"
 
 
 def _best(groups: Sequence[Replay], name: str) -> int:

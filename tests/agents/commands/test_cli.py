@@ -262,6 +262,16 @@ def test_soil_draws_what_the_wheel_function_says(tmp_path):
     assert drawn == [straight.sinkage, straight.F_x, -turned.F_y]
 
 
+def test_soil_shows_the_prior_and_natural_soil(tmp_path, capsys):
+    assert offroad("soil", "--prior", "--out", tmp_path, "--json", tmp_path / "p.json") == 0
+    assert "all four" in capsys.readouterr().out
+    numbers = read_strictly(tmp_path / "p.json")
+    assert numbers["coverage"]["one soil left out"]["0.8"][-1] == pytest.approx(0.75, abs=0.1)
+    assert offroad("soil", "clay", "--field", "--seed", 3, "--out", tmp_path) == 0
+    for name in ("soil_prior", "soil_field_clay"):
+        assert (tmp_path / f"{name}.png").read_bytes().startswith(PNG)
+
+
 def test_a_curve_ends_where_the_soil_no_longer_carries_the_wheel(tmp_path):
     json_file = tmp_path / "s.json"
     assert offroad("soil", "snow", "--loads", "20000", "--out", tmp_path, "--json", json_file) == 0
