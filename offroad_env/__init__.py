@@ -1,7 +1,7 @@
 """OffroadBekker: vehicles on deformable soil of unknown properties.
 
-Importing this package registers the environment ``OffroadBekker-v0``; the public names load on
-first use, so that the import stays fast and ``estimators`` can be imported on its own.
+Importing this package registers the environments ``OffroadBekker-v0`` and ``OffroadBekker-v1``; the
+public names load on first use, so that the import stays fast and ``estimators`` can be imported on its own.
 """
 
 from __future__ import annotations
@@ -47,6 +47,14 @@ if ENV_ID not in registry:
         vector_entry_point="offroad_env.environment.vector_env:OffroadBekkerVectorEnv",
         max_episode_steps=6000,
     )
+    register(
+        id="OffroadBekker-v1",
+        entry_point="offroad_env.environment.env_v1:OffroadBekkerEnvV1",
+        vector_entry_point="offroad_env.environment.env_v1:OffroadBekkerVectorEnvV1",
+        max_episode_steps=6000,
+    )
+    # v0 stays: v1 has other defaults. With a number here Gymnasium would call v0 out of date.
+    registry["OffroadBekker-v1"].version = None
 
 
 def __getattr__(name: str) -> Any:

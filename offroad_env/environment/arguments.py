@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from offroad_env.environment.episode_records import CONTROL_PERIOD, SAMPLES
+from offroad_env.environment.episode_records import CONTROL_PERIOD, PAPER_FORCE, SAMPLES
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics.records import Soil, Vehicle
+from offroad_env.simulation.drive import Command
 from offroad_env.simulation.simulator import make_plant, settled_state
 from offroad_env.world.soils import SOILS, make_soil
 from offroad_env.world.terrain import flat
 from offroad_env.world.vehicles import make_vehicle
 
-__all__ = ["Mismatch", "ResetOptions", "checked_range", "require_bearing", "require_choice", "require_rate"]
+__all__ = [
+    "Mismatch",
+    "ResetOptions",
+    "believed_range",
+    "checked_range",
+    "command_of",
+    "require_bearing",
+    "require_choice",
+    "require_rate",
+]
 
 
 def require_choice(name: str, value: object, allowed: tuple[str | None, ...]) -> None:
@@ -43,6 +54,22 @@ def checked_range(limits: Any, soil_name: str) -> tuple[float, float]:
     for n in (low, high):
         make_soil(SOILS[soil_name], n=n)
     return low, high
+
+
+def believed_range(limits: tuple[float, float]) -> tuple[float, float]:
+    """``n_range``, widened to 0.1 where it holds a single soil: a filter needs something to estimate."""
+    low, high = limits
+    widen = max(0.05 - 0.5 * (high - low), 0.0)
+    return max(low - widen, 0.06), high + widen
+
+
+def command_of(vehicle: Vehicle, model: str, action: Sequence[float]) -> Command:
+    """An action as a command: steering [rad], drive and brake torque [N m] (paper: force, NaN)."""
+    steer, drive = action
+    angle = steer * vehicle.steer_max
+    if model == "paper":
+        return angle, drive * PAPER_FORCE * vehicle.m, math.nan
+    return angle, max(drive, 0.0) * vehicle.drive_torque_max, max(-drive, 0.0) * vehicle.brake_torque_max
 
 
 def require_bearing(

@@ -33,6 +33,7 @@ from offroad_env.environment.episode_records import (
     N_FRONT,
     N_REAR,
     NIS,
+    PAPER_FORCE,
     PROGRESS,
     REPORTED_TERMS,
     SAMPLES,
@@ -41,8 +42,10 @@ from offroad_env.environment.episode_records import (
     SINKAGE_R,
     SLIP_F,
     SLIP_R,
+    SOIL_WAVES,
     SPEED,
     TIME,
+    PeriodOptions,
 )
 from offroad_env.environment.observation import Measured, SeenPose, Window, write_observation
 from offroad_env.environment.rewards import (
@@ -67,6 +70,7 @@ from offroad_env.physics.numerics import copy_into
 from offroad_env.physics.packing import PackedPlant, unpack
 from offroad_env.physics.paper_vehicle import paper_advance
 from offroad_env.physics.path_geometry import PathTable, project
+from offroad_env.physics.records import SoilField
 from offroad_env.physics.sensor_errors import sense_with_memory
 
 if TYPE_CHECKING:
@@ -75,7 +79,6 @@ if TYPE_CHECKING:
 __all__ = [
     "BELIEVE",
     "DRIVE",
-    "PAPER_FORCE",
     "REPORT",
     "announce_compilation",
     "period_full",
@@ -88,8 +91,6 @@ _GOAL, (_ROLLOVER, _IMMOBILISED, _DIVERGED) = 1, range(len(ENDINGS) - 3, len(END
 
 _STUCK_TIME, _STUCK_DRIVE = 4.0, 0.3  # [s], [-]
 _ROLLOVER_TIME = 0.2  # [s]
-#: Body force at full drive, per unit of mass [m/s^2]: above the paper's largest, 2.4.
-PAPER_FORCE = 3.0
 
 
 @cache
@@ -103,22 +104,35 @@ def announce_compilation() -> None:
 
 
 @inline_kernel
-def _plant(e: np.record, table: np.ndarray) -> Plant:
-    """The true plant of an episode."""
-    waves, patches = table[e.path_end : e.waves_end], table[e.waves_end : e.patches_end]
-    return unpack(PackedPlant(e.plant[:], waves, patches, None, None, None, None))
+def _own_field(field: SoilField | None, k: int) -> SoilField | None:
+    """The natural soil of episode ``k``; ``field`` has the waves of all of them, one after the other."""
+    if field is None:
+        return field  # not None: numba's optional records lose count of their arrays
+    return SoilField(field.edge, field.patches, field.waves[k * SOIL_WAVES : (k + 1) * SOIL_WAVES])
 
 
 @inline_kernel
-def _sense(e: np.record, noise: np.ndarray, sensing: np.record | None, i: int) -> None:
-    """Sample ``i`` of every sensor."""
+def _plant(e: np.record, table: np.ndarray, options: PeriodOptions, k: int) -> Plant:
+    """The true plant of episode ``k``."""
+    waves, patches = table[e.path_end : e.waves_end], table[e.waves_end : e.patches_end]
+    field = _own_field(options.soil_field, k)
+    four_wheel, structure = options.four_wheel, options.structure
+    return unpack(PackedPlant(e.plant[:], waves, patches, None, four_wheel, structure, field))
+
+
+@inline_kernel
+def _sense(e: np.record, noise: np.ndarray, sensing: np.ndarray | None, place: tuple[int, int]) -> None:
+    """Sample i of every sensor of episode k, ``place`` = (k, i)."""
+    k, i = place
     mount = ImuMount(e.lever[:], e.rotation[:], e.body_axes, e.gravity)
     wheel_due = e.wheel_every > 0 and e.tick % max(e.wheel_every, 1) == 0
     gnss_due = e.gnss_every > 0 and e.tick % max(e.gnss_every, 1) == 0
     sample, rims = e.samples[:][i], e.rims[:]
     due, row = (wheel_due, gnss_due), noise[e.noise_row]
-    if sensing is not None and sensing.active > 0.5:
-        sense_with_memory(e.state[:], e.readings[:], mount, e.errors[:], row, due, sensing, sample)
+    if sensing is None:
+        sense(e.state[:], e.readings[:], mount, e.errors[:], row, due, sample)
+    elif sensing[k].active > 0.5:
+        sense_with_memory(e.state[:], e.readings[:], mount, e.errors[:], row, due, sensing[k], sample)
         wheel_due = not math.isnan(sample[WHEEL_F])
     else:
         sense(e.state[:], e.readings[:], mount, e.errors[:], row, due, sample)
@@ -169,13 +183,13 @@ def _same(x: np.ndarray, y: np.ndarray) -> bool:
 
 @kernel
 def _drive_full(
-    e: np.record, rules: np.record, table: np.ndarray, noise: np.ndarray, sensing: np.record | None
+    e: np.record, rules: np.record, table: np.ndarray, noise: np.ndarray, options: PeriodOptions, k: int
 ) -> None:
     """DRIVE: hold the command for as many samples as the period has; from SUNK on it is broken off."""
-    plant, command = _plant(e, table), _full_command(rules, e.action[:])
+    plant, command = _plant(e, table, options, k), _full_command(rules, e.action[:])
     state, warm, readings = e.state[:], e.warm[:], e.readings[:]
-    work = np.empty((WORK_ROWS, at.READINGS_SIZE))
-    slope, last = e.slope[:], work[0][: at.STATE_SIZE]
+    work = np.empty((WORK_ROWS, readings.shape[0]))
+    slope, last = e.slope[:], work[0][: state.shape[0]]
     if e.steps > 0 and e.status < SUNK and _same(state, e.sound_state[:]):
         copy_into(last, slope)  # the last period has ended with it, and with these readings
     else:
@@ -187,7 +201,7 @@ def _drive_full(
         worst = max(worst, status)
         if worst >= SUNK:
             break
-        _sense(e, noise, sensing, i)
+        _sense(e, noise, options.sensing, (k, i))
     e.status = worst
     copy_into(slope, last)
     _keep_sound(e)
@@ -195,10 +209,10 @@ def _drive_full(
 
 @kernel
 def _drive_paper(
-    e: np.record, rules: np.record, table: np.ndarray, noise: np.ndarray, sensing: np.record | None
+    e: np.record, rules: np.record, table: np.ndarray, noise: np.ndarray, options: PeriodOptions, k: int
 ) -> None:
     """`_drive_full` for the paper's model."""
-    plant, command = _plant(e, table), _paper_command(rules, e.action[:])
+    plant, command = _plant(e, table, options, k), _paper_command(rules, e.action[:])
     state, warm, readings = e.state[:], e.warm[:], e.readings[:]
     e.samples[:][:] = 0.0
     worst = 0.0
@@ -207,7 +221,7 @@ def _drive_paper(
         worst = max(worst, status)
         if worst >= SUNK:
             break
-        _sense(e, noise, sensing, i)
+        _sense(e, noise, options.sensing, (k, i))
     e.status = worst
     _keep_sound(e)
 
@@ -370,13 +384,13 @@ def period_full(
     actions: np.ndarray,
     shown: np.ndarray,
     assumptions: np.ndarray | None,
-    sensing: np.ndarray | None,
+    options: PeriodOptions,
 ) -> None:
     """Move every episode on by what its ``phases`` ask for, full model.
 
     Parameters
     ----------
-    episodes (N,) : of the type `EPISODE`
+    episodes (N,) : of an `episode_type`
     rules (1,) : of the type `RULES`
     tables (N, rows, 4) : nodes of the path, waves of the ground, patches of the soil, waves of the ground
         that a map shows, one after the other
@@ -385,13 +399,13 @@ def period_full(
     shown (N, SHOWN) float32 : the observations, written
     assumptions (1,) : of the type `ASSUMPTIONS`; None where no filter runs in this call: an edition of its
         own, which is compiled in two thirds of the time
-    sensing (N,) : of the type `SENSING`, what sensors remember; None where none does: an edition of its own
+    options : sensors and laws beyond the default; what is None is compiled away
     """
     for i in range(episodes.shape[0]):
         e, r = episodes[i], rules[0]
         if e.phases & DRIVE:
             _take_action(e, actions[i])
-            _drive_full(e, r, tables[i], noise[i], None if sensing is None else sensing[i])
+            _drive_full(e, r, tables[i], noise[i], options, i)
         if e.phases & BELIEVE:
             _believe_full(e, r, tables[i], assumptions)
         if e.phases & REPORT:
@@ -407,14 +421,14 @@ def period_paper(
     actions: np.ndarray,
     shown: np.ndarray,
     assumptions: np.ndarray | None,
-    sensing: np.ndarray | None,
+    options: PeriodOptions,
 ) -> None:
     """`period_full` for the paper's model."""
     for i in range(episodes.shape[0]):
         e, r = episodes[i], rules[0]
         if e.phases & DRIVE:
             _take_action(e, actions[i])
-            _drive_paper(e, r, tables[i], noise[i], None if sensing is None else sensing[i])
+            _drive_paper(e, r, tables[i], noise[i], options, i)
         if e.phases & BELIEVE:
             _believe_paper(e, r, tables[i], assumptions)
         if e.phases & REPORT:

@@ -17,7 +17,9 @@ from estimators.filters.registry import filter_id
 from offroad_env.effects import Extension, read_extension
 from offroad_env.environment.arguments import (
     ResetOptions,
+    believed_range,
     checked_range,
+    command_of,
     require_bearing,
     require_choice,
     require_rate,
@@ -25,7 +27,6 @@ from offroad_env.environment.arguments import (
 from offroad_env.environment.control_period import (
     BELIEVE,
     DRIVE,
-    PAPER_FORCE,
     REPORT,
     announce_compilation,
     period_full,
@@ -37,10 +38,12 @@ from offroad_env.environment.episode_records import (
     NOISE_ROWS,
     SAMPLES,
     Memory,
+    PlantSizes,
     info_of,
 )
 from offroad_env.environment.extended import ExtendedTruth
 from offroad_env.environment.observation import PREVIEW, Layout
+from offroad_env.environment.plants import PlantChoice
 from offroad_env.environment.rewards import ENDINGS
 from offroad_env.environment.scenarios import Course, Scenario, find_scenario
 from offroad_env.environment.snapshot import Briefing, Measurements, Snapshot
@@ -49,19 +52,15 @@ from offroad_env.physics.contact import SUNK
 from offroad_env.physics.imu import GNSS, IMU, WHEEL
 from offroad_env.physics.packing import pack
 from offroad_env.physics.path_geometry import nearest_index
-from offroad_env.physics.records import Ground, Soil, SoilMap, Vehicle
+from offroad_env.physics.records import Structure, Tyre, Vehicle
 from offroad_env.simulation.drive import Command
 from offroad_env.simulation.sensor_presets import make_sensors
 from offroad_env.simulation.sensors import GnssConfig, SensorSuite
 from offroad_env.simulation.simulator import (
     FULL_STEP,
-    MODELS,
-    PAPER_SLIP,
-    VEHICLE_MODELS,
-    Plant,
-    make_plant,
     settled_state,
 )
+from offroad_env.world.natural_soil import SoilSpread
 from offroad_env.world.soils import SOILS, make_soil
 from offroad_env.world.vehicles import VEHICLES
 
@@ -143,7 +142,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
     terrain_info : "none", "estimate" or "truth"
     model : "full", "paper", or the file of an extended model that ``offroad diagnose`` has written: the truth
         then has its effects
-    vehicle_model : "half_car" or "bicycle"
+    vehicle_model : "half_car", "bicycle", or "four_wheel" with roll and a contact for every wheel
     estimator : "online_parameter_ukf", "online_joint_ukf", "online_ukf_bank" (in short "parameter", "joint",
         "bank") or "none"; None runs the parameter UKF when ``terrain_info="estimate"``. An
         `estimators.filters.online.OnBoard` also holds the rate, and vehicle, soil and ground of the filter's
@@ -152,6 +151,11 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
     soil, vehicle : names in `SOILS` and `VEHICLES`, default the scenario's
     sensors : a name in `offroad_env.SENSORS` ("paper", "ideal", "automotive", "consumer"), or sensors by
         `offroad_env.make_sensors`
+    structure : laws of the wheels, "full", "grid", "field" or departures from them ("grid,ruts=none"); None
+        is "full". Estimators go on to assume "full"
+    tyre : flexible tyres, a name in `offroad_env.world.tyres.TYRES`; they need structure "grid" or "field"
+    natural_soil : True, or a `world.natural_soil.SoilSpread`: pressure, n, cohesion and friction angle vary
+        over metres around the drawn soil
     render_mode : None, "human" or "rgb_array"
 
     ## Info
@@ -179,6 +183,9 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         soil: str | None = None,
         vehicle: str | None = None,
         sensors: str | SensorSuite = "paper",
+        structure: str | Structure | None = None,
+        tyre: str | Tyre | None = None,
+        natural_soil: bool | SoilSpread = False,
         render_mode: str | None = None,
     ) -> None:
         self.scenario: Scenario = find_scenario(scenario)
@@ -189,16 +196,23 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         self.extension: Extension | None = read_extension(model) if model.endswith(".json") else None
         model = model if self.extension is None else self.extension.model
         require_choice("terrain_info", terrain_info, TERRAIN_INFO)
-        require_choice("model", model, MODELS)
-        require_choice("vehicle_model", vehicle_model, VEHICLE_MODELS)
         require_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         if terrain_info == "estimate" and estimator == "none":
             raise InvalidParameter('terrain_info="estimate" needs an estimator, got estimator="none"')
         self.terrain_info, self.model, self.vehicle_model = terrain_info, model, vehicle_model
         self.render_mode = render_mode
         self.soil_name = self.scenario.soil if soil is None else soil
-        self.n_range = checked_range(self.scenario.n_range if n_range is None else n_range, self.soil_name)
         self.vehicle: Vehicle = VEHICLES[self.scenario.vehicle if vehicle is None else vehicle]
+        self._plants = PlantChoice(
+            soil_name=self.soil_name,
+            vehicle=self.vehicle,
+            model=model,
+            vehicle_model=vehicle_model,
+            structure=structure,
+            tyre=tyre,
+            natural_soil=natural_soil,
+        )
+        self.n_range = checked_range(self.scenario.n_range if n_range is None else n_range, self.soil_name)
         low, high = self.n_range
         self.prior = (0.5 * (low + high), max((high - low) / math.sqrt(12.0), 1e-3))
         self._believed_soil = make_soil(SOILS[self.soil_name], n=self.prior[0])
@@ -219,15 +233,9 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         self._layout = Layout(self.vehicle.steer_max, terrain=terrain_info != "none")
         self._renderer: Renderer | None = None
         self._learner: OnlineParameterUKF | None = None  # the estimator inside the compiled period
-        self.join(Memory(1), 0)
+        self.join(Memory(1, self.sizes), 0)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = self._layout.space()
-
-    def _believed_range(self) -> tuple[float, float]:
-        """``n_range``, widened to 0.1 where it holds a single soil: a filter needs something to estimate."""
-        low, high = self.n_range
-        widen = max(0.05 - 0.5 * (high - low), 0.0)
-        return max(low - widen, 0.06), high + widen
 
     @property
     def briefing(self) -> Briefing:
@@ -253,7 +261,10 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         self.sensors.reset(self.np_random, radius=self.vehicle.r)
         self._sensor_errors = self.sensors.errors
         vehicle, soil = chosen.truth(self.vehicle, self._believed_soil, drawn)
-        self.plant = self._plant_of(vehicle, soil, self.course.ground, self.course.soil_map(self.n_range))
+        soils, field = self.course.soil_map(self.n_range), None
+        if self._plants.is_natural:
+            field = self._plants.soil_field(soil, int(self.np_random.integers(2**63)))
+        self.plant = self._plants.truth(vehicle, soil, self.course.ground, soils, field)
         X, Y, yaw = (float(value) for value in self.course.path.nodes[0, :3])
         start = self.scenario.start_speed
         if self.extension is not None:
@@ -276,24 +287,18 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
             self.render()
         return self._layout.split(self._shown), info
 
-    def _plant_of(self, vehicle: Vehicle, soil: Soil, ground: Ground, soils: SoilMap | None = None) -> Plant:
-        """A plant of this environment's model, true or believed."""
-        slip = PAPER_SLIP.get(self.soil_name, 0.0)
-        model, kind = self.model, self.vehicle_model
-        return make_plant(vehicle, soil, ground, model=model, vehicle_model=kind, slip=slip, soil_map=soils)
-
     def _choose_estimator(self) -> None:
         """A new estimator at the start of the course, if one runs."""
         self.estimator = self._learner = None
-        belief = self._plant_of(self.vehicle, self._believed_soil, self.course.known_ground)
+        belief = self._plants.belief(self.vehicle, self._believed_soil, self.course.known_ground)
         if isinstance(self._choice, OnBoard):
             imu, gnss = self.sensors.imu, self.sensors.gnss or GnssConfig()
-            self.estimator = make_estimator(self._choice, belief, self._believed_range(), imu, gnss)
+            self.estimator = make_estimator(self._choice, belief, believed_range(self.n_range), imu, gnss)
             self.estimator.reset(*self.prior, self._navigation.pose)
         elif self._choice == _COMPILED:
             self.estimator = self._learner = OnlineParameterUKF(
                 belief,
-                self._believed_range(),
+                believed_range(self.n_range),
                 dt=CONTROL_PERIOD / SAMPLES,
                 imu=self.sensors.imu,
                 settings=CHANGING_SOIL if self.scenario.changing else None,
@@ -366,6 +371,11 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
             self._learner.lodge(self._memory.episodes["filter"][rows])
 
     @property
+    def sizes(self) -> PlantSizes:
+        """Lengths of the arrays of its episodes."""
+        return self._plants.sizes(self._believed_soil)
+
+    @property
     def memory_size(self) -> int:
         """Bytes of the record of an episode; its course and the noise lie beside it."""
         return self._memory.episodes.itemsize
@@ -430,15 +440,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
     @property
     def command(self) -> Command:
         """The last action as a command: steering [rad], drive and brake torque [N m] (paper: force, NaN)."""
-        steer, drive = self._episode["action"].tolist()
-        angle = steer * self.vehicle.steer_max
-        if self.model == "paper":
-            return angle, drive * PAPER_FORCE * self.vehicle.m, math.nan
-        return (
-            angle,
-            max(drive, 0.0) * self.vehicle.drive_torque_max,
-            max(-drive, 0.0) * self.vehicle.brake_torque_max,
-        )
+        return command_of(self.vehicle, self.model, self._episode["action"].tolist())
 
     def result(self) -> tuple[dict[str, Any], float]:
         """``info`` and the reward, from the report of the period."""
@@ -469,6 +471,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
             time=float(episode["time"]),
             state=self.state.copy(),
             readings=self.readings.copy(),
+            contact=self.warm.copy(),
             command=(steer, drive),
             progress=float(episode["progress"]),
             cross_track_error=float(episode["cross_track_error"]),

@@ -7,6 +7,7 @@ size (path, waves of the ground, patches of soil) lies in a table beside it.
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -27,25 +28,31 @@ if TYPE_CHECKING:
     from offroad_env.environment.scenarios import Scenario
     from offroad_env.physics.axle import Plant
     from offroad_env.physics.path_geometry import PathTable
-    from offroad_env.physics.records import Ground, Vehicle
+    from offroad_env.physics.records import FourWheel, Ground, SoilField, Structure, Vehicle
     from offroad_env.simulation.sensors import SensorSuite
 
 __all__ = [
     "CONTROL_PERIOD",
-    "EPISODE",
     "LAST_ROW",
     "NOISE_ROWS",
+    "PAPER_FORCE",
     "REPORTED",
     "REPORTED_TERMS",
     "RULES",
     "SAMPLES",
+    "SOIL_WAVES",
     "Memory",
     "PeriodArguments",
+    "PeriodOptions",
+    "PlantSizes",
+    "episode_type",
     "info_of",
 ]
 
 CONTROL_PERIOD = 0.02  #: time between actions [s]
 SAMPLES = 2  #: samples of the sensors in a period
+#: Body force at full drive, per unit of mass [m/s^2]: above the paper's largest, 2.4.
+PAPER_FORCE = 3.0
 
 #: Periods for which sensor noise is drawn at a time.
 _NOISE_PERIODS = 32
@@ -80,61 +87,84 @@ REPORTED: dict[str, int | slice] = {
     "shake": SHAKE,
 }
 
-#: One episode.
-EPISODE = np.dtype(
-    [
+
+class PlantSizes(NamedTuple):
+    """Lengths of the arrays that depend on the plant; by default of the half-car on rigid rims."""
+
+    wheels: int = 2  #: rows of the contact state
+    contact: int = at.CONTACT_SIZE  #: its columns
+    state: int = at.STATE_SIZE
+    readings: int = at.READINGS_SIZE
+
+
+#: Those of the half-car on rigid rims.
+PLAIN = PlantSizes()
+
+
+@cache
+def episode_type(sizes: PlantSizes) -> np.dtype[np.void]:
+    """Type of the record of one episode."""
+    return np.dtype([*_truth_fields(sizes), *_OTHER_FIELDS])
+
+
+def _truth_fields(sizes: PlantSizes) -> list[tuple[Any, ...]]:
+    """The state of the truth in the record of an episode."""
+    return [
         # the truth
-        ("state", "f8", at.STATE_SIZE),
-        ("warm", "f8", (2, at.CONTACT_SIZE)),
-        ("readings", "f8", at.READINGS_SIZE),
-        ("sound_state", "f8", at.STATE_SIZE),  # before a step that diverged
-        ("sound_readings", "f8", at.READINGS_SIZE),
-        ("slope", "f8", at.STATE_SIZE),  # time derivative of the sound state, full model
-        ("plant", "f8", ASSUMPTIONS["plant"].shape[0]),
-        ("n", "f8"),  # of the base soil
-        ("status", "f8"),  # worst contact status of the period
-        # where its path, waves, patches and the waves that a map shows end in its table
-        ("ds", "f8"),
-        ("path_end", "i8"),
-        ("waves_end", "i8"),
-        ("patches_end", "i8"),
-        ("known_end", "i8"),
-        # the sensors
-        ("errors", "f8", (3, CHANNELS)),
-        ("lever", "f8", 3),
-        ("rotation", "f8", (3, 3)),
-        ("body_axes", "f8"),
-        ("gravity", "f8"),
-        ("wheel_every", "i8"),  # IMU samples from one sample of the wheel speeds to the next
-        ("gnss_every", "i8"),
-        ("tick", "i8"),
-        ("noise_row", "i8"),
-        ("samples", "f8", (SAMPLES, CHANNELS)),
-        ("rims", "f8", 2),
-        # beliefs
-        ("navigation", "f8", NAVIGATION),
-        ("covariance", "f8", (NAVIGATION, NAVIGATION)),
-        ("filter", MEMORY),
-        ("estimate", [(name, "f8") for name in Estimate._fields]),
-        # the episode
-        ("phases", "i8"),  # what the next call shall do; 0: nothing
-        ("count", "i8"),  # samples of the period, 1 at the start
-        ("steps", "i8"),  # steps of the plant per sample, 0 at the start
-        ("time", "f8"),
-        ("action", "f8", 2),  # the last one
-        ("change", "f8"),  # what it differs by from the one before, squared and summed
-        ("true_index", "i8"),
-        ("seen_index", "i8"),
-        ("progress", "f8"),  # of the true vehicle along the path [m]
-        ("cross_track_error", "f8"),  # of the true vehicle, left positive [m]
-        ("heading_error", "f8"),  # of the true vehicle [rad]
-        ("tilting_for", "f8"),
-        ("stuck_for", "f8"),
-        ("mean_square", "f8"),  # running, of the vertical acceleration [m^2/s^4]
-        ("report", "f8", REPORTED_TERMS.stop),
-        ("ending", "i8"),
+        ("state", "f8", sizes.state),
+        ("warm", "f8", (sizes.wheels, sizes.contact)),
+        ("readings", "f8", sizes.readings),
+        ("sound_state", "f8", sizes.state),  # before a step that diverged
+        ("sound_readings", "f8", sizes.readings),
+        ("slope", "f8", sizes.state),  # time derivative of the sound state, full model
     ]
-)
+
+
+_OTHER_FIELDS: list[tuple[Any, ...]] = [
+    ("plant", "f8", ASSUMPTIONS["plant"].shape[0]),
+    ("n", "f8"),  # of the base soil
+    ("status", "f8"),  # worst contact status of the period
+    # where its path, waves, patches and the waves that a map shows end in its table
+    ("ds", "f8"),
+    ("path_end", "i8"),
+    ("waves_end", "i8"),
+    ("patches_end", "i8"),
+    ("known_end", "i8"),
+    # the sensors
+    ("errors", "f8", (3, CHANNELS)),
+    ("lever", "f8", 3),
+    ("rotation", "f8", (3, 3)),
+    ("body_axes", "f8"),
+    ("gravity", "f8"),
+    ("wheel_every", "i8"),  # IMU samples from one sample of the wheel speeds to the next
+    ("gnss_every", "i8"),
+    ("tick", "i8"),
+    ("noise_row", "i8"),
+    ("samples", "f8", (SAMPLES, CHANNELS)),
+    ("rims", "f8", 2),
+    # beliefs
+    ("navigation", "f8", NAVIGATION),
+    ("covariance", "f8", (NAVIGATION, NAVIGATION)),
+    ("filter", MEMORY),
+    ("estimate", [(name, "f8") for name in Estimate._fields]),
+    # the episode
+    ("phases", "i8"),  # what the next call shall do; 0: nothing
+    ("count", "i8"),  # samples of the period, 1 at the start
+    ("steps", "i8"),  # steps of the plant per sample, 0 at the start
+    ("time", "f8"),
+    ("action", "f8", 2),  # the last one
+    ("change", "f8"),  # what it differs by from the one before, squared and summed
+    ("true_index", "i8"),
+    ("seen_index", "i8"),
+    ("progress", "f8"),  # of the true vehicle along the path [m]
+    ("cross_track_error", "f8"),  # of the true vehicle, left positive [m]
+    ("heading_error", "f8"),  # of the true vehicle [rad]
+    ("tilting_for", "f8"),
+    ("stuck_for", "f8"),
+    ("mean_square", "f8"),  # running, of the vertical acceleration [m^2/s^4]
+    ("report", "f8", REPORTED_TERMS.stop),
+    ("ending", "i8"),
+]
 
 #: What holds for every episode of a memory.
 RULES = np.dtype(
@@ -184,17 +214,30 @@ def info_of(report: np.ndarray, n: float, path_length: float, ending: str) -> tu
     }, sum(terms)
 
 
+#: Waves of the natural soil of an episode.
+SOIL_WAVES = 64
+
+
+class PeriodOptions(NamedTuple):
+    """What episodes have beyond the plain half-car; None is compiled away, so each choice is an edition."""
+
+    sensing: np.ndarray | None = None  #: (N,) of the type `SENSING`: what sensors remember
+    structure: Structure | None = None  #: laws of the wheels
+    four_wheel: FourWheel | None = None  #: what four wheels have beyond two axles
+    soil_field: SoilField | None = None  #: natural soil, ``SOIL_WAVES`` rows of waves an episode
+
+
 class PeriodArguments(NamedTuple):
     """Arguments of `period_full` and `period_paper` for N episodes."""
 
-    episodes: np.ndarray  #: (N,) of the type `EPISODE`
+    episodes: np.ndarray  #: (N,) of an `episode_type`
     rules: np.ndarray  #: (1,) of the type `RULES`
     tables: np.ndarray  #: (N, rows, 4)
     noise: np.ndarray  #: (N, NOISE_ROWS, NOISE_COLUMNS)
     actions: np.ndarray  #: (N, 2)
     shown: np.ndarray  #: (N, SHOWN) float32
     assumptions: np.ndarray | None  #: (1,) of the type `ASSUMPTIONS`
-    sensing: np.ndarray | None  #: (N,) of the type `SENSING`
+    options: PeriodOptions
 
 
 def lifting_acceleration(vehicle: Vehicle) -> float:
@@ -208,10 +251,11 @@ class Memory:
     Parameters
     ----------
     count : episodes
+    sizes : of their plants
     """
 
-    def __init__(self, count: int) -> None:
-        self.episodes = np.zeros(count, EPISODE)
+    def __init__(self, count: int, sizes: PlantSizes = PLAIN) -> None:
+        self.episodes = np.zeros(count, episode_type(sizes))
         self.rules = np.zeros(1, RULES)
         self.tables = np.zeros((count, 1, 4))
         self.noise = np.zeros((count, NOISE_ROWS, NOISE_COLUMNS))
@@ -221,6 +265,12 @@ class Memory:
         self.assumptions: np.ndarray | None = None
         #: Memories of the sensors (count,), of the type `SENSING`; None where no sensor has any.
         self.sensing: np.ndarray | None = None
+        #: Laws of the wheels, the same in all episodes.
+        self.structure: Structure | None = None
+        #: What four wheels have beyond two axles, the same in all episodes.
+        self.four_wheel: FourWheel | None = None
+        #: Natural soil with the waves of all episodes, one after the other; None where soil is uniform.
+        self.soil_field: SoilField | None = None
 
     def mount(self, row: int, sensors: SensorSuite) -> None:
         """Write the sensors of an episode, as they have been reset, into its row."""
@@ -236,10 +286,12 @@ class Memory:
             ("tick", 0),
         ):
             episode[name] = value
-        if sensors.has_memory and self.sensing is None:
+        # `imu.sense` knows no roll.
+        remembering = sensors.has_memory or self.four_wheel is not None
+        if remembering and self.sensing is None:
             self.sensing = np.zeros(len(self.episodes), SENSING)
         if self.sensing is not None:
-            self.sensing[row] = sensors.memory[0] if sensors.has_memory else np.zeros((), SENSING)
+            self.sensing[row] = sensors.memory[0] if remembering else np.zeros((), SENSING)
 
     def lay_out(self, row: int, path: PathTable, plant: Plant, known: Ground) -> None:
         """Write the course of an episode into its table; all tables grow where it is longer.
@@ -253,7 +305,12 @@ class Memory:
             grown[:, : self.tables.shape[1]] = self.tables
             self.tables = grown
         self.tables[row, : ends[-1]] = np.concatenate(parts)
-        episode = self.episodes[row]
+        self.structure, self.four_wheel, episode = plant.structure, plant.four_wheel, self.episodes[row]
+        if plant.soil_field is not None:
+            if self.soil_field is None:
+                waves = np.zeros((len(self.episodes) * SOIL_WAVES, plant.soil_field.waves.shape[1]))
+                self.soil_field = plant.soil_field._replace(waves=waves)
+            self.soil_field.waves[row * SOIL_WAVES : (row + 1) * SOIL_WAVES] = plant.soil_field.waves
         episode["ds"] = path.ds
         for name, end in zip(("path_end", "waves_end", "patches_end", "known_end"), ends, strict=True):
             episode[name] = end
@@ -284,6 +341,13 @@ class Memory:
         ):
             self.rules[name] = value
 
+    def _fields(self, rows: slice) -> SoilField | None:
+        """Natural soil of some of the episodes."""
+        if self.soil_field is None:
+            return None
+        part = slice(rows.start * SOIL_WAVES, rows.stop * SOIL_WAVES)
+        return self.soil_field._replace(waves=self.soil_field.waves[part])
+
     def part(self, rows: slice) -> PeriodArguments:
         """What the compiled period takes, for some of the episodes."""
         return PeriodArguments(
@@ -294,5 +358,10 @@ class Memory:
             self.actions[rows],
             self.shown[rows],
             self.assumptions,
-            None if self.sensing is None else self.sensing[rows],
+            PeriodOptions(
+                sensing=None if self.sensing is None else self.sensing[rows],
+                structure=self.structure,
+                four_wheel=self.four_wheel,
+                soil_field=self._fields(rows),
+            ),
         )

@@ -75,6 +75,10 @@ class ExtendedTruth:
     """
 
     def __init__(self, extension: Extension, plant: Plant, mount: ImuMount) -> None:
+        if plant.four_wheel is not None:
+            raise InvalidParameter(
+                "an extended model is one of two axles: leave out vehicle_model='four_wheel'"
+            )
         self.setup: Setup = apply(Setup(plant=plant, mount=mount), extension.effects)
         self.chain = InputChain(self.setup.inputs)
         self._full = extension.model == "full"

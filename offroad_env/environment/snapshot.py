@@ -72,8 +72,9 @@ class Snapshot:
     model: str
     terrain_info: str
     time: float  #: [s]
-    state: np.ndarray  #: (15,), see `offroad_env.physics.state`
-    readings: np.ndarray  #: (32,), see `offroad_env.physics.state`
+    state: np.ndarray  #: (15,) or (19,), see `offroad_env.physics.state`
+    readings: np.ndarray  #: (32,) or (85,), see `offroad_env.physics.state`
+    contact: np.ndarray  #: (wheels, numbers) contact state, with the ruts where the structure has any
     command: tuple[float, float]  #: the last action: steering, drive [-]
     progress: float  #: distance along the path [m]
     cross_track_error: float  #: [m], left positive

@@ -43,7 +43,8 @@ def make_vec(num_envs: int, **options: Any) -> VectorEnv:
     ----------
     num_envs
     options
-        Arguments of `OffroadBekkerVectorEnv` and of `OffroadBekkerEnv`.
+        Arguments of `OffroadBekkerVectorEnv` and of `OffroadBekkerEnv`; ``version="v1"`` makes episodes of
+        ``OffroadBekker-v1``.
 
     Examples
     --------
@@ -52,7 +53,7 @@ def make_vec(num_envs: int, **options: Any) -> VectorEnv:
     >>> observations["path"].shape
     (8, 12)
     """
-    name = "offroad_env:OffroadBekker-v0"
+    name = f"offroad_env:OffroadBekker-{options.pop('version', 'v0')}"
     return gym.make_vec(name, num_envs, vectorization_mode="vector_entry_point", **options)
 
 
@@ -92,6 +93,9 @@ class OffroadBekkerVectorEnv(VectorEnv):
     ``reset(options={"n": [...]})`` takes one sinkage exponent per episode, or one for all.
     """
 
+    #: What runs N times.
+    single: type[OffroadBekkerEnv] = OffroadBekkerEnv
+
     def __init__(
         self,
         num_envs: int = 1,
@@ -105,7 +109,7 @@ class OffroadBekkerVectorEnv(VectorEnv):
             raise InvalidParameter(f"num_envs must be at least 1, got {num_envs}")
         self.num_envs = int(num_envs)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.envs = [OffroadBekkerEnv(**options) for _ in range(self.num_envs)]
+        self.envs = [self.single(**options) for _ in range(self.num_envs)]
         first = self.envs[0]
         self.max_episode_steps = int(max_episode_steps)
         self._time_limit = first.scenario.time_limit
@@ -116,7 +120,7 @@ class OffroadBekkerVectorEnv(VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._layout = Layout(first.vehicle.steer_max, terrain=first.terrain_info != "none")
         self._period = period_full if first.model == "full" else period_paper
-        self._memory = Memory(self.num_envs)
+        self._memory = Memory(self.num_envs, first.sizes)
         for row, env in enumerate(self.envs):
             env.join(self._memory, row)
         count = _threads(threads, self.num_envs)

@@ -49,6 +49,7 @@ from offroad_env.physics.full_dynamics import (
     body_motion,
     resisting_torque,
     slope_motion,
+    unreacted_arm,
 )
 from offroad_env.physics.hooks import change_load
 from offroad_env.physics.record_operations import replace
@@ -294,7 +295,7 @@ def wheel_forces(
         F_s += lifted - place.spring.static_load
         pitch_lift += (lifted - place.spring.static_load) * lever.lift_pitch
         roll_lift += lifted * lever.lift_roll
-        pitch_push += forward * lever.push_pitch
+        pitch_push += forward * (lever.push_pitch - unreacted_arm(plant.structure, v.r))
         roll_push += side * lever.push_roll
     _turn_wheels(four, d)
     return FourWheelForces(worst, F_x, F_y, M_z, F_s, pitch_lift, roll_lift, pitch_push, roll_push)

@@ -36,6 +36,7 @@ from offroad_env.physics.records import (
     BodyForces,
     FloatArray,
     SpringState,
+    Structure,
     Vehicle,
     WheelMotion,
 )
@@ -51,6 +52,7 @@ __all__ = [
     "half_car_derivative",
     "resisting_torque",
     "slope_motion",
+    "unreacted_arm",
 ]
 
 
@@ -205,6 +207,18 @@ def body_forces(plant: Plant, x: FloatArray, traction: float, side: float, yawin
     return change_body_forces(plant.effects, forces, x, plant.vehicle)
 
 
+@inline_kernel
+def unreacted_arm(structure: Structure | None, r: float) -> float:
+    """By how much the lever of traction about the CG is shorter than from the ground [m].
+
+    Traction acts at the ground, and the body reacts to the shaft torque that makes it. Where shaft torques
+    come from outside, traction acts at the axle of a wheel of radius ``r`` [m].
+    """
+    if structure is None:
+        return 0.0
+    return structure.external_torque * r
+
+
 @kernel
 def half_car_derivative(
     x: FloatArray,
@@ -240,7 +254,8 @@ def half_car_derivative(
     a_z = pitch_acc = 0.0
     if plant.half_car > 0.5:
         a_z = lift / v.m
-        pitch_acc = (pitching + traction * v.h_cg) * pitch[1] / v.I_y
+        lever = v.h_cg - unreacted_arm(plant.structure, v.r)
+        pitch_acc = (pitching + traction * lever) * pitch[1] / v.I_y
     body_motion(v, x, yaw, forces, (a_z, pitch_acc), d, readings)
     actuators(v, x, command, d)
     readings[at.STATUS] = worst

@@ -279,6 +279,7 @@ class Structure(NamedTuple):
     elastic_modulus: float  #: slope of unloading and reloading [Pa/m]
     damping: float  #: pressure per downward speed of the rim [Pa s/m]
     grouser_height: float  #: radial height of the grousers beyond the wheel's radius [m]
+    external_torque: float  #: shaft torques come from outside: the body bears no reaction to them
     tyre: Tyre | None = None  #: flexible tyre; None = a rigid rim
 
 

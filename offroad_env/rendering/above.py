@@ -12,10 +12,12 @@ from offroad_env.physics import state as at
 from offroad_env.physics.path_geometry import PathTable, path_point
 from offroad_env.rendering.canvas import Canvas, number, rectangle, round_number, turned
 from offroad_env.rendering.history import History
+from offroad_env.rendering.soil import firmness, varies
 from offroad_env.rendering.style import (
     BODY,
     CAB,
     EDGE,
+    FIRM,
     FRONT,
     GOOD,
     GRID,
@@ -26,6 +28,7 @@ from offroad_env.rendering.style import (
     PANEL,
     REAR,
     RUT,
+    SOFT,
     SOIL_DARK,
     SOIL_LIGHT,
     TYRE,
@@ -39,6 +42,7 @@ _WHEELBASE = 2.72  # of `mrzr` [m], at which the scale of the map is _MAP_SCALE
 _MAP_SCALE = 24.0  # [pixels/m]
 _CELL = 10  # pixels of the map for one value of the terrain's shading
 _MOST_CELLS = 500_000
+_TINT, _FULL_TINT = 0.75, 0.4  # share of the tint where the logarithm of the pressure at 5 cm is off by that
 _ARROW_TIME = 0.5  # an arrow is where its axle gets to in this time [s]
 
 
@@ -52,6 +56,7 @@ class CourseDrawing:
         # A small vehicle is shown larger, a large one on more ground.
         self.scale = _MAP_SCALE * math.sqrt(_WHEELBASE / (vehicle.l_f + vehicle.l_r))
         self.view = np.array(MAP[2:]) / self.scale
+        self.soil_varies = varies(snapshot.plant)
         nodes = self.path.nodes
         self._ahead = 0.55 * float(self.view.min())
         margin = 0.5 * self.view + self._ahead + 1.0
@@ -78,6 +83,10 @@ class CourseDrawing:
         light = 0.5 + 0.13 * sum(part / max(float(part.std()), 1e-9) for part in (height, slope))
         light = np.clip(light, 0.0, 1.0)[::-1, :, None]
         shades = np.array(SOIL_DARK) + light * (np.array(SOIL_LIGHT) - np.array(SOIL_DARK))
+        if self.soil_varies:
+            firm = np.clip(firmness(snapshot.plant, X, Y) / _FULL_TINT, -1.0, 1.0)[::-1, :, None]
+            tint = np.where(firm > 0.0, np.array(FIRM), np.array(SOFT))
+            shades = shades + _TINT * np.abs(firm) * (tint - shades)
         image = pygame.image.frombuffer(shades.astype(np.uint8).tobytes(), tuple(cells), "RGB")
         shaded = pygame.Surface(image.get_size(), 0, 32)
         shaded.blit(image, (0, 0))
@@ -210,7 +219,12 @@ class MapView:
         x = canvas.text((x, bottom + 11), f"\u00b1{course.corridor:g} m", colour=EDGE) + 16
         x = canvas.text((x, bottom + 11), "wheel tracks", colour=(126, 98, 60)) + 16
         x = canvas.text((x, bottom + 11), f"way of the axles in {_ARROW_TIME:g} s:") + 6
-        canvas.words((x, bottom + 11), [("front", FRONT), ("rear", REAR)])
+        x = canvas.words((x, bottom + 11), [("front", FRONT), ("rear", REAR)])
+        if course.soil_varies:
+            canvas.box((left, bottom - 26, 300, 22), PANEL)
+            for place, colour, word in ((left + 8, SOFT, "softer soil"), (left + 122, FIRM, "firmer soil")):
+                canvas.box((place, bottom - 22, 18, 14), colour, MUTED)
+                canvas.text((place + 25, bottom - 15), word)
         length = round_number(130.0 / course.scale)
         right = MAP[0] + MAP[2] - 14
         start = right - length * course.scale

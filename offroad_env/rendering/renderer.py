@@ -164,6 +164,7 @@ class _Panels:
         canvas, middle = self.canvas, HEADER.top + HEADER.height // 2
         x = canvas.text((14, middle), f"OffroadBekker \u00b7 {snapshot.scenario.name}", size=30) + 22
         kind = "half-car" if snapshot.plant.half_car > 0.5 else "bicycle"
+        kind = kind if snapshot.plant.four_wheel is None else "four wheels"
         facts = f"{snapshot.model} model, {kind}   |   observation {_OBSERVED[snapshot.terrain_info]}"
         canvas.text((x, middle + 2), facts, size=22, colour=MUTED)
         canvas.text((1266, middle), f"t = {snapshot.time:.2f} s", size=28, anchor="midright")

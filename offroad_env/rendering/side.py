@@ -12,6 +12,7 @@ from offroad_env.environment.snapshot import Snapshot
 from offroad_env.physics import state as at
 from offroad_env.physics.contact_angles import entry_angle, wong_reece_angles
 from offroad_env.rendering.canvas import Canvas, number, round_number, turned
+from offroad_env.rendering.rear import REAR_WIDTH, RearView
 from offroad_env.rendering.style import (
     BODY,
     EDGE,
@@ -44,6 +45,7 @@ class AxlePlace(NamedTuple):
     sinkage: float  #: [m]
     airborne: bool
     readings: np.ndarray  #: (13,) of this axle
+    rut: float = 0.0  #: depth of the rut that the wheel runs into [m]
 
 
 def axle_place(snapshot: Snapshot, *, front: bool) -> AxlePlace:
@@ -60,7 +62,17 @@ def axle_place(snapshot: Snapshot, *, front: bool) -> AxlePlace:
         # The spring has given all its static load: the wheel hangs that far below its static place.
         bottom = max(bottom, mount - static_loads(vehicle)[0 if front else 1] / stiffness)
     name, colour = ("front", FRONT) if front else ("rear", REAR)
-    return AxlePlace(name, colour, arm, ground, bottom, mount, sinkage, bool(airborne), readings)
+    rut = rut_ahead(snapshot, front=front)
+    return AxlePlace(name, colour, arm, ground, bottom, mount, sinkage, bool(airborne), readings, rut)
+
+
+def rut_ahead(snapshot: Snapshot, *, front: bool) -> float:
+    """Depth [m] of the rut that an axle's wheels run into, of the share of their width that is on it."""
+    structure = snapshot.plant.structure
+    if front or structure is None or structure.ruts < 0.5:
+        return 0.0
+    rows = snapshot.contact[len(snapshot.contact) // 2 :]
+    return float(np.mean(rows[:, at.RUT_SHARE] * rows[:, at.RUT_DEPTH]))
 
 
 class SideView:
@@ -71,6 +83,7 @@ class SideView:
 
     def __init__(self, canvas: Canvas) -> None:
         self.canvas = canvas
+        self._rear = RearView(canvas)
         self._turned = np.zeros(2)  # how far the front and rear wheels have turned [rad]
         self._time = 0.0
 
@@ -87,6 +100,9 @@ class SideView:
         canvas.text((left + 8, top + 13), "Side view", size=20)
         self._write_posture(snapshot, axles)
         whole = Box(left + 1, top + 24, width - 2, height - self._ENLARGED - 34)
+        if len(snapshot.state) > at.STATE_SIZE:
+            self._rear.draw(snapshot, whole._replace(left=left + width - 1 - REAR_WIDTH, width=REAR_WIDTH))
+            whole = whole._replace(width=whole.width - REAR_WIDTH - 4)
         self._draw_whole(snapshot, axles, whole)
         half = (width - 24) // 2
         for i, axle in enumerate(axles):
@@ -234,10 +250,14 @@ class SideView:
         line = heights(snapshot.course.ground, X, Y) - axle.ground
         if axle.sinkage > 0.0:
             r = plant.vehicle.r
-            theta_f = entry_angle(axle.sinkage, r)
-            theta_r = wong_reece_angles(plant.soil, float(axle.readings[at.SLIP])).r * theta_f
-            rut = axle.sinkage - r * (1.0 - math.cos(theta_r))
             ahead = way * x
+            line = np.where(ahead > 0.0, line - axle.rut, line)
+            theta_f = entry_angle(max(axle.sinkage - axle.rut, 0.0), r)
+            # From a point's own sinkage the soil springs back by less than could be drawn.
+            elastic = plant.structure is not None and plant.structure.own_sinkage > 0.5
+            share = 0.0 if elastic else wong_reece_angles(plant.soil, float(axle.readings[at.SLIP])).r
+            theta_r = share * theta_f
+            rut = axle.sinkage - r * (1.0 - math.cos(theta_r))
             inside = np.clip(ahead, r * math.sin(theta_r), r * math.sin(theta_f))
             arc = r - np.sqrt(r * r - inside * inside) - axle.sinkage
             behind = ahead < r * math.sin(theta_r)

@@ -18,6 +18,7 @@ __all__ = [
     "ESTIMATE",
     "ESTIMATE_BAND",
     "EXPONENT",
+    "FIRM",
     "FRAME_SIZE",
     "FRONT",
     "GOOD",
@@ -33,6 +34,7 @@ __all__ = [
     "REAR",
     "RUT",
     "SIDE",
+    "SOFT",
     "SOIL",
     "SOIL_DARK",
     "SOIL_LIGHT",
@@ -68,6 +70,8 @@ PRIOR_BAND = (222, 222, 228)
 BODY, CAB, TYRE = (84, 94, 110), (176, 188, 202), (34, 36, 40)
 SOIL_LIGHT, SOIL_DARK, SOIL, RUT = (232, 218, 190), (176, 154, 118), (205, 184, 146), (150, 122, 84)
 EDGE = (122, 74, 30)
+#: Soil that is softer or firmer than the base soil.
+SOFT, FIRM = (96, 82, 132), (246, 240, 150)
 GOOD, BAD = (0, 128, 94), (190, 60, 0)
 
 HEADER = Box(0, 0, 1280, 44)

@@ -23,6 +23,7 @@ LAWS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "ruts": ("none", "pressure", "pressure_and_shear"),
         "width": ("rim", "hull"),
         "slip_sinkage": ("none", "linear", "lyasko"),
+        "shaft_torque": ("reacted", "external"),
     }
 )
 
@@ -33,13 +34,14 @@ _GRID = {
     "ruts": "pressure_and_shear",
 }
 #: Presets: what departs from the first options. "paper" and "full" are the two rigid rims with Wong-Reece
-#: angles; "grid" does what soil on a grid of nodes does (Project Chrono's SCM), the hull's width included;
-#: "field" is the same without that artefact and with slip sinkage.
+#: angles; "grid" does what simulated vehicles on a grid of soil nodes do (Project Chrono's SCM), with two
+#: artefacts: the hull's width, and torques on the wheels to which no body reacts; "field" is the same without
+#: these and with slip sinkage.
 STRUCTURES: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
         "paper": {"strength": "independent"},
         "full": {},
-        "grid": {**_GRID, "width": "hull"},
+        "grid": {**_GRID, "width": "hull", "shaft_torque": "external"},
         "field": {**_GRID, "slip_sinkage": "lyasko"},
     }
 )
@@ -49,9 +51,10 @@ LADDER: tuple[str, ...] = (
     "full",
     "full,pressure_direction=ground_normal",
     "full,pressure_direction=ground_normal,pressure_from=own_sinkage",
-    "grid,ruts=none,width=rim",
-    "grid,ruts=none",
-    "grid,ruts=pressure",
+    "grid,shaft_torque=reacted,ruts=none,width=rim",
+    "grid,shaft_torque=reacted,ruts=none",
+    "grid,shaft_torque=reacted,ruts=pressure",
+    "grid,shaft_torque=reacted",
     "grid",
 )
 
@@ -123,6 +126,7 @@ def make_structure(
         elastic_modulus=_within("elastic_modulus", elastic_modulus, 1e6, 1e11, "Pa/m, not kPa/m?"),
         damping=_within("damping", damping, 0.0, 1e7, "Pa s/m?"),
         grouser_height=_within("grouser_height", grouser_height, 0.0, 0.2, "in mm?"),
+        external_torque=_flag(chosen["shaft_torque"] == "external"),
     )
 
 
@@ -178,6 +182,7 @@ def structure_laws(structure: Structure) -> dict[str, str]:
         "ruts": ruts,
         "width": LAWS["width"][int(structure.hull)],
         "slip_sinkage": LAWS["slip_sinkage"][int(structure.slip_sinkage)],
+        "shaft_torque": LAWS["shaft_torque"][int(structure.external_torque)],
     }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from offroad_env.physics import state as at
 from offroad_env.physics.axle import contact_shape
 from offroad_env.simulation.fleet import make_fleet, simulate_fleet_commands
 from offroad_env.simulation.simulator import make_plant, settled_state, simulate_commands
@@ -51,3 +52,20 @@ def test_a_fleet_with_ruts_drives_as_its_vehicles_alone():
     for i in range(2):
         alone = simulate_commands(plant, x, warm, commands[i])
         np.testing.assert_array_equal(together.states[:, i], alone.states)
+
+
+@pytest.mark.parametrize("vehicle_model", ["half_car", "four_wheel"])
+def test_a_shaft_torque_from_outside_unloads_the_front_less(vehicle_model):
+    """By T / L = F_x r / L, as the equilibrium of the whole vehicle has it."""
+    loads, pulls, v = {}, {}, VEHICLES["mrzr"]
+    for shaft in ("reacted", "external"):
+        structure = make_structure("grid", shaft_torque=shaft)
+        plant = make_plant(v, SOILS["lete_sand"], flat(), structure=structure, vehicle_model=vehicle_model)
+        x, warm = settled_state(plant, v_x=3.0)
+        run = simulate_commands(plant, x, warm, np.tile([0.0, 1500.0, 0.0], (60, 1)))
+        front, rear = run.readings[-25:, : at.AXLE], run.readings[-25:, at.AXLE : 2 * at.AXLE]
+        loads[shaft] = front[:, at.N].mean()
+        pulls[shaft] = (front[:, at.F_L] + rear[:, at.F_L]).mean()
+    expected = v.r * pulls["external"] / (v.l_f + v.l_r)
+    less = (pulls["reacted"] - pulls["external"]) * v.h_cg / (v.l_f + v.l_r)
+    assert loads["external"] - loads["reacted"] == pytest.approx(expected + less, rel=0.1)
