@@ -63,6 +63,11 @@ STUDIES: dict[str, tuple[str, str, str]] = {
         "RigFaultDetection",
         "the same on wheel rigs; the measured soil bin",
     ),
+    "tyre": (
+        "tyres",
+        "TyreStudy",
+        "the flexible tyre against published stiffness, ruts, resistance and pull",
+    ),
     "model_mismatch": ("model_mismatch", "Mismatches", "filters whose model is wrong: error, coverage, flag"),
 }
 

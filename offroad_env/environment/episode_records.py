@@ -269,7 +269,7 @@ class Memory:
         self.structure: Structure | None = None
         #: What four wheels have beyond two axles, the same in all episodes.
         self.four_wheel: FourWheel | None = None
-        #: Natural soil with the waves of all episodes (count SOIL_WAVES, 8); None where soil is uniform.
+        #: Natural soil with the waves of all episodes, one after the other; None where soil is uniform.
         self.soil_field: SoilField | None = None
 
     def mount(self, row: int, sensors: SensorSuite) -> None:
@@ -308,7 +308,7 @@ class Memory:
         self.structure, self.four_wheel, episode = plant.structure, plant.four_wheel, self.episodes[row]
         if plant.soil_field is not None:
             if self.soil_field is None:
-                waves = np.zeros((len(self.episodes) * SOIL_WAVES, 8))
+                waves = np.zeros((len(self.episodes) * SOIL_WAVES, plant.soil_field.waves.shape[1]))
                 self.soil_field = plant.soil_field._replace(waves=waves)
             self.soil_field.waves[row * SOIL_WAVES : (row + 1) * SOIL_WAVES] = plant.soil_field.waves
         episode["ds"] = path.ds

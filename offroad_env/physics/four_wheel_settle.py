@@ -19,7 +19,7 @@ from offroad_env.physics.four_wheel_dynamics import note_motions, noted_motion, 
 from offroad_env.physics.four_wheel_geometry import attitude, four_wheels, one_wheel, wheel_place, wheel_row
 from offroad_env.physics.numerics import GRAVITY, sin_cos
 from offroad_env.physics.records import FloatArray
-from offroad_env.physics.rolling import Rolling, come_straight, rest_reaction, rolling_rim
+from offroad_env.physics.rolling import Rolling, come_straight, lowered_by, rest_reaction, rolling_rim
 from offroad_env.physics.ruts import Place, follow_rut
 
 __all__ = ["settle_four_wheels"]
@@ -58,7 +58,8 @@ def _roll_wheels(
         if wheel < 2:
             place = Place(rolling.motion.x, rolling.motion.y, sin_cos(x[at.YAW]))
             come_straight(plant.structure, warm[wheel], place, seen[at.SINKAGE], v.l_f + v.l_r)
-        heights[wheel], rates[wheel] = rolling.motion.H - seen[at.SINKAGE], rolling.motion.H_dot
+        lowered = lowered_by(wheel_plant, loads[wheel], seen)
+        heights[wheel], rates[wheel] = rolling.motion.H - lowered, rolling.motion.H_dot
     for axle in range(2):
         lock = four.lock_f if axle == 0 else four.lock_r
         x[at.OMEGA_F + axle] = 0.5 * (spins[2 * axle] + spins[2 * axle + 1])

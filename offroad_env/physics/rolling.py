@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
-from offroad_env.physics.axle import AxleMotion, AxleReaction, AxleStance, Plant, axle_contact
+from offroad_env.physics.axle import AxleMotion, AxleReaction, AxleStance, Plant, axle_contact, soil_under
 from offroad_env.physics.contact import Support
-from offroad_env.physics.records import FloatArray, Structure, WheelMotion
+from offroad_env.physics.records import FloatArray, Structure, Wheel, WheelMotion
 from offroad_env.physics.ruts import Place, prefill_track, track_spacing
+from offroad_env.physics.structured_contact import deflection_on_soil
 
-__all__ = ["Rolling", "come_straight", "rest_reaction", "rolling_rim"]
+__all__ = ["Rolling", "come_straight", "lowered_by", "rest_reaction", "rolling_rim"]
 
 
 class Rolling(NamedTuple):
@@ -80,3 +82,17 @@ def come_straight(
     if structure is None:
         return
     prefill_track(structure, row, place, sinkage, track_spacing(wheelbase))
+
+
+@inline_kernel
+def lowered_by(plant: Plant, load: float, seen: FloatArray) -> float:
+    """How far a hub at rest under an axle's ``load`` [N] lies below its height on hard ground [m].
+
+    ``seen``: its readings. Sinkage, and the deflection of a tyre.
+    """
+    v = plant.vehicle
+    f = deflection_on_soil(
+        plant.structure, soil_under(plant, seen), Wheel(v.r, v.b), load / v.wheels_per_axle
+    )
+    lowered: float = seen[at.SINKAGE] + f
+    return lowered

@@ -18,16 +18,14 @@ from offroad_env.physics.axle import (
     Velocity,
     axle_motion,
     contact_columns,
-    soil_under,
     static_loads,
 )
 from offroad_env.physics.contact import CONTACT
 from offroad_env.physics.numerics import sin_cos
-from offroad_env.physics.records import FloatArray, Wheel
-from offroad_env.physics.rolling import Rolling, come_straight, rest_reaction, rolling_rim
+from offroad_env.physics.records import FloatArray
+from offroad_env.physics.rolling import Rolling, come_straight, lowered_by, rest_reaction, rolling_rim
 from offroad_env.physics.ruts import Place, follow_rut
 from offroad_env.physics.slip import constant_slip_rim
-from offroad_env.physics.structured_contact import deflection_on_soil
 
 __all__ = ["settle"]
 
@@ -63,10 +61,7 @@ def settle(
             rim = constant_slip_rim(plant.slip, motion.u_l)
         worst = max(worst, rest_reaction(plant, axle, rim, warm[i], seen).status)
         x[at.OMEGA_F + i] = rim / v.r
-        soil = soil_under(plant, seen)
-        load = axle.N_0 / v.wheels_per_axle
-        lowered = seen[at.SINKAGE] + deflection_on_soil(plant.structure, soil, Wheel(v.r, v.b), load)
-        heights[i], rates[i] = motion.H - lowered, motion.H_dot
+        heights[i], rates[i] = motion.H - lowered_by(plant, axle.N_0, seen), motion.H_dot
         if i == 0:
             place = Place(motion.x, motion.y, direction)
             come_straight(plant.structure, warm[0], place, seen[at.SINKAGE], v.l_f + v.l_r)

@@ -1,0 +1,1 @@
+"""The flexible tyre against published numbers: stiffness, ruts, resistance, pull over inflation pressure."""
