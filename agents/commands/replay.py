@@ -43,7 +43,7 @@ class ReplayCommand(Results):
 
     logs: Positional[tuple[Path, ...]]  #: logs: CSV or Parquet with a YAML of the same name, or ROS bags
     structure: tuple[str, ...] = ("full", "grid")  #: laws, "grid,ruts=none", all, ladder, leave_one_out
-    vehicle_model: tuple[str, ...] = ("half_car",)  #: half_car, bicycle
+    vehicle_model: tuple[str, ...] = ("half_car",)  #: half_car, four_wheel, bicycle
     window: float = 4.0  #: length of a window [s]
     hold: Literal["stated", "zoh", "linear"] = "stated"  #: how inputs go on between their rows
     jobs: int = 2  #: local processes; the results do not depend on it

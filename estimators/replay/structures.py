@@ -41,7 +41,7 @@ _TITLES: Mapping[str, str] = MappingProxyType(
         "grid,ruts=none,width=rim": "+ shear as soil path",
         "grid,ruts=none": "+ hull width: no ruts",
         "grid,ruts=pressure": "+ ruts: no kept shear",
-        "grid": "+ kept shear: grid",
+        "grid": "grid (+ kept shear)",
         "grid,pressure_direction=rim_normal": "grid, rim normal",
         "grid,pressure_from=wong_reece,ruts=none": "grid, Wong-Reece",
         "grid,shear=wheel_frame,ruts=pressure": "grid, shear along rim",

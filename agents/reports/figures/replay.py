@@ -8,15 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from estimators.replay.replay import CHANNELS, Replay
 from estimators.replay.structures import title_of
 
 __all__ = ["replay_figure"]
 
-#: Okabe & Ito, the strongest contrasts first; more models than colours repeat them with other lines.
-_COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D31")
+#: A colour for each structure, Okabe & Ito, the strongest contrasts first; a line for each vehicle model.
+_COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D31", "#7F7F7F")
 _LINES = ("-", "--", ":")
 _PANELS = {
     "v_x": "forward speed v_x", "v_y": "side speed v_y", "yaw_rate": "yaw rate", "omega_f": "front wheels ω",
@@ -47,7 +47,7 @@ def replay_figure(groups: Sequence[Replay]) -> Figure:
         if i == 0:
             bars.set_yticks(range(count), [_title(group) for group in groups], fontsize=9)
             for label, k in zip(bars.get_yticklabels(), range(count), strict=True):
-                label.set_color(_COLOURS[k % len(_COLOURS)])
+                label.set_color(_style(groups, k)[0])
         else:
             bars.set_yticks([])
     first = groups[0]
@@ -59,6 +59,14 @@ def replay_figure(groups: Sequence[Replay]) -> Figure:
         ha="left",
     )
     return figure
+
+
+def _style(groups: Sequence[Replay], k: int) -> tuple[str, str]:
+    """(colour, line) of a group: by its structure and by its vehicle model, in the order of their coming."""
+    structures = list(dict.fromkeys(group.structure for group in groups))
+    models = list(dict.fromkeys(group.vehicle_model for group in groups))
+    colour = _COLOURS[structures.index(groups[k].structure) % len(_COLOURS)]
+    return colour, _LINES[models.index(groups[k].vehicle_model) % len(_LINES)]
 
 
 def _title(group: Replay) -> str:
@@ -86,7 +94,9 @@ def _draw_bars(axes: Axes, groups: Sequence[Replay], name: str, best: int) -> No
     for k, error in enumerate(errors):
         if not math.isfinite(error):
             continue
-        axes.barh(k, max(error, _SPAN * largest), height=0.7, color=_COLOURS[k % len(_COLOURS)])
+        colour, line = _style(groups, k)
+        hatch = "" if line == _LINES[0] else "////"
+        axes.barh(k, max(error, _SPAN * largest), height=0.7, color=colour, hatch=hatch, edgecolor="white")
         star = " ★" if k == best and len(groups) > 1 else ""
         weight = "bold" if star else "normal"
         axes.text(error + 0.03 * largest, k, f"{error:.3g}{star}", va="center", fontsize=9, fontweight=weight)
@@ -97,9 +107,11 @@ def _draw_growth(axes: Axes, groups: Sequence[Replay], name: str) -> None:
         growth = group.growth[name]
         if not np.isfinite(growth).any():
             continue
-        line = _LINES[(k // len(_COLOURS)) % len(_LINES)]
-        axes.plot(group.t, growth, color=_COLOURS[k % len(_COLOURS)], ls=line, lw=1.6)
+        colour, line = _style(groups, k)
+        axes.plot(group.t, growth, color=colour, ls=line, lw=1.6)
     axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
     # The first instants, where an error is only that of the start, must not stretch the scale.
     values = np.concatenate([group.growth[name][group.t >= _SETTLED * group.window_s] for group in groups])
