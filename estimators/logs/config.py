@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from offroad_env.physics.records import Ground, Soil, Vehicle, Wheel
+from offroad_env.physics.records import FourWheel, Ground, Soil, Vehicle, Wheel
 from offroad_env.world.terrain import flat, paper_terrain
 
 __all__ = [
@@ -100,6 +100,7 @@ class LogConfig:
     drivetrain: str = "torque"  #: "force" or "torque"
     slip: float = 0.0  #: constant slip of the paper's model [-]
     vehicle: Vehicle | None = None
+    four_wheel: FourWheel | None = None  #: what a vehicle with two wheels an axle has for `four_wheel`
     wheel: Wheel | None = None
     terrain: TerrainSpec = field(default_factory=lambda: TerrainSpec(kind="flat"))
     imu: ImuSpec | None = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import cast
 
 from estimators.logs.config import (
     RIGID_KEYS,
@@ -20,14 +21,15 @@ from estimators.logs.schema import nearest
 from estimators.logs.yaml_sections import Section, shown
 from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.physics.numerics import GRAVITY
-from offroad_env.physics.records import Soil, Vehicle, Wheel
+from offroad_env.physics.records import FourWheel, Soil, Vehicle, Wheel
 from offroad_env.simulation.simulator import MODELS
 from offroad_env.world.catalogue import Quantity
+from offroad_env.world.four_wheel import FOUR_WHEEL_FIELDS, FourWheelFields, make_four_wheel
 from offroad_env.world.soils import make_soil
 from offroad_env.world.structures import read_structure
 from offroad_env.world.vehicles import make_vehicle, make_wheel
 
-__all__ = ["parse_config"]
+__all__ = ["parse_config", "stated_four_wheel"]
 
 _DRIVETRAINS = ("force", "torque")
 _HOLDS = ("zoh", "linear")
@@ -70,12 +72,14 @@ def parse_config(top: Section, *, rig: bool) -> LogConfig:
     if rig:
         config = _rig_config(top, units)
     else:
+        vehicle, four_wheel = _vehicle(top.section("vehicle"))
         config = LogConfig(
             model=top.choice("model", MODELS),
             structure=_structure(top),
             drivetrain=top.choice("drivetrain", _DRIVETRAINS),
             slip=top.number("slip", _SLIP, 0.0),
-            vehicle=_vehicle(top.section("vehicle")),
+            vehicle=vehicle,
+            four_wheel=four_wheel,
             soil=_soil(top.section("soil")),
             terrain=_terrain(top.section("terrain")),
             imu=_imu(top.section("imu")),
@@ -152,7 +156,7 @@ def _rig_config(top: Section, units: tuple[tuple[str, str], ...]) -> LogConfig:
 def _refused(section: Section, error: InvalidParameter) -> DataError:
     """The refusal of a factory with the place in the file; its message starts with the name of the field."""
     sentence, field_name = str(error), str(error).split()[0]
-    if field_name in (*Vehicle._fields, *Soil._fields):
+    if field_name in (*Vehicle._fields, *FOUR_WHEEL_FIELDS, *Soil._fields):
         return section.error(section.name(sentence), field_name)
     return section.error(f"{section.name('')[:-1]}: {sentence}")
 
@@ -164,17 +168,29 @@ def _wheel(section: Section) -> Wheel:
         raise _refused(section, error) from None
 
 
-def _vehicle(section: Section) -> Vehicle:
+def _vehicle(section: Section) -> tuple[Vehicle, FourWheel | None]:
     given = {name: section.number(name, _ANY) for name in _NEEDED_VEHICLE}
     given["wheels_per_axle"] = section.number("wheels_per_axle", _ANY, 2.0)
     for name in Vehicle._fields:
         if name not in given and (value := section.number(name, _ANY, None)) is not None:
             given[name] = value
+    fields = {name: section.number(name, _ANY, None) for name in FOUR_WHEEL_FIELDS}
+    stated = {name: value for name, value in fields.items() if value is not None}
     section.finish()
     try:
-        return make_vehicle(None, **(_assumed(given) | given))
+        vehicle = make_vehicle(None, **(_assumed(given) | given))
+        return vehicle, stated_four_wheel(vehicle, cast("FourWheelFields", stated))
     except InvalidParameter as error:
         raise _refused(section, error) from None
+
+
+def stated_four_wheel(vehicle: Vehicle, fields: FourWheelFields) -> FourWheel | None:
+    """What the log states of a vehicle with four wheels; None for one wheel an axle."""
+    if vehicle.wheels_per_axle != 2.0:
+        if fields:
+            raise InvalidParameter(f"{next(iter(fields))} needs wheels_per_axle 2")
+        return None
+    return make_four_wheel(vehicle, **fields)
 
 
 def _assumed(given: Mapping[str, float]) -> dict[str, float]:

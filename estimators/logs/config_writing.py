@@ -7,7 +7,9 @@ from typing import Any
 import yaml
 
 from estimators.logs.config import RIGID_KEYS, SOIL_KEYS, LogConfig, StartSpec, TerrainSpec
+from estimators.logs.config_parsing import stated_four_wheel
 from offroad_env.errors import DataError
+from offroad_env.world.four_wheel import stated_fields
 
 __all__ = ["config_yaml"]
 
@@ -31,7 +33,7 @@ def _as_mapping(config: LogConfig) -> dict[str, Any]:
         "model": config.model,
         "drivetrain": config.drivetrain,
         "slip": config.slip,
-        "vehicle": config.vehicle._asdict(),
+        "vehicle": {**config.vehicle._asdict(), **_four_wheel_mapping(config)},
         "soil": ground,
         "terrain": _terrain_mapping(config.terrain),
         "imu": {
@@ -50,6 +52,14 @@ def _as_mapping(config: LogConfig) -> dict[str, Any]:
     if config.unknown:
         mapping["unknown"] = list(config.unknown)
     return mapping
+
+
+def _four_wheel_mapping(config: LogConfig) -> dict[str, Any]:
+    """What the vehicle states of four wheels beyond the rules."""
+    if config.vehicle is None or config.four_wheel is None:
+        return {}
+    default = stated_four_wheel(config.vehicle, {})
+    return {} if default is None else dict(stated_fields(config.four_wheel, config.vehicle, default))
 
 
 def _terrain_mapping(terrain: TerrainSpec) -> dict[str, Any]:

@@ -101,4 +101,5 @@ def plant_for(log: Log, case: Case) -> Plant:
         config.terrain.ground(),
         vehicle_model=case.vehicle_model,
         structure=case.structure,
+        four_wheel=config.four_wheel if case.vehicle_model == "four_wheel" else None,
     )

@@ -11,7 +11,7 @@ from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import FourWheel, Vehicle
 from offroad_env.world.catalogue import Quantity, given_fields
 
-__all__ = ["FOUR_WHEEL_FIELDS", "FourWheelFields", "make_four_wheel"]
+__all__ = ["FOUR_WHEEL_FIELDS", "FourWheelFields", "make_four_wheel", "stated_fields"]
 
 _MILLIMETRES = "mm given as m"
 _DEGREES = "degrees"
@@ -187,6 +187,17 @@ def _completed(vehicle: Vehicle, values: dict[str, float]) -> FourWheel:
             values.pop(f"roll_stiffness_{axle}") - 0.25 * k * values[f"track_{axle}"] ** 2
         )
     return FourWheel(**values)
+
+
+def stated_fields(record: FourWheel, vehicle: Vehicle, default: FourWheel) -> FourWheelFields:
+    """The fields from which `make_four_wheel` makes a record; those that ``default`` has too are left out."""
+    fields = {name: value for name, value in record._asdict().items() if value != getattr(default, name)}
+    for axle, k in (("f", vehicle.k_f), ("r", vehicle.k_r)):
+        track, bar = getattr(record, f"track_{axle}"), getattr(record, f"anti_roll_{axle}")
+        if bar < 0.0:
+            fields[f"anti_roll_{axle}"] = 0.0
+            fields[f"roll_stiffness_{axle}"] = 0.25 * k * track**2 + bar
+    return cast("FourWheelFields", fields)
 
 
 def _check_size(vehicle: Vehicle, values: Mapping[str, float]) -> None:

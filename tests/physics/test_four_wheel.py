@@ -17,6 +17,7 @@ from offroad_env.physics.records import Ground
 from offroad_env.simulation.fleet import make_fleet, simulate_fleet_commands
 from offroad_env.simulation.simulator import FULL_STEP, make_plant, settled_state, simulate_commands
 from offroad_env.world.four_wheel import make_four_wheel
+from offroad_env.world.four_wheel_vehicles import FOUR_WHEEL_VEHICLES
 from offroad_env.world.soils import SOILS, make_soil
 from offroad_env.world.terrain import flat, grade, paper_terrain
 from offroad_env.world.vehicles import VEHICLES, make_vehicle
@@ -314,3 +315,13 @@ def test_what_cannot_be_is_refused():
         make_plant(CAR, SOILS["clay"], grade(0.1), four_wheel=make_four_wheel(CAR))
     with pytest.raises(InvalidParameter, match="model"):
         make_plant(CAR, SOILS["clay"], flat(), model="paper", vehicle_model="four_wheel")
+
+
+@pytest.mark.parametrize("name", list(FOUR_WHEEL_VEHICLES))
+def test_every_vehicle_of_the_catalogue_drives_and_turns_left(name):
+    vehicle, record = FOUR_WHEEL_VEHICLES[name]
+    plant = make_plant(vehicle, SOILS["clay"], flat(), vehicle_model="four_wheel", four_wheel=record)
+    turn = 0.3 * vehicle.steer_max
+    end = run(plant, held(turn, 0.3 * vehicle.drive_torque_max, 0.0), v_x=2.0).states[-1]
+    assert end[at.X] > 2.0
+    assert end[at.YAW] > 0.05
