@@ -100,7 +100,7 @@ class LogConfig:
     drivetrain: str = "torque"  #: "force" or "torque"
     slip: float = 0.0  #: constant slip of the paper's model [-]
     vehicle: Vehicle | None = None
-    four_wheel: FourWheel | None = None  #: what a vehicle with two wheels an axle has for `four_wheel`
+    four_wheel: FourWheel | None = None  #: what is stated of four wheels; None = the rules
     wheel: Wheel | None = None
     terrain: TerrainSpec = field(default_factory=lambda: TerrainSpec(kind="flat"))
     imu: ImuSpec | None = None

@@ -29,7 +29,7 @@ from offroad_env.world.soils import make_soil
 from offroad_env.world.structures import read_structure
 from offroad_env.world.vehicles import make_vehicle, make_wheel
 
-__all__ = ["parse_config", "stated_four_wheel"]
+__all__ = ["parse_config"]
 
 _DRIVETRAINS = ("force", "torque")
 _HOLDS = ("zoh", "linear")
@@ -179,18 +179,14 @@ def _vehicle(section: Section) -> tuple[Vehicle, FourWheel | None]:
     section.finish()
     try:
         vehicle = make_vehicle(None, **(_assumed(given) | given))
-        return vehicle, stated_four_wheel(vehicle, cast("FourWheelFields", stated))
+        return vehicle, _four_wheel(vehicle, cast("FourWheelFields", stated))
     except InvalidParameter as error:
         raise _refused(section, error) from None
 
 
-def stated_four_wheel(vehicle: Vehicle, fields: FourWheelFields) -> FourWheel | None:
-    """What the log states of a vehicle with four wheels; None for one wheel an axle."""
-    if vehicle.wheels_per_axle != 2.0:
-        if fields:
-            raise InvalidParameter(f"{next(iter(fields))} needs wheels_per_axle 2")
-        return None
-    return make_four_wheel(vehicle, **fields)
+def _four_wheel(vehicle: Vehicle, fields: FourWheelFields) -> FourWheel | None:
+    """What the log states of a vehicle with four wheels; None where it states nothing."""
+    return make_four_wheel(vehicle, **fields) if fields else None
 
 
 def _assumed(given: Mapping[str, float]) -> dict[str, float]:

@@ -7,9 +7,8 @@ from typing import Any
 import yaml
 
 from estimators.logs.config import RIGID_KEYS, SOIL_KEYS, LogConfig, StartSpec, TerrainSpec
-from estimators.logs.config_parsing import stated_four_wheel
 from offroad_env.errors import DataError
-from offroad_env.world.four_wheel import stated_fields
+from offroad_env.world.four_wheel import make_four_wheel, stated_fields
 
 __all__ = ["config_yaml"]
 
@@ -58,8 +57,8 @@ def _four_wheel_mapping(config: LogConfig) -> dict[str, Any]:
     """What the vehicle states of four wheels beyond the rules."""
     if config.vehicle is None or config.four_wheel is None:
         return {}
-    default = stated_four_wheel(config.vehicle, {})
-    return {} if default is None else dict(stated_fields(config.four_wheel, config.vehicle, default))
+    default = make_four_wheel(config.vehicle)
+    return dict(stated_fields(config.four_wheel, config.vehicle, default))
 
 
 def _terrain_mapping(terrain: TerrainSpec) -> dict[str, Any]:
