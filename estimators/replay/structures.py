@@ -24,6 +24,7 @@ _LEAVE_ONE_OUT = (
     "grid,ruts=pressure",
     "grid,ruts=none",
     "grid,width=rim",
+    "grid,shaft_torque=reacted",
 )
 #: Names that stand for several structures.
 GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -38,10 +39,11 @@ _TITLES: Mapping[str, str] = MappingProxyType(
     {
         "full,pressure_direction=ground_normal": "+ along ground normal",
         "full,pressure_direction=ground_normal,pressure_from=own_sinkage": "+ own sinkage",
-        "grid,ruts=none,width=rim": "+ shear as soil path",
-        "grid,ruts=none": "+ hull width: no ruts",
-        "grid,ruts=pressure": "+ ruts: no kept shear",
-        "grid": "grid (+ kept shear)",
+        "grid,shaft_torque=reacted,ruts=none,width=rim": "+ shear as soil path",
+        "grid,shaft_torque=reacted,ruts=none": "+ hull width",
+        "grid,shaft_torque=reacted,ruts=pressure": "+ ruts",
+        "grid,shaft_torque=reacted": "+ kept shear",
+        "grid": "grid (shafts driven from outside)",
         "grid,pressure_direction=rim_normal": "grid, rim normal",
         "grid,pressure_from=wong_reece,ruts=none": "grid, Wong-Reece",
         "grid,shear=wheel_frame,ruts=pressure": "grid, shear along rim",
