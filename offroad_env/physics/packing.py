@@ -21,9 +21,8 @@ __all__ = ["PackedPlant", "pack", "unpack"]
 class PackedPlant(NamedTuple):
     """A `Plant` as arrays."""
 
-    numbers: (
-        FloatArray  #: (51,) every float of the plant but those of its structure, in the order of its records
-    )
+    #: (N,) every float of the plant but those of its optional records, in the order of its records
+    numbers: FloatArray
     waves: FloatArray
     patches: FloatArray
     effects: FloatArray | None

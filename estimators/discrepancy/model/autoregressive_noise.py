@@ -71,10 +71,6 @@ class ChannelNoise:
         """
         total = sum(len(piece) for piece in pieces)
         longest = max(len(piece) for piece in pieces)
-        # Noise has no mean: what a sensor's bias leaves in the residuals is not to pass for a long memory,
-        # which would hide the bias from every test.
-        mean = sum(float(piece.sum()) for piece in pieces) / total
-        pieces = [piece - mean for piece in pieces]
         limit = min(_ORDER, int(_ORDER_SHARE * longest)) if order is None else order
         covariance = np.zeros(limit + 1)
         for lag in range(limit + 1):
