@@ -68,11 +68,12 @@ def test_the_papers_vehicle_runs_again_on_the_same_path():
     for command in commands_at(log, log.t[:-1] + 1e-6):
         paper_advance(x, warm, tuple(command.tolist()), plant, FULL_STEP, 2, readings)
         states.append(x.copy())
-    known = ~np.isnan(log.references["ref_x"])
+    # Once it has come to rest, it chatters: the model divides by its speed, and last bits grow.
+    moving = log.references["ref_v_x"] > 0.1
+    assert moving.sum() > 80
     for name in ("ref_x", "ref_y", "ref_yaw", "ref_v_x"):
-        found = np.array(states)[known, REFERENCES[name]]
-        # The brakes bring it to rest, where the model divides by its speed: last bits grow to some 1e-6.
-        assert found == pytest.approx(log.references[name][known], abs=1e-5), name
+        found = np.array(states)[moving, REFERENCES[name]]
+        assert found == pytest.approx(log.references[name][moving], abs=1e-9), name
 
 
 def test_a_log_holds_what_the_sensors_said_and_no_more():
