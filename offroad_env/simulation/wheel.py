@@ -21,6 +21,7 @@ from offroad_env.physics.structured_contact import (
     exit_angle,
     reaction_at_sinkage,
 )
+from offroad_env.world.soil_fields import require_positive_modulus
 from offroad_env.world.structures import read_structure
 from offroad_env.world.tyres import read_tyre, require_fitting_tyre, with_tyre
 
@@ -143,6 +144,7 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     shear: str = "independent",
     structure: str | Structure | None = None,
     tyre: str | Tyre | None = None,
+    errors: str = "raise",
 ) -> WheelForces:
     """Forces of a wheel on soil, at a given load or a given sinkage.
 
@@ -171,6 +173,8 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     tyre : str or Tyre, optional
         A flexible tyre, by its name in `world.tyres.TYRES` or from `make_tyre`, with ``structure`` "grid" or
         "field"; slip then refers to its effective rolling radius. None: a rigid rim.
+    errors : {"raise", "nan"}
+        What becomes of loads that the soil cannot carry: "raise" refuses all, "nan" gives NaN in their place.
 
     Returns
     -------
@@ -182,7 +186,7 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     InvalidParameter
         For inputs out of range.
     SolverFailure
-        When the soil cannot carry the load at any sinkage below 0.95 of the radius.
+        When the soil cannot carry the load at any sinkage below 0.95 of the radius, unless ``errors="nan"``.
 
     Notes
     -----
@@ -191,6 +195,9 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     """
     if shear not in ("independent", "resultant"):
         raise InvalidParameter(f'shear must be "independent" or "resultant", got {shear!r}')
+    if errors not in ("raise", "nan"):
+        raise InvalidParameter(f'errors must be "raise" or "nan", got {errors!r}')
+    require_positive_modulus(soil, wheel.b)
     size, by_load = _load_or_sinkage(load, sinkage, wheel)
     slip = _checked("slip", slip, -1.0, 1.0, "", "in percent?")
     slip_angle = _checked("slip_angle", slip_angle, -1.5708, 1.5708, "rad", "in degrees?")
@@ -200,7 +207,9 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     flexible = read_tyre(tyre)
     laws = _laws(structure, flexible, wheel)
     _many_wheels(soil, wheel, values, by_load, 1.0 if shear == "resultant" else 0.0, laws, out, status)
-    _require_support(wheel, values, status)
+    if errors == "raise":
+        _require_support(wheel, values, status)
+    out[status >= SUNK] = np.nan
     if flexible is not None:
         out[:, 3] *= 1.0 - flexible.rolling * out[:, 8] / wheel.r
     return WheelForces(*(out[:, i].reshape(size.shape) for i in range(_COLUMNS)))
