@@ -78,8 +78,7 @@ class LearningVecEnv(Sb3VecEnv):
     def step_wait(self) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """One step of all episodes: a control period, or the time for which an action is held."""
         if self._interface is None:
-            rewards, done, listed = self._gained(self._actions)
-            return self._shown(self._seen), rewards, done, listed
+            return (self._seen, *self._gained(self._actions))
         rewards = np.zeros(self.num_envs, np.float32)
         over = np.zeros(self.num_envs, np.bool_)
         listed: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]

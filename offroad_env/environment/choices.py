@@ -6,9 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
 from offroad_env.environment.arguments import checked_range, require_bearing
+from offroad_env.environment.plants import FOUR_WHEEL
 from offroad_env.environment.randomisation import Randomisation, Truth, apply_context
 from offroad_env.environment.rewards import RewardWeights
 from offroad_env.environment.scenario_descriptions import (
@@ -106,12 +108,18 @@ class Choices:
             randomisation=randomise,
         )
 
-    def require_bearing(self, sensors: SensorSuite, model: str) -> None:
+    def require_bearing(self, sensors: SensorSuite, model: str, vehicle_model: str) -> None:
         """Refuse ranges that reach soils in which the standing vehicle drowns: a reset would fail later."""
         soil = self.soil.record
         require_bearing(self.vehicle.record, self.soil.name, soil, self.n_range, model)
         if self.randomisation is None:
             return
+        for key in ("vehicle", "vehicle.track"):
+            if vehicle_model == FOUR_WHEEL and key in self.randomisation.table:
+                raise InvalidParameter(
+                    f"randomise: {key!r} cannot be drawn with vehicle_model='four_wheel', whose roll "
+                    "stiffness and inertia are those of the nominal vehicle"
+                )
         nominal = Truth(self.vehicle.record, soil, flat(), sensors)
         for key, distribution in self.randomisation.table.items():
             for end in distribution.ends:
@@ -120,6 +128,7 @@ class Choices:
     def _require_end(self, key: str, end: Any, nominal: Truth, model: str) -> None:
         try:
             truth = apply_context({key: end}, nominal)
+            truth.sensors.anew().reset(np.random.default_rng(0), radius=truth.vehicle.r)
             ns = (truth.soil.n,) * 2 if key in ("n", "soil.n", "soil") else self.n_range
             if key.partition(".")[0] in ("n", "soil", "vehicle"):
                 require_bearing(truth.vehicle, "the soil", truth.soil, ns, model)

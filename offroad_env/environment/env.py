@@ -226,13 +226,13 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         if estimator != "none" and self._believed_soil.rigid:
             raise InvalidParameter(f"estimator={estimator!r} needs a deformable soil, got {self.soil_name!r}")
         announce_compilation()
-        self._nominal_sensors = read_sensors(sensors).anew(body_axes=model == "full")
-        require_rate(self._nominal_sensors.imu.rate)
-        chosen.require_bearing(self._nominal_sensors, model)
-        self.sensors: SensorSuite = self._nominal_sensors  #: of the episode
+        self.sensors: SensorSuite = read_sensors(sensors).anew(body_axes=model == "full")
+        require_rate(self.sensors.imu.rate)
+        chosen.require_bearing(self.sensors, model, vehicle_model)
+        self._sensing = self.sensors  #: sensors of the episode
         self._driven = self.vehicle  #: true vehicle of the episode
         self._context: dict[str, Any] | None = None  #: what was drawn or set for the episode
-        self._navigation = NavigationFilter(self.vehicle, NavigationNoise.of(self._nominal_sensors.gnss))
+        self._navigation = NavigationFilter(self.vehicle, NavigationNoise.of(self.sensors.gnss))
         #: The parameter UKF runs inside the compiled period, the others beside it.
         if isinstance(estimator, str) and estimator not in ("none", COMPILED):
             estimator = OnBoard(kind=estimator)
@@ -275,15 +275,15 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         drawn: float | None = float(self.np_random.uniform(*self.n_range))
         self.course: Course = self.scenario.draw(self.np_random)
         self._path_length = self.course.path.length
-        truth = Truth(self.vehicle, self._believed_soil, self.course.ground, self._nominal_sensors)
+        truth = Truth(self.vehicle, self._believed_soil, self.course.ground, self.sensors)
         if context:
             truth = apply_context(context, truth)
             require_rate(truth.sensors.imu.rate)
             if not {"n", "soil.n", "soil"}.isdisjoint(context):
                 drawn = None
-        self.sensors, self._driven = truth.sensors, truth.vehicle
-        self.sensors.reset(self.np_random, radius=self._driven.r)
-        self._sensor_errors = self.sensors.errors
+        self._sensing, self._driven = truth.sensors, truth.vehicle
+        self._sensing.reset(self.np_random, radius=self._driven.r)
+        self._sensor_errors = self._sensing.errors
         vehicle, soil = chosen.truth(truth.vehicle, truth.soil, drawn)
         soils, field = self.course.soil_map(self.n_range), None
         if self._plants.is_natural:
@@ -292,7 +292,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         X, Y, yaw = (float(value) for value in self.course.path.nodes[0, :3])
         start = self.scenario.start_speed
         if self.extension is not None:
-            self._extended = ExtendedTruth(self.extension, self.plant, self.sensors.mount)
+            self._extended = ExtendedTruth(self.extension, self.plant, self._sensing.mount)
             self.plant = self._extended.setup.plant
         self.state[:], self.warm[:] = settled_state(self.plant, x=X, y=Y, yaw=yaw, v_x=start)
         self._start(X, Y, start)
@@ -318,7 +318,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self.estimator = self._learner = None
         belief = self._plants.belief(self.vehicle, self._believed_soil, self.course.known_ground)
         if isinstance(self._choice, OnBoard):
-            imu, gnss = self._nominal_sensors.imu, self._nominal_sensors.gnss or GnssConfig()
+            imu, gnss = self.sensors.imu, self.sensors.gnss or GnssConfig()
             self.estimator = make_estimator(self._choice, belief, believed_range(self.n_range), imu, gnss)
             self.estimator.reset(*self.prior, self._navigation.pose)
         elif self._choice == COMPILED:
@@ -326,7 +326,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
                 belief,
                 believed_range(self.n_range),
                 dt=CONTROL_PERIOD / SAMPLES,
-                imu=self._nominal_sensors.imu,
+                imu=self.sensors.imu,
                 settings=CHANGING_SOIL if self.scenario.changing else None,
                 navigation=self._navigation,
             )
@@ -354,10 +354,10 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
             ("ending", 0),
         ):
             episode[name] = value
-        self._memory.mount(self._row, self.sensors)
+        self._memory.mount(self._row, self._sensing)
         if self._extended is not None:
-            episode["errors"] = self._extended.imperfect(self.sensors.errors)
-        self.sensors.draw_noise(self._memory.noise[self._row, -1:])
+            episode["errors"] = self._extended.imperfect(self._sensing.errors)
+        self._sensing.draw_noise(self._memory.noise[self._row, -1:])
         self._actions[:] = 0.0
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
@@ -408,7 +408,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         """Move the truth of an extended model, which the compiled period cannot, by one period."""
         if self._extended is not None:
             noise, sensing = self._memory.noise[self._row], None
-            if self._memory.sensing is not None and self.sensors.has_memory:
+            if self._memory.sensing is not None and self._sensing.has_memory:
                 sensing = self._memory.sensing[self._row : self._row + 1]
             self._extended.drive(self._episode, self._actions, lambda: self.command, noise, sensing)
 

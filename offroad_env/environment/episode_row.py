@@ -15,7 +15,7 @@ __all__ = ["EpisodeRow"]
 class EpisodeRow:
     """An environment's part of a `Memory`, of one episode or of many."""
 
-    sensors: SensorSuite
+    _sensing: SensorSuite  # of this episode
     _navigation: NavigationFilter
     _learner: OnlineParameterUKF | None
     _memory: Memory
@@ -56,5 +56,5 @@ class EpisodeRow:
 
     def draw_noise(self) -> None:
         """Sensor noise of the next periods, for a caller of the compiled period."""
-        self.sensors.draw_noise(self._memory.noise[self._row])
+        self._sensing.draw_noise(self._memory.noise[self._row])
         self._episode["noise_row"] = 0

@@ -129,7 +129,7 @@ def find_scenario(given: Scenario | Description) -> Scenario:
         content = recalled("scenario", given)
         if content is None:
             known = ", ".join(SCENARIOS)
-            raise InvalidParameter(f"scenario must be one of {known}, an object or a file, got {given!r}")
+            raise InvalidParameter(f"scenario must be one of {known}, got {given!r}")
         return find_scenario(content)
     document = open_document(given, "scenario")
     stated = document.check(SCENARIO)
