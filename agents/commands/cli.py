@@ -127,8 +127,10 @@ def _parse(name: str, arguments: list[str]) -> Command:
         module, kind, _ = target[study]
         target = getattr(importlib.import_module(f"agents.studies.{module}.study"), kind)
         name = f"{name} {study}"
+    describe = getattr(target, "description", None)
     command: Command = tyro.cli(
         target,
+        description=None if describe is None else describe(arguments),
         prog=f"offroad {name}",
         args=arguments,
         config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from tyro.conf import Positional
 
 from agents.commands.benchmark import Form, known_forms, write_results
+from agents.commands.options import Jobs, Scenarios
+from agents.driving.world_options import WorldOptions, known_scenario
 
 __all__ = ["Compare"]
 
@@ -24,14 +26,15 @@ class Compare:
 
     agent: Positional[str]  #: module:Class
     terrain_info: Literal["none", "estimate", "truth"] = "none"  #: terrain information in its observation
-    tasks: tuple[str, ...] = ("speed",)  #: what is driven
+    tasks: Scenarios = ("speed",)  #: what is driven: names, or files of your own
     against: tuple[str, ...] = ("nominal", "conservative", "aware", "oracle")  #: whom it is compared with
     forms: tuple[Form, ...] = ("matched",)  #: vehicle as modelled, or unlike it
     episodes: int = 20  #: paired episodes of each agent
     seed: int = 0  #: of the episodes
-    n_jobs: int = 2  #: local processes; the results do not depend on it
+    n_jobs: Jobs = 2  #: local processes; the results do not depend on it
     out: Path = Path("out/benchmark")  #: folder for the page, the numbers and the episodes
     json: Path | None = None  #: write the numbers to this file instead of benchmark.json
+    world: WorldOptions = field(default_factory=WorldOptions)
 
     def run(self) -> None:
         """Drive what is missing, compare, write and print."""
@@ -39,15 +42,16 @@ class Compare:
 
         start = time.perf_counter()
         args = BenchmarkArgs(
-            tasks=self.tasks,
+            tasks=tuple(map(known_scenario, self.tasks)),
             agents=(self.agent, *self.against),
             forms=known_forms(self.forms),
             episodes=self.episodes,
             seed=self.seed,
             n_jobs=self.n_jobs,
+            world=self.world.digest(),
         )
         results = run_study(args, self.out, terrain_info=self.terrain_info)
         command = f"offroad compare {self.agent} --terrain-info {self.terrain_info}"
-        command += f" --against {' '.join(self.against)}"
+        command += f" --against {' '.join(self.against)}{self.world.words()}"
         seconds = time.perf_counter() - start
         write_results(results, args, self.out, self.json, command=command, seconds=seconds)
