@@ -21,7 +21,7 @@ from agents.benchmark.summary import Benchmark, summarise
 from agents.controllers.arms import ARMS
 from agents.controllers.protocol import ArmResult, EpisodeResult
 from agents.controllers.tuned import SETTINGS
-from agents.driving.episode import AGENTS, agent_file, find_agent, is_agent, trained_name
+from agents.driving.episode import AGENTS, agent_file, agent_list, find_agent, is_agent, trained_name
 from agents.learning.policies import LEARNED, WEIGHTS, learned_folder, shipped_seeds
 from agents.studies.runner import Key, run_units, stamp_of
 from offroad_env.environment.scenario_descriptions import find_scenario, scenario_mapping
@@ -60,7 +60,8 @@ class BenchmarkArgs:
             find_scenario(task)
         for agent in self.agents:
             if not is_agent(agent):
-                raise InvalidParameter(f"agent must be one of {', '.join(AGENTS)}, got {agent!r}")
+                known = agent_list(self.tasks[0]) if len(self.tasks) == 1 else ", ".join(AGENTS)
+                raise InvalidParameter(f"agent must be one of {known}, or module:Class, got {agent!r}")
         for form in self.forms:
             if form not in FORMS:
                 raise InvalidParameter(f"form must be one of {', '.join(FORMS)}, got {form!r}")

@@ -5,15 +5,34 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
 from agents.commands.benchmark import Form, known_forms, write_results
 from agents.commands.options import Jobs, Scenarios
 from agents.driving.world_options import WorldOptions, known_scenario
+from agents.reports.output import say
+
+if TYPE_CHECKING:
+    from agents.benchmark.summary import Benchmark
 
 __all__ = ["Compare"]
+
+
+def paired_lines(result: Benchmark, name: str) -> list[str]:
+    """One's own agent against each other one, paired over the episodes; less is better."""
+    from agents.benchmark.statistics import paired_difference
+
+    own = result.arm(name)
+    lines = [f"{name} against the others, {result.scenario} ({result.form}), {result.measure}:"]
+    for arm in result.arms:
+        if arm is not own:
+            found = paired_difference(own.scores, arm.scores)
+            sign = "worse" if found.low > 0.0 else "better" if found.high < 0.0 else "no difference shown"
+            interval = f"[{found.low:+.3g}, {found.high:+.3g}]"
+            lines.append(f"  {arm.name}: {found.value:+.3g} {result.unit} {interval} - {sign}")
+    return lines
 
 
 @dataclass(kw_only=True)
@@ -54,4 +73,7 @@ class Compare:
         command = f"offroad compare {self.agent} --terrain-info {self.terrain_info}"
         command += f" --against {' '.join(self.against)}{self.world.words()}"
         seconds = time.perf_counter() - start
+        for result in results.values():
+            for line in paired_lines(result, self.agent):
+                say(line)
         write_results(results, args, self.out, self.json, command=command, seconds=seconds)

@@ -36,7 +36,7 @@ class Drive(Results):
     """
 
     scenario: str = "track"  #: track, speed, climb, brake, ride, patches, a file *.yaml or inline YAML
-    agent: str = "pure_pursuit"  #: one of those below, or module:Class
+    agent: str = "pure_pursuit"  #: one of those above, or module:Class
     policy: Path | None = None  #: drive with the policy that offroad train wrote into this folder instead
     terrain_info: Literal["none", "estimate", "truth"] | None = None  #: default: what the agent needs
     n: float | None = None  #: true sinkage exponent; default: drawn from the scenario's range [-]
@@ -54,10 +54,10 @@ class Drive(Results):
     @classmethod
     def description(cls, arguments: Sequence[str]) -> str:
         """What the command does, with the agents that exist for the scenario among the arguments."""
-        from agents.driving.episode import agents_of
+        from agents.driving.episode import agent_list
 
         scenario = option_value(arguments, "--scenario", "track")
-        return f"{inspect.getdoc(cls)}\n\nAgents of {scenario}: {', '.join(agents_of(scenario))}."
+        return f"{inspect.getdoc(cls)}\n\nAgents of {scenario}: {agent_list(scenario)}."
 
     def run(self) -> None:
         """Drive, then plot and print."""

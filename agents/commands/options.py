@@ -7,12 +7,15 @@ from typing import Annotated
 
 import tyro
 
-__all__ = ["Jobs", "Scenarios", "option_value"]
+__all__ = ["FORMER", "Jobs", "Scenarios", "option_value", "present_spelling"]
 
-#: Local processes. With the option's former spelling.
-Jobs = Annotated[int, tyro.conf.arg(name="jobs", aliases=["--n-jobs"])]  # alias
-#: Scenarios by name or file. With the option's former spelling.
-Scenarios = Annotated[tuple[str, ...], tyro.conf.arg(name="scenario", aliases=["--tasks"])]  # alias
+#: Local processes.
+Jobs = Annotated[int, tyro.conf.arg(name="jobs")]
+#: Scenarios by name or file.
+Scenarios = Annotated[tuple[str, ...], tyro.conf.arg(name="scenario")]
+
+#: Former spelling of an option -> the present one.
+FORMER = {"--n-jobs": "--jobs", "--n_jobs": "--jobs", "--tasks": "--scenario"}
 
 
 def option_value(arguments: Sequence[str], option: str, default: str) -> str:
@@ -24,3 +27,12 @@ def option_value(arguments: Sequence[str], option: str, default: str) -> str:
         if word.startswith(f"{option}="):
             return word.partition("=")[2]
     return default
+
+
+def present_spelling(arguments: Sequence[str]) -> list[str]:
+    """Arguments with former spellings of options replaced."""
+    found = []
+    for word in arguments:
+        option, equals, value = word.partition("=")
+        found.append(FORMER.get(option, option) + equals + value)
+    return found

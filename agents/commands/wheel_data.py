@@ -33,11 +33,11 @@ class WheelData(Results):
         from estimators.rig.cmu_soil_bin import CMU_WHEEL, load_cmu_single_wheel
         from estimators.rig.comparison import compare
         from offroad_env.world.datasets import DATASETS, locate
-        from offroad_env.world.soils import SOILS
+        from offroad_env.world.descriptions import read_soil
 
         path = locate("cmu_single_wheel") if self.path is None else self.path
         trials = load_cmu_single_wheel(path)
-        comparison = compare(trials, SOILS[self.soil], CMU_WHEEL, shear=self.shear, seed=self.seed)
+        comparison = compare(trials, read_soil(self.soil).record, CMU_WHEEL, shear=self.shear, seed=self.seed)
         scores = score_table(comparison)
         title = f"{comparison.inside} of {comparison.trials} trials, brackets: 95 % intervals"
         console().print(table(title, scores.heading, scores.rows, texts=scores.texts))

@@ -39,6 +39,7 @@ __all__ = [
     "Drive",
     "HalfWayPicture",
     "agent_file",
+    "agent_list",
     "agents_of",
     "find_agent",
     "is_agent",
@@ -71,6 +72,17 @@ def agents_of(scenario: str) -> tuple[str, ...]:
     arms = tuple(arm for arm in ARMS if is_tuned(arm, task))
     policies = tuple(f"{arm}_{seed}" for arm in LEARNED for seed in shipped_seeds(task, arm))
     return (*_TRACKERS, *arms, *steered, *_SAMPLERS, *policies)
+
+
+def agent_list(scenario: str) -> str:
+    """The same in words: of the seeds of a policy the first and the last."""
+    words, seeds = [], dict[str, list[str]]()
+    for name in agents_of(scenario):
+        if (trained := trained_name(name)) is None:
+            words.append(name)
+        else:
+            seeds.setdefault(trained[0], []).append(name)
+    return ", ".join([*words, *(f"{names[0]} ... {names[-1]}" for names in seeds.values())])
 
 
 def is_agent(name: str) -> bool:
@@ -118,8 +130,7 @@ def find_agent(name: str, scenario: str, terrain_info: str | None) -> tuple[Agen
         arm = make_arm(_STEERED[name], scenario=scenario, tracker=LqrTracker)
         return arm.agent, _checked_info(name, arm.terrain_info, terrain_info)
     if name not in ARMS:
-        known = ", ".join(agents_of(scenario))
-        raise InvalidParameter(f"agent must be one of {known}, or module:Class, got {name!r}")
+        raise InvalidParameter(f"agent must be one of {agent_list(scenario)}, or module:Class, got {name!r}")
     arm = make_arm(name, scenario=scenario)
     return arm.agent, _checked_info(name, arm.terrain_info, terrain_info)
 
