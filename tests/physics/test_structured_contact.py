@@ -21,7 +21,14 @@ from offroad_env.physics.wheel_soil import wheel_reaction
 from offroad_env.simulation.soil_power import PowerStates, random_rolling_states, soil_power
 from offroad_env.simulation.wheel import wheel_forces
 from offroad_env.world.soils import SOILS, make_soil
-from offroad_env.world.structures import LADDER, LAWS, make_structure, read_structure, structure_laws
+from offroad_env.world.structures import (
+    LADDER,
+    LAWS,
+    make_structure,
+    read_structure,
+    structure_laws,
+    structure_text,
+)
 from offroad_env.world.tyres import TYRES, with_tyre
 
 WHEEL = Wheel(0.33, 0.25)
@@ -323,6 +330,15 @@ def test_a_structure_is_read_from_its_name_and_says_what_it_is():
     structure = read_structure("grid, ruts=pressure ,elastic_modulus=1e8")
     assert structure.elastic_modulus == 1e8
     assert structure_laws(structure)["ruts"] == "pressure"
+    for text in (
+        "field",
+        "grid,ruts=none",
+        "paper,damping=2e3,grouser_height=0.01",
+        "grid,elastic_modulus=1e8",
+    ):
+        structure = read_structure(text)
+        assert read_structure(structure_text(structure)) == structure
+    assert structure_text(make_structure("field")) == "field"
     assert structure_laws(make_structure("full")) == {name: options[0] for name, options in LAWS.items()}
     for text, part in (
         ("gird", "one of paper, full"),

@@ -81,14 +81,12 @@ def any_soil(rng, field):
 
 def any_field(rng, soil):
     """Natural soil, with or without a patch of another one."""
-    patches, exponent = (), soil.n
+    patches, exponents = (), [soil.n]
     if rng.random() < 0.5:
         other = SOIL_PRIOR.sample(rng)
-        patches, exponent = (
-            [(rng.uniform(0.0, 15.0), 0.0, rng.uniform(1.0, 8.0), other)],
-            min(soil.n, other.n),
-        )
-    spread = SoilSpread(n=min(0.03, 0.3 * (exponent - 0.05)))
+        patches, exponents = [(rng.uniform(0.0, 15.0), 0.0, rng.uniform(1.0, 8.0), other)], [soil.n, other.n]
+    # n stays in its range by three standard deviations.
+    spread = SoilSpread(n=min(0.03, 0.3 * (min(exponents) - 0.05), 0.3 * (2.5 - max(exponents))))
     length = rng.uniform(1.0, 20.0)
     return natural_soil(soil, rng, correlation_length=length, spread=spread, patches=patches)
 

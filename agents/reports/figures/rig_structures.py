@@ -35,7 +35,7 @@ def rig_structures_figure(comparisons: Mapping[str, RigComparison]) -> Figure:
         Panels: a row for each slip angle, a column for each channel. Points: means over the repeats
         of a condition. Lines: the model at the mean load of that slip angle.
     """
-    figure = Figure(figsize=(13.0, 8.0), layout="constrained")
+    figure = Figure(figsize=(11.5, 7.2), layout="constrained")
     first = next(iter(comparisons.values()))
     sizes = sorted({round(abs(curve.slip_angle), 9) for curve in first.curves})
     angles = [sizes[0], min(sizes, key=lambda angle: abs(angle - _OBLIQUE))]
