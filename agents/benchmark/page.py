@@ -72,7 +72,7 @@ def benchmark_sections(
 ) -> list[Section]:
     """The page: an overview, what the soil changes, then one section a task and form, then the policies."""
     tasks, forms = (" ".join(dict.fromkeys(key[i] for key in results)) for i in (0, 1))
-    whole = f"{command} --tasks {tasks} --forms {forms}"
+    whole = f"{command} --scenario {tasks} --forms {forms}"
     sections = [_overview(results, whole, seconds), _physics(physics, whole)]
     sections += [_section(result, command) for result in results.values()]
     if trained:

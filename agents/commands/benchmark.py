@@ -54,7 +54,7 @@ class BenchmarkRun:
     seed: int = 0  #: of the episodes
     n_jobs: Jobs = 2  #: local processes; the results do not depend on it
     json: Path | None = None  #: write the numbers to this file instead of benchmark.json
-    world: WorldOptions = field(default_factory=WorldOptions)
+    world: WorldOptions = field(default_factory=WorldOptions)  #: what is driven on and with
 
     def run(self) -> None:
         """Drive what is missing, compare, write and print."""

@@ -53,7 +53,7 @@ class Compare:
     n_jobs: Jobs = 2  #: local processes; the results do not depend on it
     out: Path = Path("out/benchmark")  #: folder for the page, the numbers and the episodes
     json: Path | None = None  #: write the numbers to this file instead of benchmark.json
-    world: WorldOptions = field(default_factory=WorldOptions)
+    world: WorldOptions = field(default_factory=WorldOptions)  #: what is driven on and with
 
     def run(self) -> None:
         """Drive what is missing, compare, write and print."""

@@ -43,7 +43,7 @@ class Drive(Results):
     seed: int = 0  #: of course, soil and noise
     model: Literal["full", "paper"] = "full"  #: full: wheel spin and slopes; paper: as published
     vehicle_model: VehicleModel = "half_car"  #: bicycle: without heave and pitch; four_wheel: with roll
-    world: WorldOptions = field(default_factory=WorldOptions)
+    world: WorldOptions = field(default_factory=WorldOptions)  #: what is driven on and with
     duration: float | None = None  #: end the episode after this time [s]
     picture: Path | None = None  #: also write a picture half way, .png (needs the extra view)
     video: Path | None = None  #: also write a video, .mp4 or .gif (needs the extra view)

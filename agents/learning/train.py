@@ -104,7 +104,7 @@ class TrainArgs:
     check_steps: int = 7_500  #: steps between two drives of the tuning episodes; the best policy is kept
     check_episodes: int = 16  #: of such a drive; 0 = none, the last policy is kept
     eval_episodes: int = 3  #: test episodes that the reloaded policy drives at the end
-    world: WorldOptions = field(default_factory=WorldOptions)
+    world: WorldOptions = field(default_factory=WorldOptions)  #: what is driven on and with
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
 
+from offroad_env.environment.soil_draws import MeasuredSoils
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import Ground, Soil, Vehicle
 from offroad_env.simulation.sensor_configs import GNSS_RANGES, IMU_RANGES, WHEEL_RANGES
@@ -191,6 +192,7 @@ _KINDS: Mapping[str, Any] = MappingProxyType(
         "log_uniform": lambda values: LogUniform(*values),
         "normal": lambda values: Normal(*values),
         "choice": lambda values: Choice(tuple(values)),
+        "measured_soils": lambda values: MeasuredSoils(**values),
     }
 )
 _SLOPE = Quantity("in [-0.5, 0.5] rad", -0.5, 0.5, mistakes=((0.5000001, 30.0, "degrees"),))
