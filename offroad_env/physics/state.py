@@ -43,7 +43,8 @@ CONTACT_SIZE = 3
 # (`records.RutSection`); cell of the leader's track nearest to it, number of cells that it has laid itself;
 # and the ring of these cells: x, y [m], depth of the unloaded rut [m], shear displacement.
 (SINKAGE_ROW, EXPONENT_OF_RISE, FORCE_ROW, RISE, PEAK, SHEAR) = range(6)
-(RUT_SHARE, RUT_DEPTH, RUT_SHEAR, NEAREST, LAID, TRACK) = range(6, 12)
+(MET_SHARE, MET_DEPTH, BY_SHARE, BY_DEPTH) = range(6, 10)
+(RUT_SHARE, RUT_DEPTH, RUT_SHEAR, NEAREST, LAID, TRACK) = range(10, 16)
 CELLS, CELL_SIZE = 64, 4
 STRUCTURED_CONTACT_SIZE = TRACK + CELLS * CELL_SIZE
 

@@ -47,6 +47,7 @@ from offroad_env.physics.tyre import (
     Belt,
     TyreLoad,
     TyreOnSoil,
+    eased_load,
     effective_rolling_radius,
     supported_load,
     tyre_on_soil,
@@ -63,7 +64,11 @@ __all__ = [
     "structured_reaction",
 ]
 
-_TOLERANCE, _SAME, _ITERATIONS = 1e-11, 5e-8, 80
+#: Product of the last two steps, and a first step, over the rise at which a solution counts as found: what the
+#: forces then miss is some 1e-9 of the load, as the step that is left extrapolates them.
+_TOLERANCE, _SAME, _ITERATIONS = 1e-9, 1e-6, 80
+#: Change of sinkage over sinkage within which the load of a tyre follows its tangent.
+_NEAR = 0.01
 #: Chords before the interval is halved only; largest local exponent of the load over the rise.
 _CHORDS, _STEEPEST = 30, 1e3
 
@@ -152,7 +157,7 @@ def _directed(
     """Forces of a wheel at sinkage ``h`` [m], whichever way it travels; near standstill a blend."""
     forward = rolling_direction(motion, options.v_eps)
     slip = slip_ratio(motion.rim_speed, motion.v_l, options.v_eps)
-    F_x = F_y = F_z = torque = peak = shear = 0.0
+    F_x = F_y = F_z = torque = peak = shear = by_share = by_depth = 0.0
     share, way = forward, 1.0
     for _ in range(2):
         if share > 0.0:
@@ -166,8 +171,10 @@ def _directed(
             torque += way * share * part.torque
             peak += share * part.peak
             shear += share * part.shear
+            by_share += share * part.by_share
+            by_depth += share * part.by_depth
         share, way = 1.0 - forward, -1.0
-    return RimForces(F_x, F_y, F_z, torque, peak, shear)
+    return RimForces(F_x, F_y, F_z, torque, peak, shear, by_share, by_depth)
 
 
 @kernel
@@ -197,6 +204,8 @@ def _beyond(forces: RimForces, before: RimForces, share: float) -> RimForces:
         forces.torque + share * (forces.torque - before.torque),
         forces.peak,
         forces.shear,
+        forces.by_share,
+        forces.by_depth,
     )
 
 
@@ -210,6 +219,8 @@ def _scaled(forces: RimForces, factor: float) -> RimForces:
         factor * forces.torque,
         forces.peak,
         forces.shear,
+        forces.by_share,
+        forces.by_depth,
     )
 
 
@@ -264,9 +275,20 @@ def _keep(
     tyre: Tyre | None, warm: FloatArray, h: float, exponent: float, now: _Balance, forces: RimForces
 ) -> None:
     """A solution into its row of the contact state."""
+    warm[at.MET_SHARE], warm[at.MET_DEPTH] = warm[at.RUT_SHARE], warm[at.RUT_DEPTH]
+    warm[at.BY_SHARE], warm[at.BY_DEPTH] = forces.by_share, forces.by_depth
     warm[at.EXPONENT_OF_RISE] = _remembered_exponent(tyre, exponent, warm, now)
     warm[at.SINKAGE_ROW], warm[at.FORCE_ROW], warm[at.RISE] = h, now.force, now.rise
     warm[at.PEAK], warm[at.SHEAR] = forces.peak, forces.shear
+
+
+@inline_kernel
+def _force_there(rut: RutSection, wheels: float, warm: FloatArray) -> float:
+    """The last solution's force [N], had the rut been what it is now."""
+    share, depth = rut.share - warm[at.MET_SHARE], rut.depth - warm[at.MET_DEPTH]
+    force = warm[at.FORCE_ROW]
+    change = wheels * (warm[at.BY_SHARE] * share + warm[at.BY_DEPTH] * depth)
+    return force + min(max(change, -0.3 * force), 0.3 * force)
 
 
 @inline_kernel
@@ -284,7 +306,7 @@ def _first_rise(
     rise, exponent = warm[at.RISE], warm[at.EXPONENT_OF_RISE]
     if warm[at.SINKAGE_ROW] > 0.0 and rise > 0.0 and (depth > 0.0) == (warm[at.SINKAGE_ROW] > rise):
         left, relief = _load_line(tyre, on_soil, support, depth, rise)
-        rise = predicted_sinkage(rise, exponent, warm[at.FORCE_ROW], left, relief)
+        rise = predicted_sinkage(rise, exponent, _force_there(rut, support.wheels, warm), left, relief)
     elif depth > 0.0:
         rise, exponent = 2e-3 * r, 1.5
     else:
@@ -319,10 +341,13 @@ def solve_structured_contact(
     depth, e, exponent = _first_rise(structure.tyre, on_soil, soil.n, wheel.r, rut, support, warm)
     h = depth + e
     low, high = 0.0, deepest_sinkage(wheel.r)
-    e_old, V_old, before = 0.0, 0.0, RimForces(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    e_old, V_old, before = 0.0, 0.0, RimForces(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     status, held = NO_ROOT, 1.0
+    near, near_h = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels), h
     for i in range(_ITERATIONS):
-        carried = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels)
+        if abs(h - near_h) > _NEAR * h:
+            near, near_h = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels), h
+        carried = eased_load(structure.tyre, on_soil, near, h - near_h)
         forces = _directed(structure, soil, wheel, motion, h, carried, rut, options)
         V = wheels * (forces.F_x * frame.l_z + forces.F_y * frame.c_z + forces.F_z * frame.n_z)
         target, relief = wheels * carried.load, wheels * carried.relief
@@ -359,7 +384,7 @@ def solve_structured_contact(
             h = depth + next_sinkage(e, V, target, step, exponent, relief)
         if i > _CHORDS or not low < h < high:
             h = 0.5 * (low + high)
-    carried = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels)
+    carried = eased_load(structure.tyre, on_soil, near, h - near_h)
     _keep(structure.tyre, warm, h, exponent / held, _Balance(h - depth, wheels * carried.load), forces)
     forces = _scaled(forces, wheels)
     return ContactSolution(status, forces.F_x, forces.F_y, forces.F_z, forces.torque, h)

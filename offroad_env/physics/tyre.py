@@ -14,7 +14,7 @@ import math
 from typing import NamedTuple
 
 from offroad_env.physics._jit import inline_kernel
-from offroad_env.physics.numerics import fast_exp, fast_log
+from offroad_env.physics.numerics import decay, fast_exp, fast_log
 from offroad_env.physics.pressure_sinkage import bekker_modulus
 from offroad_env.physics.records import Soil, Tyre, Wheel
 
@@ -24,6 +24,7 @@ __all__ = [
     "TyreOnSoil",
     "belt_on_soil",
     "critical_ground_pressure",
+    "eased_load",
     "effective_rolling_radius",
     "engaged_share",
     "flexible_share",
@@ -187,20 +188,25 @@ def mobilised_in_series(u: float, soil: float, tread: float) -> float:
     u = soil (-ln(1 - y)) + tread y: Janosi & Hanamoto's law of the soil and a linear tread under the same
     stress. ``soil`` is the engaged Janosi modulus, ``tread`` the tread's displacement at full strength,
     all in the same unit. For ``tread`` = 0 this is 1 - exp(-u/soil), for ``soil`` -> 0 the brush model's
-    min(u/tread, 1). Two steps of Halley's method in v = -ln(1 - y).
+    min(u/tread, 1). Two steps of Halley's method in v = -ln(1 - y), with one exponential: how 1 - y changes
+    in a step follows from the step.
     """
-    both = soil + tread
     # Two starts below the root, one close for a small and one for a large displacement.
-    early = min(u / both, 0.95)
-    v = max((u / both * soil - fast_log(1.0 - early) * tread) / both, (u - tread) / soil)
+    per_both = 1.0 / (soil + tread)
+    early = min(u * per_both, 0.98)
+    square = early * early
+    logarithm = 3.0 * (2.0 * early - square) / (6.0 - 6.0 * early + square)  # Pade of -ln(1 - early)
+    v = max((early * soil + logarithm * tread) * per_both, (u - tread) * (1.0 / soil))
     v = min(v, 700.0)
+    left = fast_exp(-v)
     for _ in range(2):
-        left = tread * fast_exp(-v)
-        miss = soil * v + tread - left - u
-        slope = soil + left
-        v -= 2.0 * miss * slope / (2.0 * slope * slope + miss * left)
-        v = min(max(v, 0.0), 700.0)
-    return 1.0 - fast_exp(-v)
+        miss = soil * v + tread * (1.0 - left) - u
+        slope = soil + tread * left
+        step = 2.0 * miss * slope / (2.0 * slope * slope + miss * tread * left)
+        before = v
+        v = max(v - step, 0.0)
+        left *= decay(v - before)
+    return 1.0 - left
 
 
 @inline_kernel
@@ -250,6 +256,18 @@ def supported_load(tyre: Tyre | None, on_soil: TyreOnSoil, pressing: float, k: f
     if tyre is None:
         return TyreLoad(pressing, 0.0, 0.0, k, 0.0)
     return tyre_load(on_soil, pressing, k)
+
+
+@inline_kernel
+def eased_load(tyre: Tyre | None, on_soil: TyreOnSoil, near: TyreLoad, deeper: float) -> TyreLoad:
+    """The load where a wheel sinks ``deeper`` [m] by a little than where its load is ``near``: the tangent."""
+    load = near.load - near.relief * deeper
+    if tyre is None:
+        return TyreLoad(load, 0.0, 0.0, near.relief, 0.0)
+    grown = load / near.load - 1.0
+    deflection = near.deflection * (1.0 + near.growth * grown)
+    tread = near.tread * (1.0 + (1.0 - on_soil.growth) * grown)
+    return TyreLoad(load, deflection, tread, near.relief, near.growth)
 
 
 @inline_kernel
