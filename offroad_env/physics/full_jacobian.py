@@ -8,7 +8,6 @@ wheel, what brakes and bearings hold, and the side speed of each axle.
 from __future__ import annotations
 
 import math
-
 from typing import NamedTuple
 
 from offroad_env.physics import state as at
@@ -77,7 +76,9 @@ def _reaction_before(
 
 
 @inline_kernel
-def _slip_change(structure: Structure | None, omega: float, small: float, ahead: float, v_eps: float) -> float:
+def _slip_change(
+    structure: Structure | None, omega: float, small: float, ahead: float, v_eps: float
+) -> float:
     """Change of a rim speed over which its stiffness is taken [m/s]; ``ahead``: what the step begins with.
 
     Where shear follows the soil's path, slip that changes its sign does so at the bottom of the wheel first,

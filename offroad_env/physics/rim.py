@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 from offroad_env.physics._jit import inline_kernel
 from offroad_env.physics.contact_angles import AngleShares
-from offroad_env.physics.numerics import fast_log
 from offroad_env.physics.pressure_sinkage import bekker_pressure, rebound_modulus
 from offroad_env.physics.record_operations import replace
 from offroad_env.physics.records import Structure, Tyre
@@ -19,6 +18,7 @@ from offroad_env.physics.tyre import (
     Belt,
     TyreLoad,
     belt_on_soil,
+    displacement_in_series,
     friction_limited_strength,
     mobilised_in_series,
 )
@@ -68,9 +68,9 @@ def soil_displacement(tyre: Tyre | None, rim: Rim, peak: float, j: float) -> flo
     """What soil has of the shear displacement ``j`` at the exit of a strip [Janosi moduli]."""
     if tyre is None:
         return j
-    strength = shear_strength(tyre, rim, peak)
-    share = min(mobilised_stress(tyre, rim, strength, j) / (strength + _TINY), 1.0 - 1e-12)
-    return rim.belt.unit * max(-rim.belt.soil * fast_log(1.0 - share), rim.belt.carried)
+    tread = rim.belt.tread * shear_strength(tyre, rim, peak)
+    v, _ = displacement_in_series(j, rim.belt.soil, tread)
+    return rim.belt.unit * max(rim.belt.soil * v, rim.belt.carried)
 
 
 @inline_kernel

@@ -61,7 +61,7 @@ class RimForces(NamedTuple):
     peak: float  #: pressure at the bottom, times the share of the width [Pa]
     shear: float  #: shear displacement at the exit, likewise, in Janosi moduli [-]
     by_share: float  #: change of F_z with the share of the width that runs in the rut [N]
-    by_depth: float  #: change of F_z with the rut's depth, at the same rise above what most of it runs on [N/m]
+    by_depth: float  #: change of F_z with the rut's depth, at the same rise from what most of it is on [N/m]
 
 
 class _Growths(NamedTuple):

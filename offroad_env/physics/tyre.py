@@ -24,6 +24,7 @@ __all__ = [
     "TyreOnSoil",
     "belt_on_soil",
     "critical_ground_pressure",
+    "displacement_in_series",
     "eased_load",
     "effective_rolling_radius",
     "engaged_share",
@@ -182,14 +183,13 @@ def friction_limited_strength(mu: float, sigma: float, strength: float) -> float
 
 
 @inline_kernel
-def mobilised_in_series(u: float, soil: float, tread: float) -> float:
-    """Share y of the strength at a shear displacement ``u`` of tread and soil in series [-].
+def displacement_in_series(u: float, soil: float, tread: float) -> tuple[float, float]:
+    """(v = -ln(1 - y), 1 - y) at a shear displacement ``u`` of tread and soil in series.
 
-    u = soil (-ln(1 - y)) + tread y: Janosi & Hanamoto's law of the soil and a linear tread under the same
-    stress. ``soil`` is the engaged Janosi modulus, ``tread`` the tread's displacement at full strength,
-    all in the same unit. For ``tread`` = 0 this is 1 - exp(-u/soil), for ``soil`` -> 0 the brush model's
-    min(u/tread, 1). Two steps of Halley's method in v = -ln(1 - y), with one exponential: how 1 - y changes
-    in a step follows from the step.
+    y is the share of the strength, u = soil v + tread y: Janosi & Hanamoto's law of the soil, whose
+    displacement is soil v, and a linear tread under the same stress. ``soil`` is the engaged Janosi modulus,
+    ``tread`` the tread's displacement at full strength, all in the same unit. Two steps of Halley's method
+    in v, with one exponential: how 1 - y changes in a step follows from the step. y errs by 5e-5 at most.
     """
     # Two starts below the root, one close for a small and one for a large displacement.
     per_both = 1.0 / (soil + tread)
@@ -206,7 +206,16 @@ def mobilised_in_series(u: float, soil: float, tread: float) -> float:
         before = v
         v = max(v - step, 0.0)
         left *= decay(v - before)
-    return 1.0 - left
+    return v, left
+
+
+@inline_kernel
+def mobilised_in_series(u: float, soil: float, tread: float) -> float:
+    """Share of the strength at a shear displacement ``u`` of tread and soil in series [-].
+
+    For ``tread`` = 0 this is 1 - exp(-u/soil), for ``soil`` -> 0 the brush model's min(u/tread, 1).
+    """
+    return 1.0 - displacement_in_series(u, soil, tread)[1]
 
 
 @inline_kernel
@@ -218,26 +227,33 @@ def tyre_on_soil(tyre: Tyre | None, soil: Soil, wheel: Wheel) -> TyreOnSoil:
     modulus, n = bekker_modulus(soil, b), soil.n
     if soil.rigid > 0.5:
         modulus, n = _UNYIELDING, 1.0
-    hard = hard_ground_deflection(tyre, 1.0)
-    ratio = ground_pressure(1.0, r, b, hard) / critical_ground_pressure(modulus, n, r, b, 1.0)
     growth = 1.0 / (1.0 + tyre.stiffening)
+    # Logarithms at a load of 1 N of `hard_ground_deflection`, `ground_pressure`, `critical_ground_pressure`.
+    f_0 = REFERENCE_DEFLECTION * tyre.r
+    hard = fast_log(f_0) - growth * fast_log(tyre_stiffness(tyre) * f_0)
+    mean = -fast_log(2.0 * b * math.sqrt(2.0 * r)) - 0.5 * hard
+    bearing = fast_log(3.0 / (max(3.0 - n, 0.5) * b * math.sqrt(2.0 * r)))
+    critical = (fast_log(modulus) + 2.0 * n * bearing) / (2.0 * n + 1.0)
     shift = 4.0 * (1.0 - 0.5 * growth - 2.0 * n / (2.0 * n + 1.0))
-    tread = hard * tread_stiffness(tyre, r, b, 1.0, hard)
-    return TyreOnSoil(fast_log(hard), growth, 4.0 * fast_log(ratio), shift, tread)
+    # `tread_stiffness` times the deflection.
+    tread = tyre.cornering / (4.0 * r * b)
+    return TyreOnSoil(hard, growth, 4.0 * (mean - critical), shift, tread)
 
 
 @inline_kernel
-def tyre_load(on_soil: TyreOnSoil, pressing: float, k: float) -> TyreLoad:
+def tyre_load(on_soil: TyreOnSoil, pressing: float, k: float, guess: float = 0.0) -> TyreLoad:
     """Load and deflection of a tyre whose sinkage is known, solved together.
 
     The hub comes down by sinkage and deflection, which relieves the spring: load + k f(load) = ``pressing``,
     the load [N] of the wheel had its tyre not deflected, ``k`` [N/m] of the spring for this wheel. f(load) is
-    `hard_ground_deflection` times `flexible_share`. Newton's method, two steps, to 1e-8.
+    `hard_ground_deflection` times `flexible_share`. Newton's method, to 1e-9, from a ``guess`` [N] if that is
+    near.
     """
-    load = max(pressing, _SMALLEST)
+    most = max(pressing, _SMALLEST)
+    load = guess if 0.5 * most < guess < most else most
+    log_load = fast_log(load)
     hard = f = growth = relief = 0.0
-    for _ in range(3):
-        log_load = fast_log(load)
+    for _ in range(4):
         hard = fast_exp(on_soil.hard + on_soil.growth * log_load)
         # (p_i + p_c)^4 over p_gcr^4 + (p_i + p_c)^4: the part of the deflection that soil takes away.
         lost = 1.0 - 1.0 / (1.0 + fast_exp(min(on_soil.criterion + on_soil.shift * log_load, 600.0)))
@@ -246,21 +262,27 @@ def tyre_load(on_soil: TyreOnSoil, pressing: float, k: float) -> TyreLoad:
         fall = 1.0 + max(k * f / load * growth, 0.0)
         relief = k / fall
         step = (load + k * f - pressing) / fall
-        load = min(max(load - step, 1e-3 * load), max(pressing, _SMALLEST))
+        if abs(step) <= 1e-9 * load:
+            break
+        before = load
+        load = min(max(load - step, 1e-3 * load), most)
+        log_load += fast_log(load / before)
     return TyreLoad(load, f, on_soil.tread * load / hard, relief, growth)
 
 
 @inline_kernel
-def supported_load(tyre: Tyre | None, on_soil: TyreOnSoil, pressing: float, k: float) -> TyreLoad:
+def supported_load(
+    tyre: Tyre | None, on_soil: TyreOnSoil, pressing: float, k: float, guess: float
+) -> TyreLoad:
     """`tyre_load` of a tyre; a rigid wheel (None) takes what presses it."""
     if tyre is None:
         return TyreLoad(pressing, 0.0, 0.0, k, 0.0)
-    return tyre_load(on_soil, pressing, k)
+    return tyre_load(on_soil, pressing, k, guess)
 
 
 @inline_kernel
 def eased_load(tyre: Tyre | None, on_soil: TyreOnSoil, near: TyreLoad, deeper: float) -> TyreLoad:
-    """The load where a wheel sinks ``deeper`` [m] by a little than where its load is ``near``: the tangent."""
+    """The load where a wheel is a little ``deeper`` [m] than where it is ``near``: by the tangent."""
     load = near.load - near.relief * deeper
     if tyre is None:
         return TyreLoad(load, 0.0, 0.0, near.relief, 0.0)
