@@ -27,12 +27,14 @@ from estimators.logs.schema import (
     unit_factor,
 )
 from estimators.logs.tables import Table, parse_csv, parse_parquet, read_bytes
-from estimators.logs.yaml_sections import Section, parse_yaml
+from estimators.logs.yaml_sections import Section
 from offroad_env.errors import DataError
+from offroad_env.world.yaml_text import parse_yaml
 
 __all__ = ["read_log", "read_logs"]
 
 _FORMATS = (".csv", ".parquet", ".bag")
+_ABOUT = "vehicle, soil, terrain, IMU and start"
 _RIG_RESULTS = ("drawbar", "side_force", "torque", "sinkage")
 #: Steps between rows that a vehicle log can have [s]; outside, time is in another unit.
 _STEP_RANGE = (1e-5, 1.0)
@@ -68,14 +70,14 @@ def read_log(path: str | PathLike[str]) -> Log:
     except UnicodeDecodeError:
         raise DataError(f"{file}: is not UTF-8 text") from None
     if path.is_dir() or path.suffix.lower() == ".bag":
-        top = Section(*parse_yaml(text, file), file)
+        top = Section(*parse_yaml(text, file, about=_ABOUT), file)
         table, digest = bags.read_bag(path, bags.parse_topics(top))
     else:
         content = read_bytes(path)
         parse = parse_parquet if path.suffix.lower() == ".parquet" else parse_csv
         table = parse(content, str(path))
         digest = hashlib.sha256(content)
-        top = Section(*parse_yaml(text, file), file)
+        top = Section(*parse_yaml(text, file, about=_ABOUT), file)
     digest.update(b"\0" + description)
     return _assemble(table, top, path.stem, digest.hexdigest())
 

@@ -2,86 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any, TypeVar, overload
-
-import yaml
 
 from estimators.logs.schema import nearest
 from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.world.catalogue import Quantity
+from offroad_env.world.yaml_text import shown
 
-__all__ = ["Section", "parse_yaml", "shown"]
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML with 1e5 and 13.19e3 as numbers, which YAML 1.1 reads as text."""
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
-)
-
-
-def parse_yaml(text: str, file: str) -> tuple[dict[str, Any], dict[str, int]]:
-    """Content of a YAML file, and the line of every key path (``"vehicle.m"``).
-
-    Raises
-    ------
-    DataError
-        For a syntax error, a key given twice, or anything but a mapping, with file and line.
-    """
-    loader = None
-    try:
-        loader = _Loader(text)
-        node = loader.get_single_node()
-        lines: dict[str, int] = {}
-        _note_lines(node, "", lines, file)
-        data = None if node is None else loader.construct_document(node)
-    except DataError:
-        raise
-    except yaml.YAMLError as error:
-        raise DataError(_syntax(error, text, file)) from None
-    except (ValueError, TypeError, OverflowError) as error:
-        raise DataError(f"{file}: a value cannot be read: {error}") from None
-    except RecursionError:
-        raise DataError(f"{file}: nested too deeply to be the description of a log") from None
-    finally:
-        if loader is not None:
-            loader.dispose()
-    if data is None:
-        raise DataError(f"{file}: is empty; it must describe vehicle, soil, terrain, IMU and start")
-    if not isinstance(data, dict):
-        raise DataError(f"{file}, line 1: must hold keys with values (vehicle: ...), got {shown(data)}")
-    return data, lines
-
-
-def _syntax(error: yaml.YAMLError, text: str, file: str) -> str:
-    mark, position = getattr(error, "problem_mark", None), getattr(error, "position", None)
-    line = mark.line + 1 if mark else text.count("\n", 0, position) + 1 if position else None
-    where = "" if line is None else f", line {line}"
-    problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not YAML"
-    return f"{file}{where}: YAML syntax: {problem}"
-
-
-def _note_lines(node: yaml.Node | None, path: str, lines: dict[str, int], file: str) -> None:
-    """Lines of all keys; refuses a key that stands twice in one mapping (YAML would keep the last)."""
-    if not isinstance(node, yaml.MappingNode):
-        return
-    for key, value in node.value:
-        name = f"{path}.{key.value}" if path else str(key.value)
-        line = key.start_mark.line + 1
-        if name in lines:
-            raise DataError(f"{file}, line {line}: {name} is given twice, first in line {lines[name]}")
-        lines[name] = line
-        _note_lines(value, name, lines, file)
-
-
-def shown(value: object) -> str:
-    """A value as an error quotes it, cut to 40 characters."""
-    text = repr(value)
-    return text if len(text) <= 40 else text[:37] + "..."
-
+__all__ = ["Section"]
 
 _REQUIRED = object()
 _Default = TypeVar("_Default")

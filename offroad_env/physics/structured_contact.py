@@ -74,6 +74,8 @@ _FINE_TOLERANCE, _FINE_SAME = 1e-11, 5e-8
 _NEAR = 0.003
 #: Chords before the interval is halved only; largest local exponent of the load over the rise.
 _CHORDS, _STEEPEST = 30, 1e3
+#: Rise that a quotient is formed with [m]; share of the load that is nothing.
+_SHALLOWEST, _NOTHING = 1e-100, 1e-9
 
 
 class _Start(NamedTuple):
@@ -237,6 +239,25 @@ def _scaled(forces: RimForces, factor: float) -> RimForces:
 
 
 @inline_kernel
+def _middle(low: float, high: float) -> float:
+    """A sinkage between two [m]; a tyre on firm soil may sink by decades less than an interval is long."""
+    if high < 4.0 * low:
+        return 0.5 * (low + high)
+    return math.sqrt(low * high) if low > 0.0 else 0.05 * high
+
+
+@inline_kernel
+def _status_between(h: float, r: float, V: float, target: float, N_0: float) -> float:
+    """Status where no sinkage is left between two that carry too little and too much [N]."""
+    if h > 0.9 * deepest_sinkage(r):
+        return SUNK
+    if balances(V, target):
+        return CONTACT
+    # Nothing presses a wheel that hangs above the bottom of its rut.
+    return AIRBORNE if max(V, abs(target)) <= _NOTHING * N_0 else NO_ROOT
+
+
+@inline_kernel
 def _steep_exponent(ratio_V: float, ratio_h: float) -> float:
     """Local exponent d ln V / d ln h: where half of a wheel meets a rut's bottom it is some tens."""
     return min(max(fast_log(ratio_V) / fast_log(ratio_h), 0.02), _STEEPEST)
@@ -249,7 +270,8 @@ def _held_share(tyre: Tyre | None, carried: TyreLoad, rise: float) -> float:
         return 1.0
     f = carried.deflection
     # Force grows like the root of the circle's radius: d ln R* / d ln f of `substitute_circle_ratio`.
-    return 1.0 - 0.5 * carried.growth * math.sqrt(f / (f + rise))
+    share: float = 1.0 - 0.5 * carried.growth * math.sqrt(f / (f + rise))
+    return share
 
 
 @inline_kernel
@@ -288,7 +310,8 @@ def _force_there(rut: RutSection, wheels: float, warm: FloatArray) -> float:
     share, depth = rut.share - warm[at.MET_SHARE], rut.depth - warm[at.MET_DEPTH]
     force = warm[at.FORCE_ROW]
     change = wheels * (warm[at.BY_SHARE] * share + warm[at.BY_DEPTH] * depth)
-    return force + min(max(change, -0.3 * force), 0.3 * force)
+    there: float = force + min(max(change, -0.3 * force), 0.3 * force)
+    return there
 
 
 @inline_kernel
@@ -296,14 +319,6 @@ def _support_of_tyre(tyre: Tyre | None, on_soil: TyreOnSoil, support: Support) -
     """What presses an axle on ground that does not yield: tyres deflect, which relieves the spring."""
     N_0, k, wheels = support
     return Support(wheels * supported_load(tyre, on_soil, N_0 / wheels, k / wheels, 0.0).load, 0.0, wheels)
-
-
-@inline_kernel
-def _closed_in(h: float, r: float, V: float, target: float) -> float:
-    """Status where no sinkage is left between too little and too much."""
-    if h > 0.9 * deepest_sinkage(r):
-        return SUNK
-    return CONTACT if balances(V, target) else NO_ROOT
 
 
 @inline_kernel
@@ -380,7 +395,7 @@ def solve_structured_contact(
             exponent *= held
         if measured:
             exponent = _steep_exponent(V / V_old, e / e_old)
-        step = (target - V) / (exponent * abs(V) / max(e, 1e-12) + relief)
+        step = (target - V) / (exponent * abs(V) / max(e, _SHALLOWEST) + relief)
         if measured and abs(step) * abs(change) <= small * e * e and abs(step) <= 1e-4 * e:
             status, forces = CONTACT, _beyond(forces, before, step / change)
             h += step
@@ -390,12 +405,12 @@ def solve_structured_contact(
             h += step
             break
         if high - low <= 1e-13 * high:
-            status = _closed_in(h, wheel.r, V, target)
+            status = _status_between(h, wheel.r, V, target, N_0)
             break
         e_old, V_old, before = e, V, forces
         h = depth + next_sinkage(e, V, target, step, exponent, relief) if e > 0.0 else 0.0
         if i > _CHORDS or not low < h < high:
-            h = 0.5 * (low + high)
+            h = _middle(low, high)
     load = wheels * eased_load(structure.tyre, on_soil, near, h - near_h).load
     _keep(structure.tyre, warm, h, exponent / held, _Balance(h - depth, load), forces)
     forces = _scaled(forces, wheels)
