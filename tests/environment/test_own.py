@@ -139,6 +139,8 @@ def test_what_is_registered_is_found_by_name_here_and_in_processes_started_later
         "print(json.dumps([*env.reset(seed=2)[0]['path'].tolist(), env.unwrapped.vehicle.m]))"
     )
     assert json.loads(run_fresh(code)) == [*shown["path"].tolist(), 1300.0]
+    within = scenario_mapping(Scenario(name="mine", draw=CourseRecipe(), soil="test_loess"))
+    assert read_soil(within["soil"]).record == SOILS["test_loess"]
     plain = json.loads(env.spec.to_json())["kwargs"]
     again = gym.make(ID, **plain).reset(seed=2)[0]
     assert all(np.array_equal(shown[key], again[key]) for key in shown)
