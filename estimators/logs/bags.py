@@ -23,12 +23,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from estimators.logs.schema import REFERENCE, VEHICLE_COLUMNS, nearest
+from estimators.logs.schema import REFERENCE, VEHICLE_INPUTS, nearest
 from estimators.logs.tables import Table, read_bytes
 from estimators.logs.yaml_sections import Section
 from offroad_env.errors import DataError
 
-__all__ = ["BAG_EXTRA", "Topics", "is_ros2_bag", "parse_topics", "read_bag"]
+__all__ = ["BAG_EXTRA", "Topics", "is_bag", "is_ros2_bag", "parse_topics", "read_bag"]
 
 BAG_EXTRA = 'reading ROS bags needs rosbags: pip install "offroad-bekker[data]"'
 
@@ -88,6 +88,11 @@ def is_ros2_bag(path: Path) -> bool:
     return (path / "metadata.yaml").is_file()
 
 
+def is_bag(path: Path) -> bool:
+    """Whether a file or folder holds messages of topics, not a table."""
+    return path.is_dir() or path.suffix.lower() in (".bag", ".mcap")
+
+
 def parse_topics(top: Section) -> Topics:
     """Take the keys that only a bag has, ``topics`` and ``clock``, out of the YAML.
 
@@ -113,8 +118,8 @@ def _sources(section: Section, key: str, value: Any) -> Iterable[_Source]:
         if not isinstance(value, str) or not value.startswith("/"):
             raise section.error(f"topics.{key} must be a topic such as /{key}, got {value!r}", key)
         return [_Source(column=c, topic=value, field=f, factor=k) for c, f, k in _SENSORS[key]]
-    if key == "t" or (key not in VEHICLE_COLUMNS and not key.startswith(REFERENCE)):
-        near = nearest(key, (*VEHICLE_COLUMNS, *_SENSORS))
+    if key == "t" or (key not in VEHICLE_INPUTS and not key.startswith(REFERENCE)):
+        near = nearest(key, (*VEHICLE_INPUTS, *_SENSORS))
         hint = f" - did you mean {near!r}?" if near else ""
         raise section.error(f"topics.{key}: a bag fills no such column{hint}", key)
     if isinstance(value, str) and len(value.split()) == 2:

@@ -17,6 +17,7 @@ from estimators.logs.config import (
     TerrainSpec,
     Wave,
 )
+from estimators.logs.mounting import parse_orientation
 from estimators.logs.schema import nearest
 from estimators.logs.yaml_sections import Section, shown
 from offroad_env.errors import DataError, InvalidParameter
@@ -33,6 +34,8 @@ __all__ = ["parse_config"]
 
 _DRIVETRAINS = ("force", "torque")
 _HOLDS = ("zoh", "linear")
+#: In place of the section ``start``: position, heading and speed of the first samples.
+_FROM_DATA = "log"
 _TERRAINS = ("paper", "flat", "unknown", "waves", "grid")
 _NEEDED_VEHICLE = ("m", "I_z", "I_y", "l_f", "l_r", "k_f", "k_r", "c_f", "c_r", "m_w", "r", "b")
 _NEEDED_SOIL = ("k_phi", "n", "c", "phi")
@@ -42,6 +45,7 @@ _SLIP = Quantity("in (-1, 1)", -1.0, 1.0, True, True, mistakes=((1.0, 100.0, "pe
 _ACCELERATION_SD = Quantity("in (0, 50] m/s^2", 0.0, 50.0, low_open=True)
 _RATE_SD = Quantity("in (0, 5] rad/s", 0.0, 5.0, low_open=True, mistakes=((5.0000001, 300.0, "deg/s"),))
 _POSITION_SD = Quantity("in (0, 100] m", 0.0, 100.0, low_open=True, mistakes=((100.0000001, 1e5, "mm"),))
+_IMU_RATE = Quantity("in [1, 1000] Hz", 1.0, 1000.0)
 _SPEED_SD = Quantity("in (0, 20] m/s", 0.0, 20.0, low_open=True)
 _ARM = Quantity("in [-10, 10] m", -10.0, 10.0, mistakes=((10.0000001, 1e4, "mm or cm given as m"),))
 _HEIGHT = Quantity("in [-2, 2] m", -2.0, 2.0, mistakes=((2.0000001, 2e3, "mm or cm given as m"),))
@@ -73,6 +77,7 @@ def parse_config(top: Section, *, rig: bool) -> LogConfig:
         config = _rig_config(top, units)
     else:
         vehicle, four_wheel = _vehicle(top.section("vehicle"))
+        from_data = top.peek("start") == _FROM_DATA
         config = LogConfig(
             model=top.choice("model", MODELS),
             structure=_structure(top),
@@ -85,20 +90,13 @@ def parse_config(top: Section, *, rig: bool) -> LogConfig:
             imu=_imu(top.section("imu")),
             gnss=_gnss(top),
             hold=_hold(top),
-            start=_start(top.section("start")),
+            start=_start(top),
+            start_from_data=from_data,
             unknown=_unknown(top),
             units=units,
         )
     top.finish()
     return config
-
-
-def _optional_section(top: Section, key: str) -> Section | None:
-    """A mapping that may be left out; asking makes the key known to the check of spellings."""
-    if key in top:
-        return top.section(key)
-    top.take(key, None)
-    return None
 
 
 def _structure(top: Section) -> str:
@@ -114,7 +112,7 @@ def _structure(top: Section) -> str:
 
 
 def _units(top: Section) -> tuple[tuple[str, str], ...]:
-    section = _optional_section(top, "units")
+    section = top.optional("units")
     if section is None:
         return ()
     pairs = section.rest()
@@ -271,20 +269,42 @@ def _wave(row: list[float]) -> Wave:
 def _imu(section: Section) -> ImuSpec:
     kinematic = section.flag("kinematic")
     position = section.triple("position", _ARM, (0.0, 0.0, 0.0))
+    orientation = parse_orientation(section)
     sd = section.section("sd")
     spec = ImuSpec(
         kinematic=kinematic,
         position=position,
         sd_a=sd.number("a", _ACCELERATION_SD),
         sd_rate=sd.number("rate", _RATE_SD),
+        orientation=orientation,
+        rate=_rate(section),
     )
     sd.finish()
     section.finish()
     return spec
 
 
+def _rate(section: Section) -> float | None:
+    """``imu.rate``: a number [Hz], or text with the unit."""
+    given = section.take("rate", None)
+    if given is None:
+        return None
+    words = given.split() if isinstance(given, str) else [given]
+    if len(words) == 2 and str(words[1]).lower() == "hz":
+        try:
+            words = [float(words[0])]
+        except ValueError:
+            words = [given]
+    if len(words) != 1:
+        raise section.error(f"imu.rate must be a rate such as 100 Hz, got {shown(given)}", "rate")
+    try:
+        return _IMU_RATE.check("imu.rate", words[0])
+    except InvalidParameter as error:
+        raise section.error(str(error), "rate") from None
+
+
 def _gnss(top: Section) -> GnssSpec | None:
-    section = _optional_section(top, "gnss")
+    section = top.optional("gnss")
     if section is None:
         return None
     sd = section.section("sd")
@@ -297,7 +317,7 @@ def _gnss(top: Section) -> GnssSpec | None:
 
 
 def _hold(top: Section) -> str:
-    section = _optional_section(top, "inputs")
+    section = top.optional("inputs")
     if section is None:
         return "zoh"
     hold = section.choice("hold", _HOLDS, "zoh")
@@ -305,7 +325,11 @@ def _hold(top: Section) -> str:
     return hold
 
 
-def _start(section: Section) -> StartSpec:
+def _start(top: Section) -> StartSpec:
+    if top.peek("start") == _FROM_DATA:
+        top.take("start")
+        return StartSpec()
+    section = top.section("start")
     if "settled" in section and not section.flag("settled"):
         raise section.error("start.settled must be true, or left out where start.state is given", "settled")
     x = section.number("x", _PLACE, 0.0)

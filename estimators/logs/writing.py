@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from estimators.logs.config_writing import config_yaml
+from estimators.logs.csv_tables import csv_text
 from estimators.logs.log import Log
-from estimators.logs.tables import csv_text, parquet_bytes
+from estimators.logs.tables import parquet_bytes
 from offroad_env.errors import DataError
 
 __all__ = ["content_hash", "write_log"]

@@ -11,7 +11,7 @@ from estimators.logs.schema import nearest
 from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.world.catalogue import Quantity
 
-__all__ = ["Section", "parse_yaml", "shown"]
+__all__ = ["KeyedError", "Section", "parse_yaml", "shown"]
 
 
 class _Loader(yaml.SafeLoader):
@@ -26,6 +26,9 @@ _Loader.add_implicit_resolver(
 def parse_yaml(text: str, file: str) -> tuple[dict[str, Any], dict[str, int]]:
     """Content of a YAML file, and the line of every key path (``"vehicle.m"``).
 
+    A dotted key (``imu.kinematic: false``) sets one value inside a section and replaces what stands there,
+    so that a line at the end of a file changes it.
+
     Raises
     ------
     DataError
@@ -36,8 +39,14 @@ def parse_yaml(text: str, file: str) -> tuple[dict[str, Any], dict[str, int]]:
         loader = _Loader(text)
         node = loader.get_single_node()
         lines: dict[str, int] = {}
+        dotted = _take_dotted(node, file)
         _note_lines(node, "", lines, file)
         data = None if node is None else loader.construct_document(node)
+        for key, value in dotted:
+            own: dict[str, int] = {}
+            _note_lines(value, key.value, own, file)
+            _set_dotted(data, key.value, loader.construct_document(value), file, key.start_mark.line + 1)
+            lines.update(own | {key.value: key.start_mark.line + 1})
     except DataError:
         raise
     except yaml.YAMLError as error:
@@ -77,10 +86,51 @@ def _note_lines(node: yaml.Node | None, path: str, lines: dict[str, int], file: 
         _note_lines(value, name, lines, file)
 
 
+def _take_dotted(node: yaml.Node | None, file: str) -> list[tuple[yaml.ScalarNode, yaml.Node]]:
+    """Take the dotted keys of the top mapping out of it, in their order."""
+    if not isinstance(node, yaml.MappingNode):
+        return []
+    dotted: dict[str, tuple[yaml.ScalarNode, yaml.Node]] = {}
+    for key, value in node.value:
+        if not isinstance(key, yaml.ScalarNode) or "." not in key.value.strip(".") or " " in key.value:
+            continue
+        if key.value in dotted:
+            first = dotted[key.value][0].start_mark.line + 1
+            where = f"{file}, line {key.start_mark.line + 1}"
+            raise DataError(f"{where}: {key.value} is given twice, first in line {first}")
+        dotted[key.value] = key, value
+    taken = list(dotted.values())
+    node.value = [pair for pair in node.value if not any(pair[0] is key for key, _ in taken)]
+    return taken
+
+
+def _set_dotted(data: Any, path: str, value: Any, file: str, line: int) -> None:
+    """Set the value at a dotted path; sections that are missing are made."""
+    *sections, last = path.split(".")
+    inner = data
+    for name in sections:
+        if not isinstance(inner, dict):
+            break
+        inner = inner.setdefault(name, {})
+    if not isinstance(inner, dict):
+        raise DataError(
+            f"{file}, line {line}: {path} sets a value inside {shown(inner)}, which is no section"
+        )
+    inner[last] = value
+
+
 def shown(value: object) -> str:
     """A value as an error quotes it, cut to 40 characters."""
     text = repr(value)
     return text if len(text) <= 40 else text[:37] + "..."
+
+
+class KeyedError(DataError):
+    """A refusal of a value in the YAML, with the path of its key (``"vehicle.m"``)."""
+
+    def __init__(self, sentence: str, path: str) -> None:
+        super().__init__(sentence)
+        self.path = path
 
 
 _REQUIRED = object()
@@ -106,7 +156,7 @@ class Section:
         full = ".".join(part for part in (self._path, key) if part)
         line = self._lines.get(full, self._lines.get(self._path))
         where = self._file if line is None else f"{self._file}, line {line}"
-        return DataError(f"{where}: {sentence}")
+        return KeyedError(f"{where}: {sentence}", full)
 
     def name(self, key: str) -> str:
         """The key with the sections that contain it."""
@@ -126,12 +176,23 @@ class Section:
             raise self.error(f"{self.name(key)} has no value", key)
         return value
 
+    def peek(self, key: str) -> Any:
+        """Value of a key without taking it; None where it is not there."""
+        return self._rest.get(key)
+
     def section(self, key: str) -> Section:
         """A mapping below this one; must be there."""
         value = self.take(key)
         if not isinstance(value, dict):
             raise self.error(f"{self.name(key)} must hold keys with values, got {shown(value)}", key)
         return Section(value, self._lines, self._file, self.name(key))
+
+    def optional(self, key: str) -> Section | None:
+        """A mapping that may be left out; asking makes the key known to the check of spellings."""
+        if key in self:
+            return self.section(key)
+        self.take(key, None)
+        return None
 
     @overload
     def number(self, key: str, quantity: Quantity) -> float: ...
@@ -174,9 +235,9 @@ class Section:
             raise self.error(f"{self.name(key)} must be one of {names}, got {shown(value)}{hint}", key)
         return value
 
-    def flag(self, key: str) -> bool:
+    def flag(self, key: str, default: object = _REQUIRED) -> bool:
         """True or false."""
-        value = self.take(key)
+        value = self.take(key, default)
         if not isinstance(value, bool):
             raise self.error(f"{self.name(key)} must be true or false, got {shown(value)}", key)
         return value
