@@ -19,7 +19,7 @@ from estimators.logs.config import (
 )
 from estimators.logs.mounting import parse_orientation
 from estimators.logs.schema import nearest
-from estimators.logs.yaml_sections import Section, shown
+from estimators.logs.yaml_sections import Section
 from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.records import FourWheel, Soil, Vehicle, Wheel
@@ -29,6 +29,7 @@ from offroad_env.world.four_wheel import FOUR_WHEEL_FIELDS, FourWheelFields, mak
 from offroad_env.world.soils import make_soil
 from offroad_env.world.structures import read_structure
 from offroad_env.world.vehicles import make_vehicle, make_wheel
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["parse_config"]
 

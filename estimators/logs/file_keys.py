@@ -22,8 +22,9 @@ from typing import Any
 
 from estimators.logs.csv_tables import PLAIN, CsvFormat
 from estimators.logs.schema import ALL_COLUMNS, REFERENCE, nearest
-from estimators.logs.yaml_sections import Section, shown
+from estimators.logs.yaml_sections import Section
 from offroad_env.world.catalogue import Quantity
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["AS_IS", "FileKeys", "Source", "TimeKeys", "parse_file_keys"]
 

@@ -8,7 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from estimators.logs.schema import IMU
-from estimators.logs.yaml_sections import Section, shown
+from estimators.logs.yaml_sections import Section
+from offroad_env.world.yaml_text import shown
 
 __all__ = [
     "ACCELEROMETERS",

@@ -30,8 +30,9 @@ from estimators.logs.schema import (
 )
 from estimators.logs.tables import Table, read_bytes, read_parquet
 from estimators.logs.unit_conversion import Conversion, conversion
-from estimators.logs.yaml_sections import Section, parse_yaml
+from estimators.logs.yaml_sections import Section
 from offroad_env.errors import DataError, InvalidParameter
+from offroad_env.world.yaml_text import parse_yaml
 
 __all__ = [
     "assemble",
@@ -45,6 +46,7 @@ __all__ = [
 ]
 
 _FORMATS = (".csv", ".parquet", ".bag", ".mcap")
+_ABOUT = "vehicle, soil, terrain, IMU and start"
 _RIG_RESULTS = ("drawbar", "side_force", "torque", "sinkage")
 #: A drive is commanded by a steering angle, or shows it in the speeds of its sides.
 _STEERED = ("steer",)
@@ -108,7 +110,7 @@ def parse_description(description: bytes, file: str) -> Section:
         text = description.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise DataError(f"{file}: is not UTF-8 text") from None
-    return Section(*parse_yaml(text, file), file)
+    return Section(*parse_yaml(text, file, about=_ABOUT, dotted=True), file)
 
 
 def read_table(path: Path, top: Section, keys: FileKeys) -> tuple[Table, bags.Digest]:

@@ -2,127 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any, TypeVar, overload
-
-import yaml
 
 from estimators.logs.schema import nearest
 from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.world.catalogue import Quantity
+from offroad_env.world.yaml_text import shown
 
-__all__ = ["KeyedError", "Section", "parse_yaml", "shown"]
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML with 1e5 and 13.19e3 as numbers, which YAML 1.1 reads as text."""
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
-)
-
-
-def parse_yaml(text: str, file: str) -> tuple[dict[str, Any], dict[str, int]]:
-    """Content of a YAML file, and the line of every key path (``"vehicle.m"``).
-
-    A dotted key (``imu.kinematic: false``) sets one value inside a section and replaces what stands there,
-    so that a line at the end of a file changes it.
-
-    Raises
-    ------
-    DataError
-        For a syntax error, a key given twice, or anything but a mapping, with file and line.
-    """
-    loader = None
-    try:
-        loader = _Loader(text)
-        node = loader.get_single_node()
-        lines: dict[str, int] = {}
-        dotted = _take_dotted(node, file)
-        _note_lines(node, "", lines, file)
-        data = None if node is None else loader.construct_document(node)
-        for key, value in dotted:
-            own: dict[str, int] = {}
-            _note_lines(value, key.value, own, file)
-            _set_dotted(data, key.value, loader.construct_document(value), file, key.start_mark.line + 1)
-            lines.update(own | {key.value: key.start_mark.line + 1})
-    except DataError:
-        raise
-    except yaml.YAMLError as error:
-        raise DataError(_syntax(error, text, file)) from None
-    except (ValueError, TypeError, OverflowError) as error:
-        raise DataError(f"{file}: a value cannot be read: {error}") from None
-    except RecursionError:
-        raise DataError(f"{file}: nested too deeply to be the description of a log") from None
-    finally:
-        if loader is not None:
-            loader.dispose()
-    if data is None:
-        raise DataError(f"{file}: is empty; it must describe vehicle, soil, terrain, IMU and start")
-    if not isinstance(data, dict):
-        raise DataError(f"{file}, line 1: must hold keys with values (vehicle: ...), got {shown(data)}")
-    return data, lines
-
-
-def _syntax(error: yaml.YAMLError, text: str, file: str) -> str:
-    mark, position = getattr(error, "problem_mark", None), getattr(error, "position", None)
-    line = mark.line + 1 if mark else text.count("\n", 0, position) + 1 if position else None
-    where = "" if line is None else f", line {line}"
-    problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not YAML"
-    return f"{file}{where}: YAML syntax: {problem}"
-
-
-def _note_lines(node: yaml.Node | None, path: str, lines: dict[str, int], file: str) -> None:
-    """Lines of all keys; refuses a key that stands twice in one mapping (YAML would keep the last)."""
-    if not isinstance(node, yaml.MappingNode):
-        return
-    for key, value in node.value:
-        name = f"{path}.{key.value}" if path else str(key.value)
-        line = key.start_mark.line + 1
-        if name in lines:
-            raise DataError(f"{file}, line {line}: {name} is given twice, first in line {lines[name]}")
-        lines[name] = line
-        _note_lines(value, name, lines, file)
-
-
-def _take_dotted(node: yaml.Node | None, file: str) -> list[tuple[yaml.ScalarNode, yaml.Node]]:
-    """Take the dotted keys of the top mapping out of it, in their order."""
-    if not isinstance(node, yaml.MappingNode):
-        return []
-    dotted: dict[str, tuple[yaml.ScalarNode, yaml.Node]] = {}
-    for key, value in node.value:
-        if not isinstance(key, yaml.ScalarNode) or "." not in key.value.strip(".") or " " in key.value:
-            continue
-        if key.value in dotted:
-            first = dotted[key.value][0].start_mark.line + 1
-            where = f"{file}, line {key.start_mark.line + 1}"
-            raise DataError(f"{where}: {key.value} is given twice, first in line {first}")
-        dotted[key.value] = key, value
-    taken = list(dotted.values())
-    node.value = [pair for pair in node.value if not any(pair[0] is key for key, _ in taken)]
-    return taken
-
-
-def _set_dotted(data: Any, path: str, value: Any, file: str, line: int) -> None:
-    """Set the value at a dotted path; sections that are missing are made."""
-    *sections, last = path.split(".")
-    inner = data
-    for name in sections:
-        if not isinstance(inner, dict):
-            break
-        inner = inner.setdefault(name, {})
-    if not isinstance(inner, dict):
-        raise DataError(
-            f"{file}, line {line}: {path} sets a value inside {shown(inner)}, which is no section"
-        )
-    inner[last] = value
-
-
-def shown(value: object) -> str:
-    """A value as an error quotes it, cut to 40 characters."""
-    text = repr(value)
-    return text if len(text) <= 40 else text[:37] + "..."
+__all__ = ["KeyedError", "Section"]
 
 
 class KeyedError(DataError):

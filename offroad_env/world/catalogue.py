@@ -73,6 +73,10 @@ class Catalogue(Mapping[str, R]):
         except (KeyError, TypeError):
             raise UnknownNameError(self._unknown(name)) from None
 
+    def register(self, entry: Entry[R]) -> None:
+        """Add an entry, or replace one; of one's own, see `world.descriptions.register_soil`."""
+        self._entries = MappingProxyType({**self._entries, entry.name: entry})
+
     def _unknown(self, name: object) -> str:
         wanted = str(name).lower().replace(" ", "_").replace("-", "_")
         near = get_close_matches(wanted, self._entries, n=4, cutoff=0.4)

@@ -11,7 +11,7 @@ from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import Soil
 from offroad_env.world.catalogue import Quantity, given_fields
 
-__all__ = ["SoilFields", "checked_soil"]
+__all__ = ["SOIL_DEFAULTS", "SOIL_RANGES", "SoilFields", "checked_soil"]
 
 _SHEAR_MODULUS = Quantity(
     "in [1e-4, 0.5] m", 1e-4, 0.5, mistakes=((0.5000001, 6.0, "cm given as m"), (6.0, 1e3, "mm given as m"))
@@ -20,7 +20,7 @@ _ANGLE_SHARE = Quantity("in [-2, 2]", -2.0, 2.0, mistakes=((2.0000001, 90.0, "an
 
 #: Allowed range of every field. The "kN" traps lie where no published soil is: tables print
 #: 43 ... 5880 kN/m^(n+2) and 0.06 ... 102 kN/m^(n+1).
-_FIELDS = MappingProxyType(
+SOIL_RANGES = MappingProxyType(
     {
         "k_c": Quantity(
             "0 or in [50, 1e8] N/m^(n+1)", 0.0, 1e8, mistakes=((1e-9, 49.999999, "kN/m^(n+1) given as N"),)
@@ -62,7 +62,7 @@ _ESSENTIAL = ("k_phi", "n", "c", "phi")
 
 #: Class values for what is seldom published: K of firm soil (Wong, Theory of Ground Vehicles,
 #: section 2.4), angles of compact sand (Wong & Reece 1967), a dry road.
-_DEFAULTS = MappingProxyType(
+SOIL_DEFAULTS = MappingProxyType(
     {
         "k_c": 0.0,
         "k_x": 0.01,
@@ -112,13 +112,13 @@ class SoilFields(TypedDict, total=False):
 
 def checked_soil(start: Soil | None = None, kind: str | None = None, **fields: Unpack[SoilFields]) -> Soil:
     """A validated soil: the fields given, else those of ``start``, else the defaults; see `make_soil`."""
-    given = given_fields("make_soil", cast("Mapping[str, float | None]", fields), _FIELDS)
+    given = given_fields("make_soil", cast("Mapping[str, float | None]", fields), SOIL_RANGES)
     rigid = _rigid(kind, start)
     values = _start_values(start, rigid, given) | given
     if "C_kappa" not in given:
         share = 1.0 if start is None else start.C_kappa / start.C_alpha
         values["C_kappa"] = share * values["C_alpha"]
-    checked = {name: _FIELDS[name].check(name, value) for name, value in values.items()}
+    checked = {name: SOIL_RANGES[name].check(name, value) for name, value in values.items()}
     soil = Soil(**checked, rigid=1.0 if rigid else 0.0)
     if not rigid:
         _check_together(soil)
@@ -137,7 +137,7 @@ def _start_values(start: Soil | None, rigid: bool, given: dict[str, float]) -> d
     """Values for the fields that are not given: those of the base, else the defaults."""
     if start is not None and (rigid or start.rigid < 0.5):
         return {name: value for name, value in start._asdict().items() if name != "rigid"}
-    values = dict(_DEFAULTS)
+    values = dict(SOIL_DEFAULTS)
     if start is not None:
         values |= {"mu": start.mu, "C_alpha": start.C_alpha}
     if "k_x" in given:

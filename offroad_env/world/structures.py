@@ -11,7 +11,15 @@ from types import MappingProxyType
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import Structure
 
-__all__ = ["LADDER", "LAWS", "STRUCTURES", "make_structure", "read_structure", "structure_laws"]
+__all__ = [
+    "LADDER",
+    "LAWS",
+    "STRUCTURES",
+    "STRUCTURE_NUMBERS",
+    "make_structure",
+    "read_structure",
+    "structure_laws",
+]
 
 #: Each choice with its options; the first is that of preset "full".
 LAWS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -62,6 +70,16 @@ LADDER: tuple[str, ...] = (
 _ELASTIC_MODULUS = 2e8
 #: Growth of the linear slip sinkage: what Lyasko's factor has at zero slip.
 _SLIP_SINKAGE_RATE = 1.5
+
+#: Numbers of a structure: (lowest, highest, default).
+STRUCTURE_NUMBERS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
+    {
+        "elastic_modulus": (1e6, 1e11, _ELASTIC_MODULUS),
+        "slip_sinkage_rate": (0.0, 10.0, _SLIP_SINKAGE_RATE),
+        "damping": (0.0, 1e7, 0.0),
+        "grouser_height": (0.0, 0.2, 0.0),
+    }
+)
 
 
 def make_structure(
@@ -122,10 +140,10 @@ def make_structure(
         shear_carry=_flag(chosen["ruts"] == "pressure_and_shear"),
         hull=_flag(chosen["width"] == "hull"),
         slip_sinkage=float(LAWS["slip_sinkage"].index(chosen["slip_sinkage"])),
-        slip_sinkage_rate=_within("slip_sinkage_rate", slip_sinkage_rate, 0.0, 10.0, "in percent?"),
-        elastic_modulus=_within("elastic_modulus", elastic_modulus, 1e6, 1e11, "Pa/m, not kPa/m?"),
-        damping=_within("damping", damping, 0.0, 1e7, "Pa s/m?"),
-        grouser_height=_within("grouser_height", grouser_height, 0.0, 0.2, "in mm?"),
+        slip_sinkage_rate=_within("slip_sinkage_rate", slip_sinkage_rate, "in percent?"),
+        elastic_modulus=_within("elastic_modulus", elastic_modulus, "Pa/m, not kPa/m?"),
+        damping=_within("damping", damping, "Pa s/m?"),
+        grouser_height=_within("grouser_height", grouser_height, "in mm?"),
         external_torque=_flag(chosen["shaft_torque"] == "external"),
     )
 
@@ -146,7 +164,7 @@ def read_structure(text: str) -> Structure:
             numbers[name] = float(value)
         except ValueError:
             raise InvalidParameter(f"structure {text!r}: there is no choice {name!r}; {_known()}") from None
-        if name not in _NUMBERS:
+        if name not in STRUCTURE_NUMBERS:
             raise InvalidParameter(f"structure {text!r}: there is no number {name!r}; {_known()}")
     return make_structure(
         preset,
@@ -158,11 +176,8 @@ def read_structure(text: str) -> Structure:
     )
 
 
-_NUMBERS = ("elastic_modulus", "slip_sinkage_rate", "damping", "grouser_height")
-
-
 def _known() -> str:
-    return f"choices are {', '.join(LAWS)}, numbers {', '.join(_NUMBERS)}"
+    return f"choices are {', '.join(LAWS)}, numbers {', '.join(STRUCTURE_NUMBERS)}"
 
 
 def structure_laws(structure: Structure) -> dict[str, str]:
@@ -190,7 +205,8 @@ def _flag(value: bool) -> float:
     return 1.0 if value else 0.0
 
 
-def _within(name: str, value: float, low: float, high: float, hint: str) -> float:
+def _within(name: str, value: float, hint: str) -> float:
+    low, high, _ = STRUCTURE_NUMBERS[name]
     if not low <= value <= high:
         raise InvalidParameter(f"{name} must be in [{low:g}, {high:g}], got {value:g} - {hint}")
     return float(value)

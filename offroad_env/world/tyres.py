@@ -10,7 +10,15 @@ from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import Structure, Tyre, Wheel
 from offroad_env.world.catalogue import Catalogue, Entry, Quantity, given_fields
 
-__all__ = ["TYRES", "TyreFields", "make_tyre", "read_tyre", "require_fitting_tyre", "with_tyre"]
+__all__ = [
+    "TYRES",
+    "TYRE_RANGES",
+    "TyreFields",
+    "make_tyre",
+    "read_tyre",
+    "require_fitting_tyre",
+    "with_tyre",
+]
 
 #: Pressure that a carcass acts like [Pa]: the stiffness of the Goodyear tyre at four pressures extrapolates
 #: to zero at -75 kPa.
@@ -31,7 +39,7 @@ _ROLLING = 1.0 / 3.0
 _MISFIT = 0.15
 
 _LENGTHS = (3.0000001, 3e3, "mm given as m")
-_FIELDS = MappingProxyType(
+TYRE_RANGES = MappingProxyType(
     {
         "r": Quantity("in [0.02, 3] m", 0.02, 3.0, mistakes=(_LENGTHS,)),
         "b": Quantity("in [0.01, 3] m", 0.01, 3.0, mistakes=(_LENGTHS,)),
@@ -106,7 +114,7 @@ def make_tyre(base: str | Tyre | None = None, **fields: Unpack[TyreFields]) -> T
     >>> round(tyre.r, 4), tyre.inflation
     (0.4987, 270000.0)
     """
-    given = given_fields("make_tyre", fields, _FIELDS)  # type: ignore[arg-type]  # a TypedDict of floats
+    given = given_fields("make_tyre", fields, TYRE_RANGES)  # type: ignore[arg-type]  # a TypedDict of floats
     if base is None:
         missing = [name for name in ("r", "b", "inflation") if name not in given]
         if missing:
@@ -118,7 +126,7 @@ def make_tyre(base: str | Tyre | None = None, **fields: Unpack[TyreFields]) -> T
         values = (TYRES[base] if isinstance(base, str) else base)._asdict() | given
     else:
         raise InvalidParameter(f"base must be a name in TYRES or a Tyre, got {base!r}")
-    return Tyre(**{name: quantity.check(name, values[name]) for name, quantity in _FIELDS.items()})
+    return Tyre(**{name: quantity.check(name, values[name]) for name, quantity in TYRE_RANGES.items()})
 
 
 def _defaults(r: float, b: float) -> dict[str, float]:

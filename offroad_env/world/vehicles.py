@@ -12,7 +12,7 @@ from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.records import Vehicle, Wheel
 from offroad_env.world.catalogue import Catalogue, Entry, Quantity, given_fields
 
-__all__ = ["VEHICLES", "VehicleFields", "make_vehicle", "make_wheel", "static_loads"]
+__all__ = ["VEHICLES", "VEHICLE_RANGES", "VehicleFields", "make_vehicle", "make_wheel", "static_loads"]
 
 _MILLIMETRES = "mm given as m"
 _DEGREES = "degrees"
@@ -31,7 +31,7 @@ _SHARE = Quantity("in [0, 1]", 0.0, 1.0, mistakes=((1.0000001, 100.0, "per cent"
 _LAG = _positive("s", 0.0, 2.0, (2.0000001, 2e3, "ms given as s"))
 
 #: Allowed range of every field: from a 1:10 car to a heavy truck.
-_FIELDS = MappingProxyType(
+VEHICLE_RANGES = MappingProxyType(
     {
         "m": _positive("kg", 0.1, 1e5),
         "I_z": _positive("kg m^2", 1e-5, 1e7),
@@ -214,16 +214,16 @@ def make_vehicle(base: str | Vehicle | None = None, **fields: Unpack[VehicleFiel
     >>> loaded.m, loaded.l_f
     (1500.0, 1.537)
     """
-    given = given_fields("make_vehicle", cast("Mapping[str, float | None]", fields), _FIELDS)
+    given = given_fields("make_vehicle", cast("Mapping[str, float | None]", fields), VEHICLE_RANGES)
     values = _base_values(base) | given
     _check_complete(values)
-    vehicle = Vehicle(**{name: _FIELDS[name].check(name, value) for name, value in values.items()})
+    vehicle = Vehicle(**{name: VEHICLE_RANGES[name].check(name, value) for name, value in values.items()})
     _check_together(vehicle)
     return vehicle
 
 
 def _check_complete(values: Mapping[str, float]) -> None:
-    missing = [name for name in _FIELDS if name not in values]
+    missing = [name for name in VEHICLE_RANGES if name not in values]
     if missing:
         raise InvalidParameter(
             f"a vehicle without a base needs every field; missing: {', '.join(missing)} "
