@@ -15,7 +15,8 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
@@ -28,7 +29,7 @@ from estimators.logs.tables import Table, read_bytes
 from estimators.logs.yaml_sections import Section
 from offroad_env.errors import DataError
 
-__all__ = ["BAG_EXTRA", "Topics", "is_bag", "is_ros2_bag", "parse_topics", "read_bag"]
+__all__ = ["BAG_EXTRA", "Topics", "is_bag", "is_ros2_bag", "parse_topics", "read_bag", "topics_of"]
 
 BAG_EXTRA = 'reading ROS bags needs rosbags: pip install "offroad-bekker[data]"'
 
@@ -159,32 +160,51 @@ def read_bag(path: Path, topics: Topics) -> tuple[Table, Digest]:
     return Table(file=str(path), columns=columns, rows=np.arange(1, len(times) + 1)), digest
 
 
-def _messages(path: Path, topics: Topics) -> dict[str, tuple[list[int], dict[str, list[float]]]]:
-    """Per topic: stamps [ns] and values by column."""
+def topics_of(path: Path) -> dict[str, str]:
+    """Topics of a bag with the types of their messages.
+
+    Raises
+    ------
+    DataError
+        If rosbags is missing, or the bag is damaged.
+    """
+    with _opened(path) as reader:
+        return {topic: info.msgtype or "several types" for topic, info in reader.topics.items()}
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """A reader of the bag; whatever fails inside is said in one sentence."""
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise DataError(BAG_EXTRA) from None
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+            yield reader
+    except DataError:
+        raise
+    except Exception as error:  # a damaged bag fails anywhere inside the reader, in many ways
+        reason = " ".join(str(error).split())[:120]
+        raise DataError(f"{path}: cannot be read as a ROS bag: {reason or type(error).__name__}") from None
+
+
+def _messages(path: Path, topics: Topics) -> dict[str, tuple[list[int], dict[str, list[float]]]]:
+    """Per topic: stamps [ns] and values by column."""
     wanted = {
         source.topic: [s for s in topics.sources if s.topic == source.topic] for source in topics.sources
     }
     found: dict[str, tuple[list[int], dict[str, list[float]]]] = {
         topic: ([], {source.column: [] for source in sources}) for topic, sources in wanted.items()
     }
-    try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
-            _check_topics(reader, wanted, path, topics.section)
-            connections = [c for c in reader.connections if c.topic in wanted]
-            for connection, received, raw in reader.messages(connections=connections):
-                message = reader.deserialize(raw, connection.msgtype)
-                stamp = _stamp(message, received, topics.clock)
-                _store(path, message, stamp, wanted[connection.topic], found[connection.topic])
-    except DataError:
-        raise
-    except Exception as error:  # a damaged bag fails anywhere inside the reader, in many ways
-        reason = " ".join(str(error).split())[:120]
-        raise DataError(f"{path}: cannot be read as a ROS bag: {reason or type(error).__name__}") from None
+    with _opened(path) as reader:
+        _check_topics(reader, wanted, path, topics.section)
+        connections = [c for c in reader.connections if c.topic in wanted]
+        for connection, received, raw in reader.messages(connections=connections):
+            message = reader.deserialize(raw, connection.msgtype)
+            stamp = _stamp(message, received, topics.clock)
+            _store(path, message, stamp, wanted[connection.topic], found[connection.topic])
     for topic, (times, _) in found.items():
         if not times:
             raise DataError(f"{path}: topic {topic} holds no message")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import cast
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar, cast
 
 from estimators.logs.config import (
     RIGID_KEYS,
@@ -25,6 +25,7 @@ from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.records import FourWheel, Soil, Vehicle, Wheel
 from offroad_env.simulation.simulator import MODELS
 from offroad_env.world.catalogue import Quantity
+from offroad_env.world.descriptions import read_soil, read_vehicle
 from offroad_env.world.four_wheel import FOUR_WHEEL_FIELDS, FourWheelFields, make_four_wheel
 from offroad_env.world.soils import make_soil
 from offroad_env.world.structures import read_structure
@@ -32,6 +33,8 @@ from offroad_env.world.vehicles import make_vehicle, make_wheel
 from offroad_env.world.yaml_text import shown
 
 __all__ = ["parse_config"]
+
+_Described = TypeVar("_Described")
 
 _DRIVETRAINS = ("force", "torque")
 _HOLDS = ("zoh", "linear")
@@ -77,7 +80,7 @@ def parse_config(top: Section, *, rig: bool) -> LogConfig:
     if rig:
         config = _rig_config(top, units)
     else:
-        vehicle, four_wheel = _vehicle(top.section("vehicle"))
+        vehicle, four_wheel = _vehicle_of(top)
         from_data = top.peek("start") == _FROM_DATA
         config = LogConfig(
             model=top.choice("model", MODELS),
@@ -86,7 +89,7 @@ def parse_config(top: Section, *, rig: bool) -> LogConfig:
             slip=top.number("slip", _SLIP, 0.0),
             vehicle=vehicle,
             four_wheel=four_wheel,
-            soil=_soil(top.section("soil")),
+            soil=_soil_of(top),
             terrain=_terrain(top.section("terrain")),
             imu=_imu(top.section("imu")),
             gnss=_gnss(top),
@@ -146,7 +149,7 @@ def _rig_config(top: Section, units: tuple[tuple[str, str], ...]) -> LogConfig:
         body = top.section("vehicle")
         wheel = _wheel(body)
         body.rest()
-    soil = _soil(top.section("soil"))
+    soil = _soil_of(top)
     for name in ("drivetrain", "slip", "terrain", "imu", "gnss", "inputs", "start", "unknown"):
         top.take(name, None)  # harmless beside a wheel: the same YAML may serve a vehicle
     return LogConfig(model=model, structure=_structure(top), wheel=wheel, soil=soil, units=units)
@@ -165,6 +168,39 @@ def _wheel(section: Section) -> Wheel:
         return make_wheel(r=section.take("r"), b=section.take("b"))
     except InvalidParameter as error:
         raise _refused(section, error) from None
+
+
+def _vehicle_of(top: Section) -> tuple[Vehicle, FourWheel | None]:
+    """The vehicle: all keys, or a name of the catalogue, or a ``base`` with changes, or a file."""
+    given = top.peek("vehicle")
+    if isinstance(given, dict) and "base" not in given:
+        return _vehicle(top.section("vehicle"))
+    found = _described(top, "vehicle", read_vehicle)
+    return found.record, found.four_wheel
+
+
+def _soil_of(top: Section) -> Soil:
+    """The soil, in the same ways."""
+    given = top.peek("soil")
+    if isinstance(given, dict) and "base" not in given:
+        return _soil(top.section("soil"))
+    return _described(top, "soil", read_soil).record
+
+
+def _described(top: Section, key: str, read: Callable[[Any], _Described]) -> _Described:
+    """What a name, a file or a mapping with ``base`` describes, as everywhere in the project."""
+    value = top.take(key)
+    if isinstance(value, str) and value.lower().endswith((".yaml", ".yml")):
+        value = top.beside(value)
+    elif not isinstance(value, (str, dict)):
+        raise top.error(
+            f"{key} must be a name of the catalogue, or hold keys with values, got {shown(value)}", key
+        )
+    try:
+        return read(value)
+    except (InvalidParameter, DataError) as error:
+        sentence = str(error)
+        raise top.error(sentence if sentence.startswith(key) else f"{key}: {sentence}", key) from None
 
 
 def _vehicle(section: Section) -> tuple[Vehicle, FourWheel | None]:

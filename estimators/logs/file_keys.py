@@ -88,10 +88,11 @@ def parse_file_keys(top: Section) -> FileKeys:
     DataError
         With file, line and key.
     """
+    ignore = _ignore(top)
     return FileKeys(
         csv=_csv(top),
         columns=_columns(top),
-        ignore=_ignore(top),
+        ignore=ignore,
         signs=_signs(top),
         blank=_blank(top),
         time=_time(top),
@@ -142,6 +143,8 @@ def _columns(top: Section) -> dict[str, Source]:
         return {}
     found = {}
     for key, value in section.rest().items():
+        if key == "ignore":
+            continue
         if key not in ALL_COLUMNS and not str(key).startswith(REFERENCE):
             near = nearest(str(key), ALL_COLUMNS)
             hint = (
@@ -176,14 +179,15 @@ def _source(section: Section, key: str, value: Any) -> Source:
 
 
 def _ignore(top: Section) -> tuple[str, ...] | None:
-    given = top.take("ignore", [])
+    """Names under ``columns.ignore``; None: all that are not named. Before `_columns`, which leaves it out."""
+    section = top.peek("columns")
+    given = section.get("ignore", []) if isinstance(section, dict) else []
     if given == "others":
         return None
     names = _as_list(given)
     if not all(isinstance(name, str) for name in names):
-        raise top.error(
-            f"ignore must be a list of the file's columns, or others, got {shown(given)}", "ignore"
-        )
+        message = f"columns.ignore must be a list of the file's columns, or others, got {shown(given)}"
+        raise top.error(message, "columns")
     return tuple(names)
 
 

@@ -336,7 +336,8 @@ def _check_names(table: Table, known: Mapping[str, Column], rig: bool) -> None:
             f"did you mean {near!r}?" if near else f"name it {REFERENCE}{unknown[0]} to keep it for looking"
         )
         raise table.error(
-            f"a log has no such column - {hint} (or list it under ignore in the YAML)", column=unknown[0]
+            f"a log has no such column - {hint} (or list it under columns.ignore in the YAML)",
+            column=unknown[0],
         )
     if not rig and not set(_SENSED) & set(names):
         raise table.error("the column is missing, and so are a_y and yaw_rate: no IMU at all", column="a_x")

@@ -285,6 +285,8 @@ def _speed_laws(windows: Windows, judge: _Judge) -> None:
 
 def _gravity(log: Log, judge: _Judge) -> str | None:
     """Mean of a_z against what an accelerometer must feel; returns the unit that it points to."""
+    if "a_z" not in log.channels:
+        return None
     _, values = log.samples("a_z")
     mean = float(np.median(values))
     kinematic = log.imu.kinematic

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, TypeVar, overload
 
 from estimators.logs.schema import nearest
@@ -44,6 +45,11 @@ class Section:
         line = self._lines.get(full, self._lines.get(self._path))
         where = self._file if line is None else f"{self._file}, line {line}"
         return KeyedError(f"{where}: {sentence}", full)
+
+    def beside(self, file: str) -> str:
+        """The path of a file that is named relative to this one's folder."""
+        path = Path(self._file).parent / file
+        return str(path) if path.is_file() else file
 
     def name(self, key: str) -> str:
         """The key with the sections that contain it."""

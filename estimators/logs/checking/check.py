@@ -6,18 +6,17 @@ goes on. What it prints is therefore exactly what makes the log readable.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from estimators.logs.checking.columns import table_remarks
 from estimators.logs.checking.conventions import conventions
-from estimators.logs.checking.description import description_remarks, stand_in
-from estimators.logs.checking.fitness import fitness
+from estimators.logs.checking.description import description_remarks, stand_in, without_section
+from estimators.logs.checking.fitness import fitness, uneven, unjudged
 from estimators.logs.checking.from_quality import quality_remarks
 from estimators.logs.checking.mends import Line, Remark, last_lines
-from estimators.logs.checking.names import name_remarks
+from estimators.logs.checking.names import log_columns, name_remarks
 from estimators.logs.log import Log
 from estimators.logs.quality import QualityReport, quality
 from estimators.logs.reading import check_path, find_description, read_described
@@ -63,13 +62,18 @@ class _Session:
     @property
     def text(self) -> str:
         """The YAML with all lines added, and with values in place of those that no line mends."""
-        return with_lines(self._text, [*last_lines(self.remarks).values(), *self._stand_ins])
+        text = self._text
+        for line in self._stand_ins:
+            text = without_section(text, line.key)
+        kept = [line for line in last_lines(self.remarks).values() if not self._stands_in(line.key)]
+        return with_lines(text, [*kept, *self._stand_ins])
 
-    def add(self, remarks: Iterable[Remark]) -> bool:
-        """Keep findings; returns whether one of them has a line."""
-        new = list(remarks)
-        self.remarks += new
-        return any(remark.lines for remark in new)
+    def _stands_in(self, key: str) -> bool:
+        return any(key == line.key or key.startswith(f"{line.key}.") for line in self._stand_ins)
+
+    def add(self, remarks: Iterable[Remark]) -> None:
+        """Keep findings."""
+        self.remarks += remarks
 
     def fail(self, sentence: str) -> None:
         """Keep a problem that no line mends."""
@@ -85,17 +89,9 @@ class _Session:
 
 
 def with_lines(text: str, lines: Iterable[Line]) -> str:
-    """The YAML with lines at its end; a dotted line of the same key is replaced."""
-    added = list(lines)
-    kept = text
-    for line in added:
-        kept = re.sub(rf"(?m)^{re.escape(line.key)}[ ]*:.*\n?", "", kept) if "." in line.key else kept
-    tops = [line for line in added if "." not in line.key]
-    for line in tops:
-        kept = re.sub(rf"(?m)^{re.escape(line.key)}[ ]*:(?=[ ]*\S).*\n?", "", kept)
-    if kept and not kept.endswith("\n"):
-        kept += "\n"
-    return kept + "".join(f"{line}\n" for line in added)
+    """The YAML with lines at its end, as a user adds them."""
+    end = "" if not text or text.endswith("\n") else "\n"
+    return text + end + "".join(f"{line}\n" for line in lines)
 
 
 def check_log(path: Path) -> CheckReport:
@@ -109,13 +105,14 @@ def check_log(path: Path) -> CheckReport:
     check_path(path)
     session = _session(path)
     usable = _try(session, lambda: name_remarks(path, session.text))
-    described = session.add(description_remarks(session.text, str(session.description), session.put_in))
-    del described
+    session.add(description_remarks(session.text, str(session.description), session.put_in))
     usable = usable and _try(session, lambda: table_remarks(path, session.text, str(session.description)))
     log = _read(session) if usable else None
     report = None
     if log is not None:
         log, report = _data(session, log)
+    if log is not None:
+        session.add(unjudged(log))
     commands = {} if log is None else fitness(log)
     return CheckReport(
         name=path.stem,
@@ -171,7 +168,7 @@ def _read(session: _Session) -> Log | None:
 def _data(session: _Session, log: Log) -> tuple[Log | None, QualityReport | None]:
     """Mounting, signs and units round by round, then everything that is left."""
     current: Log | None = log
-    seen: set[tuple[Line, ...]] = set()
+    seen: set[tuple[str, ...]] = set()
     report = quality(log)
     for _ in range(_ROUNDS):
         if current is None:
@@ -180,8 +177,8 @@ def _data(session: _Session, log: Log) -> tuple[Log | None, QualityReport | None
         files = frozenset(_file_columns(session))
         remarks = conventions(current, files) or quality_remarks(current, report, files)
         mended = [remark for remark in remarks if remark.lines]
-        key = tuple(line for remark in mended for line in remark.lines)
-        if not mended or repr(key) in {repr(k) for k in seen}:
+        key = tuple(str(line) for remark in mended for line in remark.lines)
+        if not mended or key in seen:
             break
         seen.add(key)
         session.add(mended)
@@ -199,8 +196,6 @@ def _data(session: _Session, log: Log) -> tuple[Log | None, QualityReport | None
 
 def _even(session: _Session, log: Log, report: QualityReport) -> tuple[Log | None, QualityReport | None]:
     """An even rate of the IMU, where a filter needs one."""
-    from estimators.logs.checking.fitness import uneven
-
     found = uneven(log)
     if found is None:
         return log, report
@@ -210,6 +205,4 @@ def _even(session: _Session, log: Log, report: QualityReport) -> tuple[Log | Non
 
 
 def _file_columns(session: _Session) -> Iterable[str]:
-    from estimators.logs.checking.names import log_columns
-
     return log_columns(session.path, session.text)

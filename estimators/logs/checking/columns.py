@@ -63,7 +63,7 @@ def _empty(name: str, keys: FileKeys) -> Remark:
     if name in keys.columns:
         return Remark(severity="problem", sentence=f"{sentence}: leave columns.{name} out of the YAML")
     value = [*(keys.ignore or ()), name]
-    return Remark(severity="problem", sentence=sentence, lines=(Line("ignore", value),))
+    return Remark(severity="problem", sentence=sentence, lines=(Line("columns.ignore", value),))
 
 
 # ------------------------------------------------------------------ time
@@ -200,7 +200,9 @@ def _unit_by_size(column: Column, values: np.ndarray, stated: str | None) -> Rem
         factor = conversion(unit, column).factor
         if largest * abs(factor) <= column.limit and factor < 1.0:
             return Remark(
-                severity="problem", sentence=f"{sentence}: it is in {unit}", lines=(Line(f"units.{name}", unit),)
+                severity="problem",
+                sentence=f"{sentence}: it is in {unit}",
+                lines=(Line(f"units.{name}", unit),),
             )
     likely = f" ({column.mistake})" if column.mistake else ""
     return Remark(severity="problem", sentence=f"{sentence}{likely}: name its unit under units in the YAML")

@@ -275,7 +275,11 @@ def _sign_remarks(log: Log, best: _Hypothesis, files: frozenset[str]) -> list[Re
         )
         if sign < 0
     ]
-    reasons = {"yaw": "turns against yaw_rate", "path": "the path turns against yaw_rate", "steer": "turns against yaw_rate"}
+    reasons = {
+        "yaw": "turns against yaw_rate",
+        "path": "the path turns against yaw_rate",
+        "steer": "turns against yaw_rate",
+    }
     names = {"yaw": "yaw", "path": "y", "steer": "steer"}
     found += [(names[name], reasons[name]) for name, s in zip(_TURNS, best.turns, strict=True) if s < 0]
     return [_reversed(log, name, sentence, files) for name, sentence in found]
@@ -283,7 +287,9 @@ def _sign_remarks(log: Log, best: _Hypothesis, files: frozenset[str]) -> list[Re
 
 def _reversed(log: Log, name: str, sentence: str, files: frozenset[str]) -> Remark:
     axes = log.imu.orientation
-    triads = {channel: (i, triad) for triad in (ACCELEROMETERS, GYROS) for i, (channel, _) in enumerate(triad)}
+    triads = {
+        channel: (i, triad) for triad in (ACCELEROMETERS, GYROS) for i, (channel, _) in enumerate(triad)
+    }
     column = name
     if axes is not None and name in triads:
         i, triad = triads[name]

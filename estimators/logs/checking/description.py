@@ -12,7 +12,7 @@ from estimators.logs.reading import parse_description
 from estimators.logs.yaml_sections import KeyedError, Section
 from offroad_env.errors import DataError
 
-__all__ = ["description_remarks", "stand_in"]
+__all__ = ["description_remarks", "stand_in", "without_section"]
 
 #: Lines for sections that are missing, each with what it states. Vehicle and soil are the user's to choose.
 _MISSING = (
@@ -67,7 +67,7 @@ def _errors(text: str, file: str, put_in: Callable[[Sequence[Line]], None], *, r
                 break
             # The whole section: one wrong value may not fit the others' stand-ins.
             replaced.append(Line(section, standing.peek(section)))
-            text = _without(text, section)
+            text = without_section(text, section)
         except DataError as error:
             remarks.append(Remark(severity="problem", sentence=str(error)))
             break
@@ -82,7 +82,7 @@ def _parse(top: Section, rig: bool) -> None:
     parse_config(top, rig=rig)
 
 
-def _without(text: str, section: str) -> str:
+def without_section(text: str, section: str) -> str:
     """The YAML without a top section; its dotted lines go with it."""
     kept, inside = [], False
     for line in text.splitlines(keepends=True):

@@ -135,7 +135,7 @@ def _ignored(rest: Sequence[str], keys: FileKeys, useless: set[str], sniffed: Sn
         value = names
     if known:
         why += f" ({', '.join(known)} without a number)"
-    return Remark(severity="problem", sentence=f"{shown} {why}", lines=(Line("ignore", value),))
+    return Remark(severity="problem", sentence=f"{shown} {why}", lines=(Line("columns.ignore", value),))
 
 
 def log_columns(path: Path, text: str) -> list[str]:
@@ -146,5 +146,3 @@ def log_columns(path: Path, text: str) -> list[str]:
         return [source.column for source in topics.sources]
     names = _sniffed(path, keys).names
     return [*keys.columns, *(name for name in names if name in VEHICLE_INPUTS)]
-
-

@@ -75,7 +75,7 @@ def _decoded(content: bytes, file: str, found: Sniffed) -> str:
         return text_of(content, file, found.form.encoding)
     except DataError:
         text = text_of(content, file, "latin-1")  # refuses what is no text at all
-    control = sum(ord(sign) < 32 and sign not in "\t\r\n" or 127 <= ord(sign) < 160 for sign in text[:4000])
+    control = sum((ord(sign) < 32 and sign not in "\t\r\n") or 127 <= ord(sign) < 160 for sign in text[:4000])
     if control > 0.02 * min(len(text), 4000):
         text_of(content, file, found.form.encoding)  # binary: the refusal stands
     found.form = replace(found.form, encoding="latin-1")
@@ -164,9 +164,9 @@ def _header(lines: Sequence[str], found: Sniffed, file: str) -> None:
 
 def _rows(lines: Sequence[str], form: CsvFormat, width: int) -> tuple[list[list[str]], int]:
     """Rows of numbers of the full width, and how many rows have another one."""
-    rows = [
-        _fields(line, form.separator) for line in lines[form.skip :] if _is_row(line, form)
-    ][1 + form.units_row :]
+    rows = [_fields(line, form.separator) for line in lines[form.skip :] if _is_row(line, form)][
+        1 + form.units_row :
+    ]
     full = [row for row in rows if len(row) == width]
     return full, len(rows) - len(full)
 
@@ -207,9 +207,7 @@ def _cells(lines: Sequence[str], found: Sniffed) -> None:
         kept = [mark for mark, _ in marks.most_common(_MOST_MARKS)]
         shown = ", ".join(f"{mark!r} ({marks[mark]})" for mark in kept)
         found.form = replace(form, missing=(*form.missing, *kept))
-        found.note(
-            f"cells that are no samples: {shown}", "missing", [*form.missing, *kept]
-        )
+        found.note(f"cells that are no samples: {shown}", "missing", [*form.missing, *kept])
 
 
 def _sentinels(cells: Sequence[str], form: CsvFormat) -> Counter[str]:
