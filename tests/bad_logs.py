@@ -209,9 +209,7 @@ CASES = (
     Case("error of a spreadsheet", cell("a_z", 30, "#REF!"), ("'a_z'", "row 30", "#REF!")),
     Case("digits with underscore", cell("x", 8, "1_000"), ("'x'", "row 8", "1_000")),
     Case("hexadecimal", cell("torque_f", 8, "0x12C"), ("'torque_f'", "row 8")),
-    Case(
-        "date as time", column("t", lambda i, _: f"2024-05-01 10:00:{i:02d}"), ("'t'", "1 s apart")
-    ),
+    Case("date as time", column("t", lambda i, _: f"2024-05-01 10:00:{i:02d}"), ("'t'", "1 s apart")),
     Case("infinite value", cell("a_x", 21, "inf"), ("'a_x'", "row 21", "infinite")),
     Case("number beyond double", cell("a_x", 22, "1e999"), ("'a_x'", "row 22", "infinite")),
     # columns
@@ -315,7 +313,9 @@ CASES = (
         ("units.a_x", "m/s^2, g", "'deg'"),
         YAML,
     ),
-    Case("no such unit", description("units", {"steer": "pints"}), ("units.steer", "rad, deg", "'pints'"), YAML),
+    Case(
+        "no such unit", description("units", {"steer": "pints"}), ("units.steer", "rad, deg", "'pints'"), YAML
+    ),
     Case(
         "unit of no column", description("units", {"yawrate": "deg/s"}), ("units.yawrate", "'yaw_rate'"), YAML
     ),

@@ -326,16 +326,17 @@ def _rate(section: Section) -> float | None:
     given = section.take("rate", None)
     if given is None:
         return None
-    words = given.split() if isinstance(given, str) else [given]
-    if len(words) == 2 and str(words[1]).lower() == "hz":
+    number: Any = given
+    words = given.split() if isinstance(given, str) else []
+    if len(words) == 2 and words[1].lower() == "hz":
         try:
-            words = [float(words[0])]
+            number = float(words[0])
         except ValueError:
-            words = [given]
-    if len(words) != 1:
+            number = given
+    if isinstance(number, str):
         raise section.error(f"imu.rate must be a rate such as 100 Hz, got {shown(given)}", "rate")
     try:
-        return _IMU_RATE.check("imu.rate", words[0])
+        return _IMU_RATE.check("imu.rate", number)
     except InvalidParameter as error:
         raise section.error(str(error), "rate") from None
 

@@ -181,7 +181,8 @@ def _refuse_width(row: Sequence[str], names: Sequence[str], line: int, file: str
             f"values: was the file cut off? ({likely})"
         )
     raise DataError(
-        f"{file}, row {line}: has {len(row)} values for {len(names)} columns: a comma inside a number? ({likely})"
+        f"{file}, row {line}: has {len(row)} values for {len(names)} columns: a comma inside a number? "
+        f"({likely})"
     )
 
 

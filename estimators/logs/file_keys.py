@@ -179,7 +179,7 @@ def _source(section: Section, key: str, value: Any) -> Source:
 
 
 def _ignore(top: Section) -> tuple[str, ...] | None:
-    """Names under ``columns.ignore``; None: all that are not named. Before `_columns`, which leaves it out."""
+    """Names under ``columns.ignore``; None: all that are not named."""
     section = top.peek("columns")
     given = section.get("ignore", []) if isinstance(section, dict) else []
     if given == "others":

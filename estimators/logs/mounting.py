@@ -21,7 +21,8 @@ __all__ = [
     "turned",
 ]
 
-#: Channels about or along x, y, z, with the sign of their axis: the pitch rate is positive nose up, which is a
+#: Channels about or along x, y, z, with the sign of their axis: the pitch rate is positive nose up, which
+#: is a
 #: rotation about the axis to the left by the left hand.
 ACCELEROMETERS = (("a_x", 1.0), ("a_y", 1.0), ("a_z", 1.0))
 GYROS = (("roll_rate", 1.0), ("pitch_rate", -1.0), ("yaw_rate", 1.0))
@@ -40,8 +41,10 @@ Axes = tuple[tuple[float, float, float], ...]
 def parse_orientation(section: Section) -> Axes | None:
     """The vehicle's forward, left and up axes in the axes of the IMU, from ``imu.orientation``.
 
-    Either the axes themselves (``{forward: -y}``, up is z unless stated), or angles by which the IMU is turned
-    from the vehicle (``{yaw: 90 deg}``: its x axis points left; also pitch, nose up, and roll, right side down).
+    Either the axes themselves (``{forward: -y}``, up is z unless stated), or angles by which the IMU is
+    turned
+    from the vehicle (``{yaw: 90 deg}``: its x axis points left; also pitch, nose up, and roll, right side
+    down).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Columns of a log from what a file has in their place: rates about axes, quaternions, single wheels, fixes."""
+"""Columns of a log from what a file has in their place: axes, quaternions, single wheels, fixes."""
 
 from __future__ import annotations
 
@@ -47,8 +47,10 @@ def derived(
     if vehicle is not None and "omega_left" in channels and "steer" not in channels:
         made["steer"] = _steering(t, channels, vehicle)
         notes.append(
-            "steer is not measured: it is the angle at which a vehicle with this wheelbase turns as the speeds of "
-            "left and right wheels differ, without slip. Skid steering slips, so lateral results are not to be "
+            "steer is not measured: it is the angle at which a vehicle with this wheelbase turns as the "
+            "speeds of "
+            "left and right wheels differ, without slip. Skid steering slips, so lateral results are not "
+            "to be "
             "judged"
         )
     result = {name: values for name, values in channels.items() if name not in RAW_COLUMNS}

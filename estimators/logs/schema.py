@@ -73,7 +73,8 @@ UNITS = MappingProxyType(
 _SPELLINGS = MappingProxyType(
     {
         "degrees": "deg", "degree": "deg", "dps": "deg/s", "radians": "rad", "radian": "rad",
-        "kph": "km/h", "km/hr": "km/h", "kmh": "km/h", "nm": "n m", "mps": "m/s", "hz": "rev/s", "1/min": "rpm", "rev/min": "rpm",
+        "kph": "km/h", "km/hr": "km/h", "kmh": "km/h", "nm": "n m", "mps": "m/s", "hz": "rev/s",
+        "1/min": "rpm", "rev/min": "rpm",
         "gs": "g", "g0": "g", "milli-g": "mg", "sec": "s", "seconds": "s", "m/s2": "m/s^2", "m/s/s": "m/s^2",
         "m/s**2": "m/s^2", "cm/s2": "cm/s^2", "ft/s2": "ft/s^2", "percent": "%", "knots": "kn", "inch": "in",
         "meter": "m", "metre": "m", "meters": "m", "metres": "m", "newton": "n", "usec": "us", "msec": "ms",
@@ -122,7 +123,8 @@ VEHICLE_COLUMNS = _table(
 
 _WHEEL, _GYRO = "wheel speed, {}", "rate about the {} axis of the IMU by the right hand"
 
-#: Columns that a file may have in place of those of a log, which are computed from them (`estimators.logs.raw`).
+#: Columns that a file may have in place of those of a log, which are computed from them
+#: (`estimators.logs.raw`).
 RAW_COLUMNS = _table(
     (
         ("gyro_x", "angular rate", 1e3, "deg/s given as rad/s, or " + _COUNTS, _GYRO.format("x")),

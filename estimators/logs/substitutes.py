@@ -64,7 +64,7 @@ def _substitute(
         raise DataError(f"{log.name}: has no {name}, and no speed from which it would follow")
     if name == "a_y":
         rate = np.interp(t, log.times[~np.isnan(channels["yaw_rate"])], _present(channels["yaw_rate"]))
-        return speed * rate, "taken as speed x yaw_rate, so side slip is not judged"
+        return np.asarray(speed * rate), "taken as speed x yaw_rate, so side slip is not judged"
     return _slope(t, speed, t), f"taken as the change of speed over {_OVER:g} s"
 
 

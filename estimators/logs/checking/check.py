@@ -1,7 +1,7 @@
 """All findings about a log at once: the file, the names, the description, the data, what each command can do.
 
-The check does what a user would: it adds each line that it prints to the YAML in memory, reads the log again, and
-goes on. What it prints is therefore exactly what makes the log readable.
+The check does what a user would: it adds each line that it prints to the YAML in memory, reads the log
+again, and goes on. What it prints is therefore exactly what makes the log readable.
 """
 
 from __future__ import annotations

@@ -25,7 +25,8 @@ __all__ = ["table_remarks"]
 _USUAL_STEP, _STEPS = 0.01, (1e-4, 0.5)
 #: A clock that goes back further than this began anew [s].
 _RESTART = 1.0
-#: Share of impossible values up to which they are single errors of a sound channel, and the most that are listed.
+#: Share of impossible values up to which they are single errors of a sound channel, and the most that are
+#: listed.
 _SINGLE, _MOST_SPANS = 0.02, 40
 #: A steering angle beyond this is that of the steering wheel [deg]; usual ratio of a steering gear.
 _ROAD_WHEEL, _RATIO = 60.0, 0.0625
@@ -115,7 +116,7 @@ def _order_remarks(table: Table, t: np.ndarray, keys: FileKeys) -> list[Remark]:
         far = -float(steps[back].min())
         where = f"time goes back {len(back)} times, by {far:.3g} s at most, first after {_shown(t[back[0]])}"
         if far > _RESTART and len(back) <= 20:
-            sentence = f"{where}: several recordings in one file, or a clock that was set; the longest stretch is kept"
+            sentence = f"{where}: several recordings, or a clock that was set; the longest stretch is kept"
             value = "longest"
             pieces = np.split(t, back + 1)
             t = max(pieces, key=len)
@@ -168,7 +169,8 @@ def _spikes(table: Table, column: Column, beyond: np.ndarray, largest: float, ke
     t = table.columns["t"]
     rows = np.flatnonzero(beyond & ~np.isnan(t))[:_MOST_SPANS]
     sentence = (
-        f"{column.name} reads {largest:.3g} {column.unit}, which is impossible, in {int(beyond.sum())} rows, the "
+        f"{column.name} reads {largest:.3g} {column.unit}, which is impossible, in {int(beyond.sum())} "
+        "rows, the "
         f"first in row {table.rows[int(np.argmax(beyond))]}: errors of the sensor"
     )
     return [
@@ -192,7 +194,8 @@ def _unit_by_size(column: Column, values: np.ndarray, stated: str | None) -> Rem
         line = Line("units.steer", f"{_RATIO:g} deg")
         return Remark(
             severity="problem",
-            sentence=f"{sentence}: the angle of the steering wheel in degrees? The line divides it by 16: put your "
+            sentence=f"{sentence}: the angle of the steering wheel in degrees? The line divides it by 16: "
+            "put your "
             "own ratio there",
             lines=(line,),
         )

@@ -1,7 +1,8 @@
 """Mounting of the IMU and signs of all channels, by the motions that several channels show at once.
 
-Gravity points down, the yaw rate is the turn of heading and path and follows the steering, the acceleration to the
-left is speed times yaw rate, the one forward is the change of speed. Correlations of window means with these decide
+Gravity points down, the yaw rate is the turn of heading and path and follows the steering, the acceleration
+to the left is speed times yaw rate, the one forward is the change of speed. Correlations of window means with
+these decide
 between the 24 mountings at right angles and the signs of single channels; no unit matters. Each change costs
 something, so that one mounting is preferred to several signs.
 """
@@ -49,8 +50,8 @@ class _Hypothesis:
     """A mounting, and signs: of a_x, a_y, a_z, yaw rate after it, and of the references of the turn."""
 
     rows: tuple[tuple[int, int], ...]  #: of forward, left, up: axis of the IMU and its sign
-    signs: tuple[int, int, int, int] = (1, 1, 1, 1)
-    turns: tuple[int, int, int] = (1, 1, 1)
+    signs: tuple[int, ...] = (1, 1, 1, 1)
+    turns: tuple[int, ...] = (1, 1, 1)
 
     def changes(self) -> int:
         """How many things are other than they were read."""
@@ -184,7 +185,7 @@ def _score(hypothesis: _Hypothesis, evidence: _Evidence) -> float:
             terms.append(s_left * a_y * s_up * rate * values[left])
         elif name in turns:
             terms.append(0.5 * turns[name] * s_left * a_y * values[left])
-    total = sum(term for term in terms if not math.isnan(term))
+    total = sum(float(term) for term in terms if not math.isnan(term))
     return total - _COST * hypothesis.changes()
 
 
@@ -246,7 +247,8 @@ def _tilted(matrix: np.ndarray, angle: float) -> Remark:
     return Remark(
         severity="problem",
         sentence=(
-            f"the IMU is tilted by {math.degrees(angle):.0f} degrees: the mean specific force does not point up along "
+            f"the IMU is tilted by {math.degrees(angle):.0f} degrees: the mean specific force does not "
+            "point up along "
             "its z axis"
         ),
         lines=(Line("imu.orientation", shown or {"yaw": "0 deg"}),),

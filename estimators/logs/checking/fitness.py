@@ -13,14 +13,15 @@ from offroad_env.errors import DataError
 
 __all__ = ["fitness", "uneven", "unjudged"]
 
-#: Rates that a filter takes [Hz], the one to which a slower IMU is brought, and the shortest log of a diagnosis [s].
+#: Rates that a filter takes [Hz], the one to which a slower IMU is brought, and the shortest log of a
+#: diagnosis [s].
 _FILTER, _SLOWEST, _SHORTEST = (50.0, 1000.0), 50.0, 3.0
 _UNJUDGED = {
     "a_x": "estimate takes the change of speed in its place; a diagnosis does not compare it",
     "a_y": "estimate takes speed x yaw_rate; side slip is not judged",
     "a_z": "the axles are taken to carry their static load; vertical motion is not judged",
     "pitch_rate": "pitching, springs and the height of the IMU are not judged",
-    "yaw_rate": "estimate takes the change of yaw, or speed and steering; clocks and steering are judged less",
+    "yaw_rate": "estimate takes the change of yaw, or speed and steering; steering is judged less",
 }
 
 
@@ -37,8 +38,8 @@ def unjudged(log: Log) -> list[Remark]:
 
 
 def uneven(log: Log) -> Remark | None:
-    """An even rate for an IMU that is too slow for a filter, or samples unevenly; None where it is not needed."""
-    if log.rig or log.config.soil.rigid > 0.5 or log.imu.rate is not None:
+    """An even rate for an IMU that samples too slowly or unevenly for a filter; None where it needs none."""
+    if log.rig or log.config.soil.rigid > 0.5 or log.imu.rate is not None or not _driven(log):
         return None
     try:
         complete, _ = substituted(log)
@@ -58,6 +59,10 @@ def uneven(log: Log) -> Remark | None:
     return None
 
 
+def _driven(log: Log) -> bool:
+    return bool({"torque_f", "torque_r", "drive_force"} & set(log.channels))
+
+
 def _own_rate(log: Log) -> float:
     """Samples per second of the channel of the IMU that has most."""
     rates = []
@@ -71,14 +76,15 @@ def fitness(log: Log) -> dict[str, str]:
     """Command -> "" where it takes the log, or why it does not."""
     if log.rig:
         return {"estimate": "trials of a wheel rig have no time", "diagnose": "", "replay": "no drive"}
-    driven = {"torque_f", "torque_r", "drive_force"} & set(log.channels)
     speeds = {"x", "v_x", "speed", "omega_f", "omega_r"} & set(log.channels)
     no_drive = (
-        "" if driven else "needs torque_f, torque_r or drive_force (a motor current: units.torque_r: 0.3 N m)"
+        ""
+        if _driven(log)
+        else "needs torque_f, torque_r or drive_force (a motor current: units.torque_r: 0.3 N m)"
     )
     short = log.duration < _SHORTEST
     return {
-        "estimate": _estimate(log) or no_drive,
+        "estimate": no_drive or _estimate(log),
         "diagnose": f"lasts {log.duration:.1f} s, needs {_SHORTEST:g} s" if short else "",
         "replay": no_drive or ("" if speeds else "needs a position or a speed"),
     }

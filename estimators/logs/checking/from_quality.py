@@ -24,7 +24,8 @@ _RAW = {
     "yaw_rate": ("gyro_z",), "pitch_rate": ("gyro_y",), "roll_rate": ("gyro_x",),
     "omega_f": ("omega_fl", "omega_fr", "omega_left", "omega_right", "omega"),
     "omega_r": ("omega_rl", "omega_rr", "omega_left", "omega_right", "omega"),
-    "torque_f": ("torque_fl", "torque_fr", "torque_total"), "torque_r": ("torque_rl", "torque_rr", "torque_total"),
+    "torque_f": ("torque_fl", "torque_fr", "torque_total"), "torque_r": ("torque_rl", "torque_rr",
+    "torque_total"),
     "x": ("longitude",), "y": ("latitude",),
 }  # fmt: skip
 _TRIADS = (tuple(name for name, _ in ACCELEROMETERS), tuple(name for name, _ in GYROS))
@@ -45,7 +46,7 @@ def sources_of(log: Log, channel: str, files: frozenset[str]) -> tuple[str, ...]
 
 
 def quality_remarks(log: Log, report: QualityReport, files: frozenset[str]) -> list[Remark]:
-    """The problems of the data that a line mends, of one kind: units before signs before frames before faults."""
+    """The problems of the data that a line mends, of one kind: units, then frame, signs, stuck sensors."""
     units = [f for f in report.problems if f.kind == "unit" and f.suspected_unit]
     if units:
         found = [_unit_remark(log, finding, files) for finding in units]

@@ -105,7 +105,8 @@ def _steering_wheel(name: str) -> Remark:
     return Remark(
         severity="warning",
         sentence=(
-            f"{name!r} may be the angle of the steering wheel: then divide by the steering ratio in units.steer, as "
+            f"{name!r} may be the angle of the steering wheel: then divide by the steering ratio in "
+            "units.steer, as "
             "0.0625 deg for 16 to 1"
         ),
     )

@@ -1,7 +1,7 @@
 """What the columns of a file are, from their names.
 
-A name is split into words (``imu/linear_acceleration.y`` -> imu, linear, acceleration, y); the unit at its end,
-in brackets or as a suffix, is taken off. The first rule whose words are all there names the column.
+A name is split into words (``imu/linear_acceleration.y`` -> imu, linear, acceleration, y); the unit at its
+end, in brackets or as a suffix, is taken off. The first rule whose words are all there names the column.
 """
 
 from __future__ import annotations
@@ -23,40 +23,54 @@ _WORD = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")
 _SUFFIXES = {
     "degs": "deg/s", "degsec": "deg/s", "dps": "deg/s", "degps": "deg/s", "rads": "rad/s", "radsec": "rad/s",
     "radps": "rad/s", "mradps": "mrad/s", "ms2": "m/s^2", "mps2": "m/s^2", "mss": "m/s^2", "mpss": "m/s^2",
-    "ms": "m/s", "mps": "m/s", "kmh": "km/h", "kph": "km/h", "kmph": "km/h", "mph": "mph", "knots": "kn", "rpm": "rpm",
+    "ms": "m/s", "mps": "m/s", "kmh": "km/h", "kph": "km/h", "kmph": "km/h", "mph": "mph", "knots": "kn",
+    "rpm": "rpm",
     "deg": "deg", "degrees": "deg", "rad": "rad", "g": "g", "gs": "g", "mg": "mg", "nm": "N m", "n": "N",
-    "kn": "kN", "m": "m", "mm": "mm", "cm": "cm", "s": "s", "sec": "s", "secs": "s", "seconds": "s", "msec": "ms",
+    "kn": "kN", "m": "m", "mm": "mm", "cm": "cm", "s": "s", "sec": "s", "secs": "s", "seconds": "s",
+    "msec": "ms",
     "us": "us", "usec": "us", "ns": "ns", "nsec": "ns", "nanoseconds": "ns", "milliseconds": "ms",
 }  # fmt: skip
 
 #: Spellings of one word, and words that stand for two.
 _SAME = {
-    "acc": "accel", "acceleration": "accel", "accelerometer": "accel", "accelerations": "accel", "gyr": "gyro",
-    "gyroscope": "gyro", "gyros": "gyro", "vel": "velocity", "spd": "speed", "pos": "position", "quat": "quaternion",
-    "steering": "steer", "delta": "steer", "trq": "torque", "tau": "torque", "whl": "wheel", "wheels": "wheel",
+    "acc": "accel", "acceleration": "accel", "accelerometer": "accel", "accelerations": "accel",
+    "gyr": "gyro",
+    "gyroscope": "gyro", "gyros": "gyro", "vel": "velocity", "spd": "speed", "pos": "position",
+    "quat": "quaternion",
+    "steering": "steer", "delta": "steer", "trq": "torque", "tau": "torque", "whl": "wheel",
+    "wheels": "wheel",
     "wss": "wheel", "ws": "wheel", "tire": "wheel", "tyre": "wheel", "rim": "wheel", "encoder": "wheel",
     "enc": "wheel", "vesc": "wheel", "longitudinal": "x", "forward": "x", "fwd": "x", "lateral": "y",
-    "vertical": "z", "vert": "z", "psi": "yaw", "heading": "yaw", "hdg": "yaw", "azimuth": "yaw", "theta": "pitch",
-    "cog": "course", "lng": "lon", "latitude": "lat", "longitude": "lon", "easting": "east", "northing": "north",
-    "timestamp": "time", "stamp": "time", "elapsed": "time", "datetime": "time", "dot": "rate", "ang": "angular",
+    "vertical": "z", "vert": "z", "psi": "yaw", "heading": "yaw", "hdg": "yaw", "azimuth": "yaw",
+    "theta": "pitch",
+    "cog": "course", "lng": "lon", "latitude": "lat", "longitude": "lon", "easting": "east",
+    "northing": "north",
+    "timestamp": "time", "stamp": "time", "elapsed": "time", "datetime": "time", "dot": "rate",
+    "ang": "angular",
     "command": "cmd", "commanded": "cmd", "back": "rear",
 }  # fmt: skip
 _PAIRS = {
-    "ax": "accel x", "ay": "accel y", "az": "accel z", "accx": "accel x", "accy": "accel y", "accz": "accel z",
+    "ax": "accel x", "ay": "accel y", "az": "accel z", "accx": "accel x", "accy": "accel y",
+    "accz": "accel z",
     "gx": "gyro x", "gy": "gyro y", "gz": "gyro z", "gyrox": "gyro x", "gyroy": "gyro y", "gyroz": "gyro z",
-    "wx": "gyro x", "wy": "gyro y", "wz": "gyro z", "vx": "velocity x", "vy": "velocity y", "px": "position x",
-    "py": "position y", "qw": "quaternion w", "qx": "quaternion x", "qy": "quaternion y", "qz": "quaternion z",
+    "wx": "gyro x", "wy": "gyro y", "wz": "gyro z", "vx": "velocity x", "vy": "velocity y",
+    "px": "position x",
+    "py": "position y", "qw": "quaternion w", "qx": "quaternion x", "qy": "quaternion y",
+    "qz": "quaternion z",
     "fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right", "lf": "front left",
     "rf": "front right", "lr": "rear left", "yawrate": "yaw rate", "pitchrate": "pitch rate", "secs": "time",
-    "rollrate": "roll rate", "wheelspeed": "wheel speed", "wheelspeeds": "wheel speed", "swa": "steer wheel angle",
+    "rollrate": "roll rate", "wheelspeed": "wheel speed", "wheelspeeds": "wheel speed",
+    "swa": "steer wheel angle",
     "seconds": "time", "sec": "time", "nsecs": "time nano", "nanosec": "time nano", "nsec": "time nano",
     "lin": "linear", "utc": "time", "ns": "time nano",
 }  # fmt: skip
 
 #: A column with one of these is about another, or is what was wished and not what was measured.
 _ABOUT = {
-    "std", "cov", "covariance", "var", "variance", "accuracy", "error", "err", "status", "valid", "quality", "bias",
-    "target", "desired", "setpoint", "reference", "ref", "limit", "max", "min", "temperature", "temp", "seq", "age",
+    "std", "cov", "covariance", "var", "variance", "accuracy", "error", "err", "status", "valid",
+    "quality", "bias",
+    "target", "desired", "setpoint", "reference", "ref", "limit", "max", "min", "temperature", "temp",
+    "seq", "age",
     "count", "sat", "sats", "mag", "magnetic", "current", "voltage", "power", "jerk",
 }  # fmt: skip
 #: Less likely the one that is meant.
@@ -142,12 +156,14 @@ _RULES = (
 _SUPERSEDED = {
     "gyro_x": ("roll_rate",), "gyro_y": ("pitch_rate",), "gyro_z": ("yaw_rate",), "latitude": ("x", "y"),
     "longitude": ("x", "y"), "torque_total": ("torque_f", "torque_r", "torque_fl", "torque_rl"),
-    "omega": ("omega_f", "omega_r", "omega_fl", "omega_rl"), "omega_left": ("omega_fl", "omega_rl", "omega_f"),
+    "omega": ("omega_f", "omega_r", "omega_fl", "omega_rl"), "omega_left": ("omega_fl", "omega_rl",
+    "omega_f"),
     "omega_right": ("omega_fr", "omega_rr", "omega_f"), "omega_f": ("omega_fl", "omega_fr"),
     "omega_r": ("omega_rl", "omega_rr"), "torque_f": ("torque_fl",), "torque_r": ("torque_rl",),
 }  # fmt: skip
 _TOGETHER = (
-    ("q_w", "q_x", "q_y", "q_z"), ("latitude", "longitude"), ("omega_fl", "omega_fr"), ("omega_rl", "omega_rr"),
+    ("q_w", "q_x", "q_y", "q_z"), ("latitude", "longitude"), ("omega_fl", "omega_fr"), ("omega_rl",
+    "omega_rr"),
     ("omega_left", "omega_right"), ("torque_fl", "torque_fr"), ("torque_rl", "torque_rr"),
 )  # fmt: skip
 

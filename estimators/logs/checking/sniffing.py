@@ -1,4 +1,4 @@
-"""How a CSV file is written: encoding, separator, decimal sign, header, row of units, cells that are no number."""
+"""How a CSV file is written: encoding, separator, decimal sign, header, units, cells without a number."""
 
 from __future__ import annotations
 
@@ -144,7 +144,8 @@ def _header(lines: Sequence[str], found: Sniffed, file: str) -> None:
     start, header = wide[0]
     if all(_is_number(cell) or _DECIMAL_COMMA.fullmatch(cell) for cell in header if cell):
         raise DataError(
-            f"{file}, row {start + 1}: holds numbers: the first row must name the columns (t, steer, ...). No line "
+            f"{file}, row {start + 1}: holds numbers: the first row must name the columns (t, steer, "
+            "...). No line "
             "of the YAML can: write the names into the file"
         )
     if start > form.skip and any(_is_row(line, form) for line in lines[form.skip : start]):
