@@ -156,6 +156,7 @@ def log_samples(log: Log) -> LogSamples:
     # The steps' mean, not their median, so that stamps rounded to milliseconds do not drift off.
     steps = np.round(np.diff(stamps) / dt)
     dt = float((stamps[-1] - stamps[0]) / steps.sum())
+    dt = min(dt, 1.0 / _RATES[0]) if dt < 1.0 / _RATES[0] + 1e-9 else dt  # rounded stamps
     row = np.round((stamps - stamps[0]) / dt).astype(int)
     off = np.abs(stamps - stamps[0] - row * dt)
     if off.max() > _JITTER * dt or len(np.unique(row)) < len(row):

@@ -44,8 +44,7 @@ soil:                      # what is believed before the drive{" (hard ground ha
   base: {yaml_text(soil)}
 {"  # mu: 0.8" if rigid else f"  # n: {ground.n:g}               # sinkage exponent [-]: the prior"}
 
-terrain: {{kind: flat}}      # flat; {{kind: unknown, rms: 0.02}}; {{kind: paper, H0: 0.05}}; {{kind: waves,
-...}}
+terrain: {{kind: flat}}      # flat; {{kind: unknown, rms: 0.02}}; {{kind: paper, H0: 0.05}}
 
 imu:
   kinematic: false         # false: a_z reads 9.81 at rest; true: gravity is taken out
@@ -62,8 +61,7 @@ start: log                 # position, heading and speed of the first samples; o
 
 # ---- the file; offroad log check proposes these
 # columns: {{a_y: imu/linear_acceleration.y, omega_f: [wheel_fl, wheel_fr], ignore: [battery]}}
-# units: {{yaw_rate: deg/s, a_x: g, speed: km/h, omega_r: rpm, steer: 0.0625 deg}}   # 0.0625: a steering
-# ratio of 16
+# units: {{yaw_rate: deg/s, a_x: g, speed: km/h, omega_r: rpm, steer: 0.0625 deg}}   # 0.0625: a ratio of 16
 # signs: {{steer: -1}}
 # csv: {{separator: ";", decimal: ","}}
 # time: {{repeated: merge, order: sort, missing: drop}}

@@ -16,7 +16,7 @@ from estimators.logs.checking.description import description_remarks, stand_in, 
 from estimators.logs.checking.fitness import fitness, uneven, unjudged
 from estimators.logs.checking.from_quality import quality_remarks
 from estimators.logs.checking.mends import Line, Remark, last_lines
-from estimators.logs.checking.names import log_columns, name_remarks
+from estimators.logs.checking.names import file_names, log_columns, name_remarks
 from estimators.logs.log import Log
 from estimators.logs.quality import QualityReport, quality
 from estimators.logs.reading import check_path, find_description, read_described
@@ -168,13 +168,14 @@ def _read(session: _Session) -> Log | None:
 def _data(session: _Session, log: Log) -> tuple[Log | None, QualityReport | None]:
     """Mounting, signs and units round by round, then everything that is left."""
     current: Log | None = log
+    names = file_names(session.path, session.text)
     seen: set[tuple[str, ...]] = set()
     report = quality(log)
     for _ in range(_ROUNDS):
         if current is None:
             return None, None
         report = quality(current)
-        files = frozenset(_file_columns(session))
+        files = frozenset(log_columns(session.path, names, session.text))
         remarks = conventions(current, files) or quality_remarks(current, report, files)
         mended = [remark for remark in remarks if remark.lines]
         key = tuple(str(line) for remark in mended for line in remark.lines)
@@ -202,7 +203,3 @@ def _even(session: _Session, log: Log, report: QualityReport) -> tuple[Log | Non
     session.add([found])
     again = _read(session)
     return (log, report) if again is None else (again, replace(quality(again), findings=report.findings))
-
-
-def _file_columns(session: _Session) -> Iterable[str]:
-    return log_columns(session.path, session.text)

@@ -13,6 +13,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,8 @@ __all__ = ["conventions"]
 
 #: A correlation below this decides nothing; a law weighs so much; each change costs so much.
 _CLEAR, _GRAVITY, _COST = 0.45, 1.5, 0.45
+#: More things are not wrong at once, a mounting counted as one.
+_MOST_CHANGES = 3
 #: What a better hypothesis must gain.
 _LEAST_GAIN = 0.5
 #: A mounting that is off by more than this is stated by its angles.
@@ -53,6 +56,7 @@ class _Hypothesis:
     signs: tuple[int, ...] = (1, 1, 1, 1)
     turns: tuple[int, ...] = (1, 1, 1)
 
+    @cached_property
     def changes(self) -> int:
         """How many things are other than they were read."""
         return (self.rows != _AS_READ) + sum(s < 0 for s in (*self.signs, *self.turns))
@@ -70,6 +74,15 @@ def _mountings() -> Iterator[tuple[tuple[int, int], ...]]:
                 yield tuple(zip(order, signs, strict=True))
 
 
+@cache
+def _hypotheses() -> tuple[_Hypothesis, ...]:
+    """All with few changes."""
+    signs = list(itertools.product((1, -1), repeat=4))
+    turns = list(itertools.product((1, -1), repeat=3))
+    found = (_Hypothesis(*parts) for parts in itertools.product(_mountings(), signs, turns))
+    return tuple(hypothesis for hypothesis in found if hypothesis.changes <= _MOST_CHANGES)
+
+
 def conventions(log: Log, files: frozenset[str]) -> list[Remark]:
     """What is turned or reversed, with the lines that mend it; empty where all agrees.
 
@@ -82,13 +95,12 @@ def conventions(log: Log, files: frozenset[str]) -> list[Remark]:
     turns = [name in evidence.turn for name in _TURNS]
     best, before = _Hypothesis(_AS_READ), _score(_Hypothesis(_AS_READ), evidence)
     highest = before
-    for rows in _mountings():
-        for signs in itertools.product((1, -1), repeat=4):
-            for flips in itertools.product(*((1, -1) if has else (1,) for has in turns)):
-                hypothesis = _Hypothesis(rows, signs, flips)
-                value = _score(hypothesis, evidence)
-                if value > highest + 1e-9:
-                    best, highest = hypothesis, value
+    for hypothesis in _hypotheses():
+        if any(sign < 0 and not has for sign, has in zip(hypothesis.turns, turns, strict=True)):
+            continue
+        value = _score(hypothesis, evidence)
+        if value > highest + 1e-9:
+            best, highest = hypothesis, value
     if highest < before + _LEAST_GAIN:
         best = _Hypothesis(_AS_READ)
     remarks = _mounting_remarks(log, best, evidence)
@@ -186,7 +198,7 @@ def _score(hypothesis: _Hypothesis, evidence: _Evidence) -> float:
         elif name in turns:
             terms.append(0.5 * turns[name] * s_left * a_y * values[left])
     total = sum(float(term) for term in terms if not math.isnan(term))
-    return total - _COST * hypothesis.changes()
+    return total - _COST * hypothesis.changes
 
 
 # ------------------------------------------------------------------ findings

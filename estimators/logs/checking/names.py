@@ -18,7 +18,7 @@ from estimators.logs.tables import parquet_names, read_bytes
 from estimators.logs.unit_conversion import conversion
 from offroad_env.errors import DataError, InvalidParameter
 
-__all__ = ["log_columns", "name_remarks"]
+__all__ = ["file_names", "log_columns", "name_remarks"]
 
 #: More columns than these are ignored as "others".
 _MOST_NAMED = 8
@@ -139,11 +139,21 @@ def _ignored(rest: Sequence[str], keys: FileKeys, useless: set[str], sniffed: Sn
     return Remark(severity="problem", sentence=f"{shown} {why}", lines=(Line("columns.ignore", value),))
 
 
-def log_columns(path: Path, text: str) -> list[str]:
-    """Columns of a log that a file has once the YAML is applied; raw ones included."""
+def file_names(path: Path, text: str) -> list[str]:
+    """The file's own names of its columns, as the YAML lets it be read; none of a bag.
+
+    Raises
+    ------
+    DataError
+        As `name_remarks`.
+    """
+    return [] if bags.is_bag(path) else _sniffed(path, _keys(text)).names
+
+
+def log_columns(path: Path, names: Sequence[str], text: str) -> list[str]:
+    """Columns of a log that a file with these ``names`` has once the YAML is applied; raw ones included."""
     keys = _keys(text)
     if bags.is_bag(path):
         topics = bags.parse_topics(parse_description(text.encode(), ""))
         return [source.column for source in topics.sources]
-    names = _sniffed(path, keys).names
     return [*keys.columns, *(name for name in names if name in VEHICLE_INPUTS)]

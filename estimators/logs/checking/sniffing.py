@@ -22,7 +22,7 @@ _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ].*|\d{1,2}:\d\d:\d\d.*")
 #: Numbers that loggers write where there is no sample.
 _SENTINELS = ("-999", "-9999", "-99999", "9999", "99999", "-32768", "65535", "-999.0", "-9999.0", "999.99")
 #: Rows that are looked at, of each file's beginning and middle.
-_ROWS = 400
+_ROWS = 100
 _WORDS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
 #: Share of the rows in which a column must be a number to be one.
 _MOSTLY = 0.5
