@@ -140,9 +140,35 @@ def log_samples(log: Log) -> LogSamples:
         raise DataError(
             f"{log.name}: model {config.model} is driven by {drive}, but drivetrain is {config.drivetrain}"
         )
+    stamps, row, dt = _even_stamps(log, log.times)
+    T = int(row[-1]) + 1
+    t = stamps[0] + dt * np.arange(T)
+    place = _Placing(log, t[0], dt, T)
+    radius = config.vehicle.r
+    # A sensor on one axle stands for both: only their mean is used.
+    axles = [name for name in ("omega_f", "omega_r") if name in log.channels] or ["omega_f"]
+    imu = np.column_stack([place(name) for name in IMU])
+    gnss, slide = _satellite(place)
+    # A little late, so that rounding does not give a row the command that ends there.
+    inputs = commands_at(log, t[0] + dt * (0.5 * np.arange(2 * T - 1) + 1e-6))
+    return LogSamples(
+        t=t,
+        dt=dt,
+        commands=np.vstack([inputs[:1], inputs[1::2]]),
+        inputs=inputs,
+        imu=imu,
+        rims=radius * np.column_stack([place(axles[0]), place(axles[-1])]),
+        gnss=gnss,
+        slide=slide,
+        missing=T - len(row),
+    )
+
+
+def _even_stamps(log: Log, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """(stamps of the IMU [s], their rows on its even grid, step of the grid [s])."""
     measured = [name for name in IMU if name in log.channels]
     present = np.all([~np.isnan(log.channels[name]) for name in measured], axis=0)
-    stamps = log.t[present]
+    stamps = t[present]
     if len(stamps) < 3:
         raise DataError(
             f"{log.name}: has {len(stamps)} rows with all of {', '.join(measured)} - imu.rate: 100 Hz "
@@ -165,25 +191,7 @@ def log_samples(log: Log) -> LogSamples:
             f"{log.name}: the inertial unit samples unevenly (at t = {stamps[worst]:.3f} s by "
             f"{1e3 * off[worst]:.2g} ms of {1e3 * dt:.3g} ms): a filter steps at one rate{_MENDED}"
         )
-    T = int(row[-1]) + 1
-    t = stamps[0] + dt * np.arange(T)
-    place = _Placing(log, t[0], dt, T)
-    radius = config.vehicle.r
-    imu = np.column_stack([place(name) for name in IMU])
-    gnss, slide = _satellite(place)
-    # A little late, so that rounding does not give a row the command that ends there.
-    inputs = commands_at(log, t[0] + dt * (0.5 * np.arange(2 * T - 1) + 1e-6))
-    return LogSamples(
-        t=t,
-        dt=dt,
-        commands=np.vstack([inputs[:1], inputs[1::2]]),
-        inputs=inputs,
-        imu=imu,
-        rims=radius * np.column_stack([place("omega_f"), place("omega_r")]),
-        gnss=gnss,
-        slide=slide,
-        missing=T - len(row),
-    )
+    return stamps, row, dt
 
 
 class _Placing:

@@ -284,7 +284,7 @@ CASES = (
     ),
     Case("misspelt top key", description("vehicel", {}), ("'vehicel'", "'vehicle'"), YAML),
     Case("unknown key", description("weather", "wet"), ("'weather'", "known:"), YAML),
-    Case("vehicle is a number", description("vehicle", 3), ("line 3", "vehicle must hold keys"), YAML),
+    Case("vehicle is a number", description("vehicle", 3), ("line 3", "vehicle must be", "hold keys"), YAML),
     Case("friction angle in degrees", description("soil", "phi", 28.0), ("soil.phi", "degrees"), YAML),
     Case("cohesion in kPa", description("soil", "c", 4.14), ("soil.c", "kPa"), YAML),
     Case("soil without n", description("soil", "n", DROP), ("soil.n is missing",), YAML),

@@ -24,6 +24,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from estimators.logs.file_keys import TimeKeys
 from estimators.logs.schema import REFERENCE, VEHICLE_INPUTS, nearest
 from estimators.logs.tables import Table, read_bytes
 from estimators.logs.yaml_sections import Section
@@ -137,8 +138,10 @@ def _sources(section: Section, key: str, value: Any) -> Iterable[_Source]:
     )
 
 
-def read_bag(path: Path, topics: Topics) -> tuple[Table, Digest]:
+def read_bag(path: Path, topics: Topics, time: TimeKeys) -> tuple[Table, Digest]:
     """All mapped columns of a bag, and the hash of its files so far.
+
+    ``time`` states whether messages of a topic may be out of order, or have one stamp.
 
     Raises
     ------
@@ -149,7 +152,9 @@ def read_bag(path: Path, topics: Topics) -> tuple[Table, Digest]:
     digest = hashlib.sha256()
     for file in sorted(path.iterdir()) if path.is_dir() else [path]:
         digest.update(read_bytes(file))
-    stamps = _messages(path, topics)
+    stamps = {
+        topic: _in_order(path, topic, messages, time) for topic, messages in _messages(path, topics).items()
+    }
     times = np.array(sorted(set().union(*(times for times, _ in stamps.values()))), dtype=np.int64)
     columns = {"t": (times - times[0]) * 1e-9}
     for source in topics.sources:
@@ -240,12 +245,35 @@ def _store(
     times, columns = found
     for source in sources:
         where = f"{path}, topic {source.topic}, message {len(times) + 1}"
-        if times and stamp <= times[-1]:
-            how = "stands twice" if stamp == times[-1] else f"follows {times[-1] * 1e-9:.6f} s"
-            raise DataError(f"{where}: time must increase, but {stamp * 1e-9:.6f} s {how}")
         value = _value(message, source.field, where)
         columns[source.column].append(value * source.factor)
     times.append(stamp)
+
+
+def _in_order(
+    path: Path, topic: str, messages: tuple[list[int], dict[str, list[float]]], time: TimeKeys
+) -> tuple[list[int], dict[str, list[float]]]:
+    """Messages of a topic in the order of their stamps, one for each, as far as ``time`` allows."""
+    times, columns = messages
+    rows = list(range(len(times)))
+    if time.order != "refuse":
+        rows.sort(key=times.__getitem__)
+    kept = rows[:1]
+    for row in rows[1:]:
+        stamp, before = times[row], times[kept[-1]]
+        if stamp == before and time.repeated == "merge":
+            continue
+        if stamp <= before:
+            how = "stands twice" if stamp == before else f"follows {before * 1e-9:.6f} s"
+            mend = "time.repeated: merge" if stamp == before else "time.order: sort"
+            raise DataError(
+                f"{path}, topic {topic}, message {row + 1}: time must increase, but {stamp * 1e-9:.6f} s "
+                f"{how} ({mend} in the YAML mends it)"
+            )
+        kept.append(row)
+    return [times[row] for row in kept], {
+        name: [values[row] for row in kept] for name, values in columns.items()
+    }
 
 
 def _value(message: Any, field: str, where: str) -> float:

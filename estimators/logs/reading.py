@@ -122,7 +122,7 @@ def read_table(path: Path, top: Section, keys: FileKeys) -> tuple[Table, bags.Di
         With file, column and row.
     """
     if bags.is_bag(path):
-        return bags.read_bag(path, bags.parse_topics(top))
+        return bags.read_bag(path, bags.parse_topics(top), keys.time)
     content = read_bytes(path)
     digest: bags.Digest = hashlib.sha256(content)
     if path.suffix.lower() == ".parquet":

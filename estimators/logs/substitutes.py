@@ -91,7 +91,7 @@ def _yaw_rate(log: Log, t: np.ndarray) -> tuple[np.ndarray, str]:
     vehicle = log.vehicle
     steer = np.interp(t, *log.samples("steer"))
     return (
-        speed * np.tan(steer) / (vehicle.l_f + vehicle.l_r),
+        np.asarray(speed * np.tan(steer) / (vehicle.l_f + vehicle.l_r)),
         "taken as speed x tan(steer) / wheelbase, so steering and side slip are not judged",
     )
 

@@ -25,6 +25,13 @@ from offroad_env.errors import DataError
 
 __all__ = ["CheckReport", "check_description", "check_log", "with_lines"]
 
+#: Lines that refusals of the reader name.
+_NAMED = (
+    Line("time.repeated", "merge"),
+    Line("time.order", "sort"),
+    Line("time.missing", "drop"),
+    Line("csv.incomplete", "drop"),
+)
 #: Rounds of mounting, signs and units: one may show another.
 _ROUNDS = 6
 
@@ -158,11 +165,17 @@ def _try(session: _Session, work: Callable[[], list[Remark]]) -> bool:
 
 
 def _read(session: _Session) -> Log | None:
-    try:
-        return session.read()
-    except DataError as error:
-        session.fail(str(error))
-        return None
+    """The log with the lines so far; a refusal that names a line is a finding with that line."""
+    for _ in range(len(_NAMED) + 1):
+        try:
+            return session.read()
+        except DataError as error:
+            line = next((line for line in _NAMED if str(line) in str(error)), None)
+            if line is None:
+                session.fail(str(error))
+                return None
+            session.add([Remark(severity="problem", sentence=str(error), lines=(line,))])
+    return None
 
 
 def _data(session: _Session, log: Log) -> tuple[Log | None, QualityReport | None]:

@@ -242,8 +242,8 @@ def _tilt(best: _Hypothesis, evidence: _Evidence) -> np.ndarray:
     """Least rotation that turns the mean specific force, mounted as in ``best``, upright (Rodrigues)."""
     if np.isnan(evidence.gravity).any():
         return np.eye(3)
-    felt = _matrix(best) @ evidence.gravity
-    axis, cosine = np.cross(felt, [0.0, 0.0, 1.0]), float(felt[_UP])
+    upward = _matrix(best) @ evidence.gravity
+    axis, cosine = np.cross(upward, [0.0, 0.0, 1.0]), float(upward[_UP])
     if cosine < -0.9:
         return np.eye(3)
     skew = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])

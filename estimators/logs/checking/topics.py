@@ -7,7 +7,9 @@ from pathlib import Path
 
 from estimators.logs import bags
 from estimators.logs.checking.mends import Line, Remark
+from estimators.logs.checking.naming import column_of
 from estimators.logs.reading import parse_description
+from estimators.logs.schema import VEHICLE_INPUTS
 from offroad_env.errors import DataError
 
 __all__ = ["topic_remarks"]
@@ -21,8 +23,7 @@ _KNOWN = {
     "ackermann_msgs/msg/AckermannDrive": (("steer", "steering_angle"),),
     "geometry_msgs/msg/TwistStamped": (("v_x", "twist.linear.x"), ("v_y", "twist.linear.y")),
 }
-#: Words in a topic of one number -> column.
-_NUMBERS = (("steer", "steer"), ("torque", "torque_total"), ("speed", "speed"))
+_NUMBERS = ("std_msgs/msg/Float64", "std_msgs/msg/Float32", "std_msgs/msg/Int32", "std_msgs/msg/Int64")
 
 
 def topic_remarks(path: Path, text: str) -> list[Remark]:
@@ -54,8 +55,8 @@ def topic_remarks(path: Path, text: str) -> list[Remark]:
 def _columns(topic: str, kind: str) -> Iterator[tuple[str, str]]:
     for key, field in _KNOWN.get(kind, ()):
         yield key, f"{topic} {field}".strip()
-    if kind in ("std_msgs/msg/Float64", "std_msgs/msg/Float32"):
-        for word, column in _NUMBERS:
-            if word in topic.lower():
-                yield column, f"{topic} data"
-                break
+    if kind in _NUMBERS:
+        name = topic.rsplit("/", 1)[-1]
+        column = name if name in VEHICLE_INPUTS else column_of(topic.strip("/"))
+        if column is not None and not topic.startswith("/reference/"):
+            yield column, f"{topic} data"

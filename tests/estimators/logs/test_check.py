@@ -64,7 +64,8 @@ ISSUE = Foreign(
     names={
         "t": "Timestamp", "steer": "SteeringAngle", "torque_f": "TrqFront", "torque_r": "TrqRear",
         "omega_r": "wheel_speed_rear", "v_x": "vx", "x": "gps/east", "y": "gps/north",
-        "a_x": "imu/linear_acceleration.x", "a_y": "imu/linear_acceleration.y", "a_z": "imu/linear_acceleration.z",
+        "a_x": "imu/linear_acceleration.x", "a_y": "imu/linear_acceleration.y",
+        "a_z": "imu/linear_acceleration.z",
         "gyro_z": "imu/angular_velocity.z",
     },
     change=turned_and_scaled,
@@ -177,28 +178,50 @@ def numbered(text: str, change) -> str:
     return "\n".join([head, *(change(i, row) for i, row in enumerate(rows))]) + "\n"
 
 
+def rest(row: str) -> str:
+    return row.split(",", 1)[1]
+
+
+def late_row(text: str) -> str:
+    head, first, *rows = text.splitlines()
+    return "\n".join([head, *rows[:7], first, *rows[7:]]) + "\n"
+
+
+def unmeasured(i: int, row: str) -> str:
+    mark = "N/A" if i % 3 else "-9999"
+    return f"{row.rsplit(',', 1)[0]},{mark}" if i % 40 == 5 else row
+
+
+UNITS_ROW = "[s],[deg],[Nm],[Nm],[rad/s],[km/h],[m],[m],[m/s2],[m/s2],[m/s2],[rad/s],[rad/s]"
+PER_MINUTE = 60.0 / (2.0 * np.pi)
 WAYS = {
-    "time in ns since 1970": Foreign(names=PLAIN | IMU, change=lambda c: c | {"t": 1e9 * c["t"] + 1.7e18}, digits=19),
+    "time in ns since 1970": Foreign(
+        names=PLAIN | IMU, change=lambda c: c | {"t": 1e9 * c["t"] + 1.7e18}, digits=19
+    ),
     "time in us": Foreign(names=PLAIN | IMU, change=times("t", 1e6)),
     "dates": Foreign(
         names=PLAIN | IMU,
-        text=lambda text: numbered(text, lambda i, row: f"2026-05-01T10:00:{0.02 * i:09.6f}Z,{row.split(',', 1)[1]}"),
+        text=lambda text: numbered(text, lambda i, row: f"2026-05-01T10:00:{0.02 * i:09.6f}Z,{rest(row)}"),
     ),
     "seconds and nanoseconds": Foreign(
-        names={"secs": "header.stamp.secs", "nsecs": "header.stamp.nsecs"} | PLAIN | IMU | {"t": "counter_t_unused"},
+        names={"secs": "header.stamp.secs", "nsecs": "header.stamp.nsecs"}
+        | PLAIN
+        | IMU
+        | {"t": "counter_t_unused"},
         change=lambda c: c | {"secs": 1.7e9 + np.floor(c["t"]), "nsecs": np.round(1e9 * (c["t"] % 1.0))},
         digits=12,
     ),
     "stamps stand twice": Foreign(
-        names=PLAIN | IMU, text=lambda text: numbered(text, lambda i, row: f"{row}\n{row}" if i % 50 == 7 else row)
+        names=PLAIN | IMU,
+        text=lambda text: numbered(text, lambda i, row: f"{row}\n{row}" if i % 50 == 7 else row),
     ),
     "rows out of order": Foreign(
         names=PLAIN | IMU,
-        text=lambda text: "\n".join([text.splitlines()[0], *text.splitlines()[2:9], text.splitlines()[1], *text.splitlines()[9:]]) + "\n",
+        text=late_row,
     ),
     "rows without time": Foreign(
         names=PLAIN | IMU,
-        text=lambda text: numbered(text, lambda i, row: f"{row}\n,{row.split(',', 1)[1]}" if i % 90 == 11 else row),
+        text=lambda text: numbered(text, lambda i, row: f"{row}\n,{rest(row)}" if i % 90 == 11 else row),
     ),
     "semicolons and decimal commas": Foreign(
         names=PLAIN | IMU, text=lambda text: text.replace(",", ";").replace(".", ",")
@@ -213,27 +236,36 @@ WAYS = {
     "a row of units": Foreign(
         names=PLAIN | IMU,
         change=lambda c: c | {"steer": DEGREES * c["steer"], "v_x": 3.6 * c["v_x"]},
-        text=lambda text: text.replace("\n", "\n[s],[deg],[Nm],[Nm],[rad/s],[km/h],[m],[m],[m/s2],[m/s2],[m/s2],[rad/s],[rad/s]\n", 1),
+        text=lambda text: text.replace("\n", f"\n{UNITS_ROW}\n", 1),
     ),
     "units in the heading": Foreign(
         names=PLAIN | IMU | {"yaw_rate": "yaw_rate [deg/s]", "steer": "steer (deg)", "v_x": "v_x_kmh"},
-        change=lambda c: c | {"yaw_rate": DEGREES * c["yaw_rate"], "steer": DEGREES * c["steer"], "v_x": 3.6 * c["v_x"]},
+        change=lambda c: (
+            c | {"yaw_rate": DEGREES * c["yaw_rate"], "steer": DEGREES * c["steer"], "v_x": 3.6 * c["v_x"]}
+        ),
     ),
     "UTF-16": Foreign(names=PLAIN | IMU, text=lambda text: text.encode("utf-16")),
     "Latin-1 with a degree sign": Foreign(
-        names=PLAIN | IMU | {"steer": "steer [°]"}, change=times("steer", DEGREES), text=lambda text: text.encode("latin-1")
+        names=PLAIN | IMU | {"steer": "steer [°]"},
+        change=times("steer", DEGREES),
+        text=lambda text: text.encode("latin-1"),
     ),
     "NA and -9999": Foreign(
         names=PLAIN | IMU | {"roll_rate": "roll_rate"},
-        text=lambda text: numbered(
-            text, lambda i, row: row.rsplit(",", 1)[0] + ("," + ("N/A" if i % 3 else "-9999") if i % 40 == 5 else "," + row.rsplit(",", 1)[1])
-        ),
+        text=lambda text: numbered(text, unmeasured),
     ),
     "rows cut off": Foreign(names=PLAIN | IMU, text=lambda text: text[:-30]),
     "wheel speeds in rpm, each wheel": Foreign(
         names={**PLAIN, **IMU, "omega_r": "rpm_rl", "rr": "rpm_rr", "fl": "rpm_fl", "fr": "rpm_fr"},
-        change=lambda c: c | {"omega_r": 60 / (2 * np.pi) * c["omega_r"], "rr": 60 / (2 * np.pi) * c["omega_r"],
-                              "fl": 60 / (2 * np.pi) * c["omega_f"], "fr": 60 / (2 * np.pi) * c["omega_f"]},
+        change=lambda c: (
+            c
+            | {
+                "omega_r": PER_MINUTE * c["omega_r"],
+                "rr": PER_MINUTE * c["omega_r"],
+                "fl": PER_MINUTE * c["omega_f"],
+                "fr": PER_MINUTE * c["omega_f"],
+            }
+        ),
     ),
     "speed of the rim": Foreign(
         names={**PLAIN, **IMU, "omega_r": "wheel_speed_kmh"}, change=times("omega_r", 3.6 * RADIUS)
@@ -242,10 +274,14 @@ WAYS = {
         names=PLAIN | IMU | {f"q_{axis}": f"orientation.{axis}" for axis in "wxyz"}, change=quaternion
     ),
     "latitude and longitude": Foreign(
-        names={n: n for n in PLAIN if n not in "xy"} | IMU | {"lat": "latitude", "lon": "longitude"}, change=fixes, digits=14,
+        names={n: n for n in PLAIN if n not in "xy"} | IMU | {"lat": "latitude", "lon": "longitude"},
+        change=fixes,
+        digits=14,
     ),
     "steering reversed": Foreign(names=PLAIN | IMU | {"yaw": "yaw"}, change=reversed_("steer")),
-    "lateral and yaw reversed": Foreign(names=PLAIN | IMU | {"yaw": "yaw"}, change=reversed_("a_y", "yaw_rate")),
+    "lateral and yaw reversed": Foreign(
+        names=PLAIN | IMU | {"yaw": "yaw"}, change=reversed_("a_y", "yaw_rate")
+    ),
     "gravity reversed": Foreign(names=PLAIN | IMU, change=reversed_("a_z")),
     "forward, right, down": Foreign(
         names=PLAIN | {"a_x": "ax", "a_y": "ay", "a_z": "az", "gyro_x": "wx", "gyro_y": "wy", "gyro_z": "wz"},
@@ -253,20 +289,23 @@ WAYS = {
     ),
     "gravity taken out": Foreign(names=PLAIN | IMU, change=lambda c: c | {"a_z": c["a_z"] - G}),
     "compass heading": Foreign(
-        names=PLAIN | IMU | {"yaw": "heading_deg"}, change=lambda c: c | {"yaw": np.mod(90.0 - DEGREES * c["yaw"], 360.0)}
+        names=PLAIN | IMU | {"yaw": "heading_deg"},
+        change=lambda c: c | {"yaw": np.mod(90.0 - DEGREES * c["yaw"], 360.0)},
     ),
     "other rates and gaps": Foreign(names=PLAIN | IMU, change=gaps),
     "spikes": Foreign(
-        names=PLAIN | IMU, change=lambda c: c | {"a_x": np.where(np.arange(len(c["t"])) % 200 == 9, 65535.0, c["a_x"])}
+        names=PLAIN | IMU,
+        change=lambda c: c | {"a_x": np.where(np.arange(len(c["t"])) % 200 == 9, 65535.0, c["a_x"])},
     ),
     "a sensor that is stuck": Foreign(
-        names=PLAIN | IMU, change=lambda c: c | {"pitch_rate": np.where(c["t"] > 9.0, 0.0123, c["pitch_rate"])}
+        names=PLAIN | IMU,
+        change=lambda c: c | {"pitch_rate": np.where(c["t"] > 9.0, 0.0123, c["pitch_rate"])},
     ),
     "no IMU but one gyro": Foreign(names=PLAIN | {"yaw_rate": "gyro_z"}),
     "two recordings in one file": Foreign(
         names=PLAIN | IMU, text=lambda text: text + "\n".join(text.splitlines()[1:200]) + "\n"
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
@@ -360,10 +399,12 @@ def test_no_channel_of_the_imu_is_needed_to_estimate(missing, tmp_path):
     ("name", "column"),
     [
         ("imu/linear_acceleration.y", "a_y"), ("AccZ[g]", "a_z"), ("angular_velocity_x", "gyro_x"),
-        ("WheelSpeed_FL (rpm)", "omega_fl"), ("front_left_wheel_speed", "omega_fl"), ("rpm_right", "omega_right"),
+        ("WheelSpeed_FL (rpm)", "omega_fl"), ("front_left_wheel_speed", "omega_fl"),
+        ("rpm_right", "omega_right"),
         ("SteeringAngle [deg]", "steer"), ("delta", "steer"), ("yawRate", "yaw_rate"), ("heading", "yaw"),
         ("gps.lat", "latitude"), ("GPS Speed [km/h]", "speed"), ("vx", "v_x"), ("pose.position.x", "x"),
-        ("Motor Torque [Nm]", "torque_total"), ("timestamp", "t"), ("orientation.w", "q_w"), ("cog", "course"),
+        ("Motor Torque [Nm]", "torque_total"), ("timestamp", "t"), ("orientation.w", "q_w"),
+        ("cog", "course"),
         ("battery", None), ("gps_accuracy", None), ("target_speed", None), ("a_x_std", None), ("mode", None),
     ],
 )  # fmt: skip
@@ -376,9 +417,11 @@ def test_names_of_columns_are_understood(name, column):
     [
         ("columns.a_q: x", "did you mean"), ("columns.t: 3.0", "constant"), ("signs.a_x: 2", "1 or -1"),
         ("signs.roll_rate: -1", "no such column"), ("imu.orientation: {yaw: 90}", "90 deg"),
-        ("imu.orientation: {forward: up}", "axis of the IMU"), ("imu.orientation: {forward: x, left: x}", "right angles"),
+        ("imu.orientation: {forward: up}", "axis of the IMU"),
+        ("imu.orientation: {forward: x, left: x}", "right angles"),
         ("imu.rate: fast", "100 Hz"), ("imu.rate: 1e9", "1000"), ("csv.separator: ab", "csv.separator"),
-        ("csv.decimal: ','", "which is which"), ("csv.encoding: nonsense", "utf-8"), ("time.order: maybe", "sort"),
+        ("csv.decimal: ','", "which is which"), ("csv.encoding: nonsense", "utf-8"),
+        ("time.order: maybe", "sort"),
         ("blank.a_x: [3.0, 1.0]", "from, to"), ("blank.roll_rate: all", "no such column"),
         ("columns.steer: steering", "no such column"), ("units.a_x: furlong", "acceleration"),
         ("units.a_x: __import__('os')", "acceleration"), ("columns.ignore: 3", "list"),
