@@ -26,7 +26,8 @@ from agents.benchmark.summary import Benchmark, summarise
 from agents.controllers.arms import ARMS, Arm, ArmSettings, make_arm
 from agents.controllers.protocol import Agent, ArmResult, EpisodeResult
 from agents.driving.unwrapped import bekker_env
-from offroad_env.environment.scenarios import Scenario, find_scenario
+from offroad_env.environment.scenario_descriptions import find_scenario
+from offroad_env.environment.scenarios import Scenario
 from offroad_env.errors import InvalidParameter
 
 __all__ = [

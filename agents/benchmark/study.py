@@ -23,7 +23,8 @@ from agents.controllers.tuned import SETTINGS
 from agents.driving.episode import AGENTS, agent_file, find_agent, is_agent, trained_name
 from agents.learning.policies import LEARNED, WEIGHTS, learned_folder, shipped_seeds
 from agents.studies.runner import Key, run_units, stamp_of
-from offroad_env.environment.scenarios import SCENARIOS, find_scenario
+from offroad_env.environment.scenario_descriptions import find_scenario
+from offroad_env.environment.scenarios import SCENARIOS
 from offroad_env.errors import InvalidParameter
 
 __all__ = ["EPISODES", "BenchmarkArgs", "drive_unit", "run_learned", "run_study"]

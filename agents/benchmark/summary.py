@@ -24,7 +24,8 @@ from agents.benchmark.statistics import (
 )
 from agents.controllers.arms import ARMS
 from agents.controllers.protocol import ArmResult
-from offroad_env.environment.scenarios import MEASURES, find_scenario
+from offroad_env.environment.scenario_descriptions import find_scenario
+from offroad_env.environment.scenarios import MEASURES
 from offroad_env.errors import InvalidParameter
 
 __all__ = ["ArmSummary", "Benchmark", "Difference", "summarise"]

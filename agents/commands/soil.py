@@ -16,19 +16,24 @@ if TYPE_CHECKING:
 
 __all__ = ["SoilPlot"]
 
+#: Structures whose power is shown, and random states of steady rolling for each.
+_POWER_OF, _ROLLING_STATES = ("full", "full,pressure_from=own_sinkage", "grid", "field"), 100_000
+
 
 @dataclass(kw_only=True)
 class SoilPlot(Results):
     """Force and sinkage curves of a soil, over slip and over load.
 
     Writes the figure soil_NAME.png. A curve ends where the soil no longer carries the wheel. --field draws
-    natural soil around NAME seen from above; --prior shows the population of measured soils, and how well
+    natural soil around NAME seen from above; --power shows where soils take power from a wheel, and where
+    they give some back, for four structures; --prior shows the population of measured soils, and how well
     it covers each soil when it is learnt without it.
     """
 
     name: Positional[str] = "dry_sand"  #: a soil of the catalogue, see --list
     list: bool = False  #: show the catalogue with its sources instead
     prior: bool = False  #: show the prior of whole soils instead
+    power: bool = False  #: show the power that soils take from a wheel instead, in soil_power.png
     field: bool = False  #: draw a random field around the soil instead
     correlation_length: float = 5.0  #: of the field [m]
     seed: int = 0  #: of the field, and of the soils sampled for the figure of the prior
@@ -46,6 +51,8 @@ class SoilPlot(Results):
             self._show_catalogue()
         elif self.prior:
             self._show_prior()
+        elif self.power:
+            self._show_power()
         elif self.field:
             self._draw_field()
         else:
@@ -105,6 +112,38 @@ class SoilPlot(Results):
             for label, found in left_out.items()
         }
         self.save_numbers({"prior": prior, "coverage": coverage})
+
+    def _show_power(self) -> None:
+        from agents.reports.figures.soil_power import soil_power_figure
+        from agents.reports.soil_power import deformable_soils, least_rolling_power, scan_power
+        from offroad_env.world.structures import read_structure
+        from offroad_env.world.vehicles import make_wheel
+
+        wheel, soils = make_wheel(r=self.radius, b=self.width), deformable_soils()
+        scans, rows = {}, []
+        for name in _POWER_OF:
+            structure = read_structure(name)
+            rolling = least_rolling_power(structure, wheel, soils, _ROLLING_STATES, self.seed)
+            scans[name] = scan = scan_power(structure, wheel, soils)
+            giving = scan.direction[(scan.least < 0.0).any(axis=1)]
+            shallow = scan.depth[(scan.least < 0.0).any(axis=0)]
+            region = (
+                "none found"
+                if not len(giving)
+                else (f"{math.degrees(giving.min()):.0f} ... {math.degrees(giving.max()):.0f}")
+            )
+            depth = f"from {shallow.min():.2f}" if len(shallow) else "-"
+            least = f"{scan.least.min():+.3f}"
+            rows.append((name, f"{rolling:+.4f}", region, depth, least, ", ".join(scan.soils) or "-"))
+        title = f"Power of {len(soils)} soils over load (|r omega| + |v|); negative: given to the wheel"
+        heading = (
+            "structure", "rolling,\nleast", "given at\natan(r omega/v) [deg]", "sinkage\nover r",
+            "least\nanywhere", "by",
+        )  # fmt: skip
+        console().print(table(title, heading, rows))
+        say(f"rolling: {_ROLLING_STATES} random states whose rim turns the way it travels, virgin soil")
+        self.save_figure(soil_power_figure(scans), "soil_power")
+        self.save_numbers(scans)
 
     def _draw_field(self) -> None:
         from agents.reports.figures.natural_soil import field_figure

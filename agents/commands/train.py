@@ -7,7 +7,8 @@ from pathlib import Path
 
 from agents.learning.train import TrainArgs, TrainResult, train
 from agents.reports.output import console, say, table, write_json
-from offroad_env.environment.scenarios import MEASURES, find_scenario
+from offroad_env.environment.scenario_descriptions import find_scenario
+from offroad_env.environment.scenarios import MEASURES
 from offroad_env.errors import InvalidParameter
 
 __all__ = ["Train"]

@@ -28,7 +28,7 @@ from agents.controllers.speed_control import SpeedGains
 from agents.controllers.speed_planner import Belief, BeliefSource, PlannerGains, SoilTracker
 from agents.controllers.stop_controller import StopController
 from agents.controllers.traction_limits import Capability
-from offroad_env.environment.scenarios import find_scenario
+from offroad_env.environment.scenario_descriptions import find_scenario
 from offroad_env.errors import InvalidParameter
 
 __all__ = [

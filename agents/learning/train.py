@@ -42,7 +42,7 @@ from agents.learning.policies import (
     load_policy,
 )
 from agents.reports.output import write_bytes
-from offroad_env.environment.scenarios import find_scenario
+from offroad_env.environment.scenario_descriptions import find_scenario
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv, make_vec
 
 __all__ = [

@@ -18,7 +18,7 @@ from offroad_env.physics.records import Ground
 from offroad_env.simulation.drive import DriveRecord
 from offroad_env.simulation.sensors import SensorSuite
 from offroad_env.simulation.simulator import Plant, Trajectory, make_plant, plant_model, settled_state
-from offroad_env.world.structures import read_structure
+from offroad_env.world.structures import read_structure, structure_text
 from offroad_env.world.terrain import paper_terrain
 
 __all__ = [
@@ -153,7 +153,8 @@ def config_of(plant: Plant, sensors: SensorSuite, start: StartSpec, *, hold: str
     Raises
     ------
     InvalidParameter
-        If the sensors do not fit a log: no noise, or an IMU that does not pitch as the model's does.
+        If the sensors do not fit a log (no noise, or an IMU that does not pitch as the model's does), or the
+        plant has tyres, which a log does not state.
     """
     model, imu, gnss = plant_model(plant), sensors.imu, sensors.gnss
     for name, value in (("accel_noise", imu.accel_noise), ("gyro_noise", imu.gyro_noise)):
@@ -167,7 +168,9 @@ def config_of(plant: Plant, sensors: SensorSuite, start: StartSpec, *, hold: str
         model=model,
         drivetrain="torque" if model == "full" else "force",
         slip=plant.slip,
+        structure="full" if plant.structure is None else structure_text(plant.structure),
         vehicle=plant.vehicle,
+        four_wheel=plant.four_wheel,
         soil=plant.soil,
         terrain=_terrain_of(plant.ground),
         imu=ImuSpec(

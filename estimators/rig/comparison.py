@@ -14,7 +14,7 @@ import numpy as np
 
 from estimators.rig.trials import RigTrials
 from offroad_env.errors import DataError, InvalidParameter, SolverFailure
-from offroad_env.physics.records import Soil, Wheel
+from offroad_env.physics.records import Soil, Structure, Wheel
 from offroad_env.simulation.wheel import wheel_forces
 
 __all__ = [
@@ -130,9 +130,7 @@ class RigComparison:
     def span(self, channel: str, slip_angle: float = 0.0) -> dict[str, tuple[float, float]]:
         """Smallest and largest condition mean, measured and predicted, at one slip angle [rad]."""
         column = [c.name for c in CHANNELS].index(channel)
-        rows = np.isclose(np.abs(self.conditions.slip_angle), abs(slip_angle), atol=1e-6)
-        if not rows.any():
-            raise InvalidParameter(f"no condition has a slip angle of {slip_angle:g} rad - degrees?")
+        rows = self._rows_at(slip_angle)
         return {
             kind: (float(np.nanmin(values[rows, column])), float(np.nanmax(values[rows, column])))
             for kind, values in (
@@ -141,8 +139,28 @@ class RigComparison:
             )
         }
 
+    def rmse_at(self, channel: str, slip_angle: float) -> float:
+        """Error of the means of the conditions at one slip angle [rad], weighted by their repeats."""
+        column = [c.name for c in CHANNELS].index(channel)
+        rows = self._rows_at(slip_angle)
+        squares = self.conditions.residual[rows, column] ** 2
+        return float(np.sqrt(np.average(squares, weights=self.conditions.repeats[rows])))
 
-def predict(trials: RigTrials, soil: Soil, wheel: Wheel, *, shear: str = "independent") -> Prediction:
+    def _rows_at(self, slip_angle: float) -> np.ndarray:
+        rows: np.ndarray = np.isclose(np.abs(self.conditions.slip_angle), abs(slip_angle), atol=1e-6)
+        if not rows.any():
+            raise InvalidParameter(f"no condition has a slip angle of {slip_angle:g} rad - degrees?")
+        return rows
+
+
+def predict(
+    trials: RigTrials,
+    soil: Soil,
+    wheel: Wheel,
+    *,
+    shear: str = "independent",
+    structure: str | Structure | None = None,
+) -> Prediction:
     """Sinkage, drawbar pull and side force at the load, slip and slip angle of each trial.
 
     Parameters
@@ -151,7 +169,7 @@ def predict(trials: RigTrials, soil: Soil, wheel: Wheel, *, shear: str = "indepe
         Measured trials; only their inputs are used.
     soil, wheel
         What the model believes.
-    shear
+    shear, structure
         As in `wheel_forces`.
 
     Returns
@@ -163,9 +181,8 @@ def predict(trials: RigTrials, soil: Soil, wheel: Wheel, *, shear: str = "indepe
     outside = ["" if np.isfinite(slip) else _REASON_SIDEWAYS for slip in trials.slip]
     rows = np.flatnonzero(np.isfinite(trials.slip))
     values = np.full((len(trials), len(CHANNELS)), np.nan)
-    values[rows] = _model(
-        soil, wheel, trials.load[rows], trials.slip[rows], trials.slip_angle[rows], shear=shear
-    )
+    model = _Model(soil, wheel, shear, structure)
+    values[rows] = _predicted(model, trials.load[rows], trials.slip[rows], trials.slip_angle[rows])
     for row in rows:
         if not np.isfinite(values[row, 0]):
             outside[row] = _REASON_SUNK
@@ -174,23 +191,36 @@ def predict(trials: RigTrials, soil: Soil, wheel: Wheel, *, shear: str = "indepe
     )
 
 
-def _model(
-    soil: Soil, wheel: Wheel, load: np.ndarray, slip: np.ndarray, slip_angle: np.ndarray, *, shear: str
-) -> np.ndarray:
+class _Model(NamedTuple):
+    """A wheel on its soil, and by which laws."""
+
+    soil: Soil
+    wheel: Wheel
+    shear: str
+    structure: str | Structure | None
+
+
+def _predicted(model: _Model, load: np.ndarray, slip: np.ndarray, slip_angle: np.ndarray) -> np.ndarray:
     """(M, 3) by `CHANNELS`; NaN rows where the soil cannot carry the load."""
     if len(load) == 0:
         return np.empty((0, len(CHANNELS)))
     try:
-        forces = wheel_forces(soil, wheel, load=load, slip=slip, slip_angle=slip_angle, shear=shear)
+        forces = wheel_forces(
+            model.soil,
+            model.wheel,
+            load=load,
+            slip=slip,
+            slip_angle=slip_angle,
+            shear=model.shear,
+            structure=model.structure,
+        )
     except SolverFailure:
         if len(load) == 1:
             return np.full((1, len(CHANNELS)), np.nan)
         # One failing trial fails the whole call: halve until it is alone.
         half = len(load) // 2
         parts = (slice(None, half), slice(half, None))
-        return np.concatenate(
-            [_model(soil, wheel, load[part], slip[part], slip_angle[part], shear=shear) for part in parts]
-        )
+        return np.concatenate([_predicted(model, load[part], slip[part], slip_angle[part]) for part in parts])
     return np.stack([forces.sinkage, forces.F_x, forces.F_y], axis=1)
 
 
@@ -200,6 +230,7 @@ def compare(
     wheel: Wheel,
     *,
     shear: str = "independent",
+    structure: str | Structure | None = None,
     resamples: int = 2000,
     seed: int = 0,
 ) -> RigComparison:
@@ -207,7 +238,7 @@ def compare(
 
     Parameters
     ----------
-    trials, soil, wheel, shear
+    trials, soil, wheel, shear, structure
         As in `predict`.
     resamples
         Bootstrap resamples behind the intervals.
@@ -228,7 +259,7 @@ def compare(
     """
     if not (isinstance(resamples, int) and resamples >= 100):
         raise InvalidParameter(f"resamples must be an integer >= 100, got {resamples!r}")
-    prediction = predict(trials, soil, wheel, shear=shear)
+    prediction = predict(trials, soil, wheel, shear=shear, structure=structure)
     inside = np.array([reason == "" for reason in prediction.outside])
     if not inside.any():
         raise DataError(f"no trial is inside the model's domain: {dict(Counter(prediction.outside))}")
@@ -245,7 +276,7 @@ def compare(
         deeper_than_radius=int(np.sum(kept.sinkage > wheel.r)),
         scores=_scores(kept.condition, measured, predicted, resamples, np.random.default_rng(seed)),
         conditions=_condition_table(kept, measured, predicted),
-        curves=_curves(kept, soil, wheel, shear),
+        curves=_curves(kept, _Model(soil, wheel, shear, structure)),
     )
 
 
@@ -319,13 +350,13 @@ def _condition_table(trials: RigTrials, measured: np.ndarray, predicted: np.ndar
     )
 
 
-def _curves(trials: RigTrials, soil: Soil, wheel: Wheel, shear: str, points: int = 121) -> tuple[Curve, ...]:
+def _curves(trials: RigTrials, model: _Model, points: int = 121) -> tuple[Curve, ...]:
     slip = np.linspace(-1.0, 1.0, points)
     curves = []
     for angle in np.unique(np.round(trials.slip_angle, 9))[::-1]:
         rows = np.isclose(trials.slip_angle, angle, atol=1e-8)
         load = float(np.mean(trials.load[rows]))
-        values = _model(soil, wheel, np.full(points, load), slip, np.full(points, angle), shear=shear)
+        values = _predicted(model, np.full(points, load), slip, np.full(points, angle))
         curves.append(Curve(slip_angle=float(angle), load=load, slip=slip, values=values))
     return tuple(curves)
 

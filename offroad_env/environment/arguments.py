@@ -4,22 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from estimators.filters.online import KINDS, OnBoard
+from estimators.filters.registry import filter_id
 from offroad_env.environment.episode_records import CONTROL_PERIOD, PAPER_FORCE, SAMPLES
+from offroad_env.environment.randomisation import Randomisation, checked_context
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics.records import Soil, Vehicle
 from offroad_env.simulation.drive import Command
 from offroad_env.simulation.simulator import make_plant, settled_state
-from offroad_env.world.soils import SOILS, make_soil
+from offroad_env.world.soils import make_soil
 from offroad_env.world.terrain import flat
 from offroad_env.world.vehicles import make_vehicle
 
 __all__ = [
+    "COMPILED",
     "Mismatch",
     "ResetOptions",
     "believed_range",
+    "checked_estimator",
     "checked_range",
     "command_of",
     "require_bearing",
@@ -28,10 +35,25 @@ __all__ = [
 ]
 
 
+#: The online filter that is part of the compiled control period.
+COMPILED = "online_parameter_ukf"
+
+
 def require_choice(name: str, value: object, allowed: tuple[str | None, ...]) -> None:
     """Refuse a ``value`` that is none of the ``allowed`` ones."""
     if value not in allowed:
         raise InvalidParameter(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}")
+
+
+def checked_estimator(estimator: str | OnBoard | None, terrain_info: str) -> str | OnBoard:
+    """Which estimator runs; by default the compiled one, where it is observed."""
+    if estimator is None:
+        estimator = COMPILED if terrain_info == "estimate" else "none"
+    elif not isinstance(estimator, OnBoard):
+        estimator = filter_id(estimator, KINDS, label="estimator", besides=("none",))
+    if terrain_info == "estimate" and estimator == "none":
+        raise InvalidParameter('terrain_info="estimate" needs an estimator, got estimator="none"')
+    return estimator
 
 
 def require_rate(rate: float) -> None:
@@ -43,8 +65,8 @@ def require_rate(rate: float) -> None:
         )
 
 
-def checked_range(limits: Any, soil_name: str) -> tuple[float, float]:
-    """``n_range`` as two floats, both of which the soil of that name accepts."""
+def checked_range(limits: Any, soil: Soil) -> tuple[float, float]:
+    """``n_range`` as two floats, both of which the soil accepts."""
     try:
         low, high = (float(value) for value in limits)
     except (TypeError, ValueError) as error:
@@ -52,7 +74,7 @@ def checked_range(limits: Any, soil_name: str) -> tuple[float, float]:
     if not low <= high:
         raise InvalidParameter(f"n_range must be (low, high) with low <= high, got {limits!r}")
     for n in (low, high):
-        make_soil(SOILS[soil_name], n=n)
+        make_soil(soil, n=n)
     return low, high
 
 
@@ -99,23 +121,42 @@ class ResetOptions:
 
     n: float | None = None  #: sinkage exponent of the true soil [-]; None: drawn
     mismatch: Mismatch | None = None
+    context: Mapping[str, Any] = field(default_factory=dict)  #: what is set instead of drawn, by its key
 
     @classmethod
     def read(cls, options: Mapping[str, Any] | None) -> ResetOptions:
-        """The options of a call; refuses other keys than "n" and "mismatch"."""
+        """The options of a call; refuses other keys than "n", "mismatch" and "context"."""
         options = options or {}
-        unknown = set(options) - {"n", "mismatch"}
+        unknown = set(options) - {"n", "mismatch", "context"}
         if unknown:
-            raise InvalidParameter(f'options may hold "n" and "mismatch", got {", ".join(sorted(unknown))}')
+            raise InvalidParameter(
+                f'options may hold "n", "mismatch" and "context", got {", ".join(sorted(unknown))}'
+            )
         mismatch = options.get("mismatch")
         if mismatch is not None:
             mass, k_phi, lag = (float(factor) for factor in mismatch)
             mismatch = Mismatch(mass, k_phi, lag)
-        return cls(n=options.get("n"), mismatch=mismatch)
+        context = options.get("context")
+        return cls(
+            n=options.get("n"), mismatch=mismatch, context={} if context is None else checked_context(context)
+        )
 
-    def truth(self, vehicle: Vehicle, soil: Soil, drawn: float) -> tuple[Vehicle, Soil]:
-        """The true vehicle and soil: nominal, but for n and the factors of a mismatch."""
-        n = drawn if self.n is None else make_soil(soil, n=self.n).n
+    def drawn(self, randomisation: Randomisation | None, rng: np.random.Generator) -> dict[str, Any]:
+        """The context of an episode: what is drawn, but for what is set."""
+        found = {} if randomisation is None else randomisation.draw(rng)
+        for key in self.context:  # two spellings of one key
+            if key in ("n", "soil.n"):
+                found.pop({"n": "soil.n", "soil.n": "n"}[key], None)
+        found |= self.context
+        if self.n is not None:
+            found |= {key: float(self.n) for key in ("n", "soil.n") if key in found}
+        return found
+
+    def truth(self, vehicle: Vehicle, soil: Soil, drawn: float | None) -> tuple[Vehicle, Soil]:
+        """The true vehicle and soil: nominal, but for n (None: that of the soil) and the mismatch."""
+        n = soil.n if drawn is None else drawn
+        if self.n is not None:
+            n = make_soil(soil, n=self.n).n
         if self.mismatch is None:
             return vehicle, make_soil(soil, n=n)
         mass, k_phi, lag = self.mismatch

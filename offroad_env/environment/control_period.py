@@ -391,7 +391,7 @@ def period_full(
     Parameters
     ----------
     episodes (N,) : of an `episode_type`
-    rules (1,) : of the type `RULES`
+    rules (N,) : of the type `RULES`
     tables (N, rows, 4) : nodes of the path, waves of the ground, patches of the soil, waves of the ground
         that a map shows, one after the other
     noise (N, NOISE_ROWS, NOISE_COLUMNS) : standard normal numbers; a sample takes the next row
@@ -402,7 +402,7 @@ def period_full(
     options : sensors and laws beyond the default; what is None is compiled away
     """
     for i in range(episodes.shape[0]):
-        e, r = episodes[i], rules[0]
+        e, r = episodes[i], rules[i]
         if e.phases & DRIVE:
             _take_action(e, actions[i])
             _drive_full(e, r, tables[i], noise[i], options, i)
@@ -425,7 +425,7 @@ def period_paper(
 ) -> None:
     """`period_full` for the paper's model."""
     for i in range(episodes.shape[0]):
-        e, r = episodes[i], rules[0]
+        e, r = episodes[i], rules[i]
         if e.phases & DRIVE:
             _take_action(e, actions[i])
             _drive_paper(e, r, tables[i], noise[i], options, i)

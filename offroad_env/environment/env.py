@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -10,20 +11,20 @@ import numpy as np
 from gymnasium import spaces
 
 from estimators.filters.navigation import NavigationFilter, NavigationNoise
-from estimators.filters.online import KINDS, OnBoard, make_estimator
+from estimators.filters.online import OnBoard, make_estimator
 from estimators.filters.online_parameter_ukf import CHANGING_SOIL, OnlineParameterUKF
 from estimators.filters.protocol import Estimate, Estimator
-from estimators.filters.registry import filter_id
 from offroad_env.effects import Extension, read_extension
 from offroad_env.environment.arguments import (
+    COMPILED,
     ResetOptions,
     believed_range,
-    checked_range,
+    checked_estimator,
     command_of,
-    require_bearing,
     require_choice,
     require_rate,
 )
+from offroad_env.environment.choices import Choices, PlainSpec
 from offroad_env.environment.control_period import (
     BELIEVE,
     DRIVE,
@@ -41,28 +42,31 @@ from offroad_env.environment.episode_records import (
     PlantSizes,
     info_of,
 )
+from offroad_env.environment.episode_row import EpisodeRow
 from offroad_env.environment.extended import ExtendedTruth
 from offroad_env.environment.observation import PREVIEW, Layout
 from offroad_env.environment.plants import PlantChoice
-from offroad_env.environment.rewards import ENDINGS
-from offroad_env.environment.scenarios import Course, Scenario, find_scenario
+from offroad_env.environment.randomisation import Randomisation, Truth, apply_context
+from offroad_env.environment.rewards import ENDINGS, RewardWeights
+from offroad_env.environment.scenarios import Course, Scenario
 from offroad_env.environment.snapshot import Briefing, Measurements, Snapshot
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.imu import GNSS, IMU, WHEEL
 from offroad_env.physics.packing import pack
 from offroad_env.physics.path_geometry import nearest_index
-from offroad_env.physics.records import Structure, Tyre, Vehicle
+from offroad_env.physics.records import Soil, Structure, Tyre, Vehicle
 from offroad_env.simulation.drive import Command
-from offroad_env.simulation.sensor_presets import make_sensors
+from offroad_env.simulation.sensor_descriptions import read_sensors
 from offroad_env.simulation.sensors import GnssConfig, SensorSuite
 from offroad_env.simulation.simulator import (
     FULL_STEP,
     settled_state,
 )
+from offroad_env.world.descriptions import Description, choose_structure, choose_tyre
+from offroad_env.world.four_wheel_vehicles import FourWheelVehicle
 from offroad_env.world.natural_soil import SoilSpread
-from offroad_env.world.soils import SOILS, make_soil
-from offroad_env.world.vehicles import VEHICLES
+from offroad_env.world.soils import make_soil
 
 if TYPE_CHECKING:
     from offroad_env.rendering import Renderer
@@ -78,14 +82,11 @@ __all__ = [
 ]
 
 TERRAIN_INFO = ("none", "estimate", "truth")
-#: The online filter that is part of the compiled control period.
-_COMPILED = "online_parameter_ukf"
-
 _STEPS = round(CONTROL_PERIOD / SAMPLES / FULL_STEP)  # steps of the plant per IMU sample
 _EVERYTHING = DRIVE | BELIEVE | REPORT
 
 
-class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
+class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray]):
     """A vehicle follows a path over soil whose sinkage exponent n it does not know.
 
     ## Description
@@ -128,8 +129,9 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
 
     ## Starting State
     Settled on the soil, on the path, rolling. n is drawn uniformly from ``n_range``;
-    ``reset(options={"n": 0.7})`` sets it. ``options={"mismatch": (mass, k_phi, lag)}`` multiplies these
-    properties of the truth; the nominal ones, which estimator and briefing hold, stay.
+    ``reset(options={"n": 0.7})`` sets it, ``options={"context": {...}}`` any key of ``randomise``.
+    ``options={"mismatch": (mass, k_phi, lag)}`` multiplies these properties. All of this changes the truth;
+    the nominal vehicle, soil and sensors, which estimator and briefing hold, stay.
 
     ## Episode End
     Termination: the goal is reached (``info["success"]``), or ``info["failure"]`` is "left_corridor",
@@ -138,7 +140,8 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
     limit of "ride") or "diverged". Truncation: the time limit of the task (120 s, "brake" 40 s).
 
     ## Arguments
-    scenario : "track", "speed", "climb", "brake", "ride" or "patches" (`offroad_env.SCENARIOS`)
+    scenario : "track", "speed", "climb", "brake", "ride" or "patches" (`offroad_env.SCENARIOS`). Scenario,
+        soil, vehicle, weights, sensors, structure, tyre: a name, an object, a mapping or YAML (docs/own.md)
     terrain_info : "none", "estimate" or "truth"
     model : "full", "paper", or the file of an extended model that ``offroad diagnose`` has written: the truth
         then has its effects
@@ -148,14 +151,14 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         `estimators.filters.online.OnBoard` also holds the rate, and vehicle, soil and ground of the filter's
         model, rightly or wrongly
     n_range : (low, high) of the sinkage exponent, default the scenario's
-    soil, vehicle : names in `SOILS` and `VEHICLES`, default the scenario's
-    sensors : a name in `offroad_env.SENSORS` ("paper", "ideal", "automotive", "consumer"), or sensors by
-        `offroad_env.make_sensors`
+    soil, vehicle, weights : default the scenario's; the soil's n is replaced by the drawn one
+    sensors : one of `offroad_env.SENSORS` ("paper", "ideal", "automotive", "consumer"), or `make_sensors`
     structure : laws of the wheels, "full", "grid", "field" or departures from them ("grid,ruts=none"); None
         is "full". Estimators go on to assume "full"
-    tyre : flexible tyres, a name in `offroad_env.world.tyres.TYRES`; they need structure "grid" or "field"
+    tyre : flexible tyres, a name in `offroad_env.TYRES`; they need structure "grid" or "field"
     natural_soil : True, or a `world.natural_soil.SoilSpread`: pressure, n, cohesion and friction angle vary
         over metres around the drawn soil
+    randomise : what differs from episode to episode, ``{"vehicle.m": (1200.0, 1500.0)}`` (docs/own.md)
     render_mode : None, "human" or "rgb_array"
 
     ## Info
@@ -163,7 +166,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
     rear), ``cross_track_error`` [m], ``heading_error`` [rad], ``progress`` and ``path_length`` [m],
     ``speed`` [m/s], ``shake`` (running r.m.s. of the vertical acceleration) [m/s^2], ``time`` [s], the
     estimator's ``n_estimate``, ``n_estimate_sd``, ``nis`` and ``filter_repairs`` (the prior and zeros
-    when none runs), ``reward_terms``, ``success``, ``failure``.
+    when none runs), ``reward_terms``, ``success``, ``failure``; ``context`` where anything is randomised.
 
     ## Version History
     v0: first version.
@@ -174,58 +177,64 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
     def __init__(  # noqa: PLR0913 - the environment's arguments are its interface
         self,
         *,
-        scenario: str = "track",
+        scenario: Scenario | Description = "track",
         terrain_info: str = "none",
         model: str = "full",
         vehicle_model: str = "half_car",
         estimator: str | OnBoard | None = None,
         n_range: tuple[float, float] | None = None,
-        soil: str | None = None,
-        vehicle: str | None = None,
-        sensors: str | SensorSuite = "paper",
-        structure: str | Structure | None = None,
-        tyre: str | Tyre | None = None,
-        natural_soil: bool | SoilSpread = False,
+        soil: Soil | Description | None = None,
+        vehicle: Vehicle | FourWheelVehicle | Description | None = None,
+        weights: RewardWeights | Description | None = None,
+        sensors: SensorSuite | Description = "paper",
+        structure: Structure | Description | None = None,
+        tyre: Tyre | Description | None = None,
+        natural_soil: bool | SoilSpread | Mapping[str, float] = False,
+        randomise: Randomisation | Mapping[str, Any] | None = None,
         render_mode: str | None = None,
     ) -> None:
-        self.scenario: Scenario = find_scenario(scenario)
-        if estimator is None:
-            estimator = _COMPILED if terrain_info == "estimate" else "none"
-        elif not isinstance(estimator, OnBoard):
-            estimator = filter_id(estimator, KINDS, label="estimator", besides=("none",))
+        self._choices = chosen = Choices.read(
+            scenario=scenario,
+            soil=soil,
+            vehicle=vehicle,
+            weights=weights,
+            n_range=n_range,
+            randomise=randomise,
+        )
+        self.scenario, self.weights, self.n_range = chosen.scenario, chosen.weights, chosen.n_range
+        estimator = checked_estimator(estimator, terrain_info)
         self.extension: Extension | None = read_extension(model) if model.endswith(".json") else None
         model = model if self.extension is None else self.extension.model
         require_choice("terrain_info", terrain_info, TERRAIN_INFO)
         require_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
-        if terrain_info == "estimate" and estimator == "none":
-            raise InvalidParameter('terrain_info="estimate" needs an estimator, got estimator="none"')
         self.terrain_info, self.model, self.vehicle_model = terrain_info, model, vehicle_model
         self.render_mode = render_mode
-        self.soil_name = self.scenario.soil if soil is None else soil
-        self.vehicle: Vehicle = VEHICLES[self.scenario.vehicle if vehicle is None else vehicle]
+        self.soil_name, self.vehicle = chosen.soil.name, chosen.vehicle.record
         self._plants = PlantChoice(
             soil_name=self.soil_name,
             vehicle=self.vehicle,
+            four_wheel=chosen.vehicle.four_wheel,
             model=model,
             vehicle_model=vehicle_model,
-            structure=structure,
-            tyre=tyre,
-            natural_soil=natural_soil,
+            structure=choose_structure(structure),
+            tyre=choose_tyre(tyre),
+            natural_soil=SoilSpread(**natural_soil) if isinstance(natural_soil, Mapping) else natural_soil,
         )
-        self.n_range = checked_range(self.scenario.n_range if n_range is None else n_range, self.soil_name)
         low, high = self.n_range
         self.prior = (0.5 * (low + high), max((high - low) / math.sqrt(12.0), 1e-3))
-        self._believed_soil = make_soil(SOILS[self.soil_name], n=self.prior[0])
+        self._believed_soil = make_soil(chosen.soil.record, n=self.prior[0])
         if estimator != "none" and self._believed_soil.rigid:
             raise InvalidParameter(f"estimator={estimator!r} needs a deformable soil, got {self.soil_name!r}")
         announce_compilation()
-        require_bearing(self.vehicle, self.soil_name, self._believed_soil, self.n_range, model)
-        self.weights = self.scenario.weights
-        self.sensors: SensorSuite = make_sensors(sensors).anew(body_axes=model == "full")
+        self.sensors: SensorSuite = read_sensors(sensors).anew(body_axes=model == "full")
         require_rate(self.sensors.imu.rate)
+        chosen.require_bearing(self.sensors, model, vehicle_model)
+        self._sensing = self.sensors  #: sensors of the episode
+        self._driven = self.vehicle  #: true vehicle of the episode
+        self._context: dict[str, Any] | None = None  #: what was drawn or set for the episode
         self._navigation = NavigationFilter(self.vehicle, NavigationNoise.of(self.sensors.gnss))
         #: The parameter UKF runs inside the compiled period, the others beside it.
-        if isinstance(estimator, str) and estimator not in ("none", _COMPILED):
+        if isinstance(estimator, str) and estimator not in ("none", COMPILED):
             estimator = OnBoard(kind=estimator)
         self._choice = estimator
         self.estimator: Estimator | None = None
@@ -236,6 +245,11 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         self.join(Memory(1, self.sizes), 0)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = self._layout.space()
+
+    @property
+    def context(self) -> dict[str, Any] | None:
+        """What was drawn or set for this episode; None where nothing is randomised."""
+        return self._context
 
     @property
     def briefing(self) -> Briefing:
@@ -255,26 +269,38 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         """
         super().reset(seed=seed)
         chosen = ResetOptions.read(options)
-        drawn = float(self.np_random.uniform(*self.n_range))
+        randomisation = self._choices.randomisation
+        context = chosen.drawn(randomisation, self.np_random)
+        self._context = context if context or randomisation is not None else None
+        drawn: float | None = float(self.np_random.uniform(*self.n_range))
         self.course: Course = self.scenario.draw(self.np_random)
         self._path_length = self.course.path.length
-        self.sensors.reset(self.np_random, radius=self.vehicle.r)
-        self._sensor_errors = self.sensors.errors
-        vehicle, soil = chosen.truth(self.vehicle, self._believed_soil, drawn)
+        truth = Truth(self.vehicle, self._believed_soil, self.course.ground, self.sensors)
+        if context:
+            truth = apply_context(context, truth)
+            require_rate(truth.sensors.imu.rate)
+            if not {"n", "soil.n", "soil"}.isdisjoint(context):
+                drawn = None
+        self._sensing, self._driven = truth.sensors, truth.vehicle
+        self._sensing.reset(self.np_random, radius=self._driven.r)
+        self._sensor_errors = self._sensing.errors
+        vehicle, soil = chosen.truth(truth.vehicle, truth.soil, drawn)
         soils, field = self.course.soil_map(self.n_range), None
         if self._plants.is_natural:
             field = self._plants.soil_field(soil, int(self.np_random.integers(2**63)))
-        self.plant = self._plants.truth(vehicle, soil, self.course.ground, soils, field)
+        self.plant = self._plants.truth(vehicle, soil, truth.ground, soils, field)
         X, Y, yaw = (float(value) for value in self.course.path.nodes[0, :3])
         start = self.scenario.start_speed
         if self.extension is not None:
-            self._extended = ExtendedTruth(self.extension, self.plant, self.sensors.mount)
+            self._extended = ExtendedTruth(self.extension, self.plant, self._sensing.mount)
             self.plant = self._extended.setup.plant
         self.state[:], self.warm[:] = settled_state(self.plant, x=X, y=Y, yaw=yaw, v_x=start)
         self._start(X, Y, start)
         self._navigation.reset(X, Y, yaw, start)
         self._choose_estimator()
-        self._memory.set_rules(self.vehicle, self._navigation, self.scenario, self.weights, self._layout)
+        self._memory.set_rules(
+            self._row, self._driven, self._navigation, self.scenario, self.weights, self._layout
+        )
         self._memory.rules["truth_shown"] = self.terrain_info == "truth"
         self._memory.assumptions = None if self._learner is None else self._learner.assumptions
         self._bind()
@@ -295,7 +321,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
             imu, gnss = self.sensors.imu, self.sensors.gnss or GnssConfig()
             self.estimator = make_estimator(self._choice, belief, believed_range(self.n_range), imu, gnss)
             self.estimator.reset(*self.prior, self._navigation.pose)
-        elif self._choice == _COMPILED:
+        elif self._choice == COMPILED:
             self.estimator = self._learner = OnlineParameterUKF(
                 belief,
                 believed_range(self.n_range),
@@ -328,10 +354,10 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
             ("ending", 0),
         ):
             episode[name] = value
-        self._memory.mount(self._row, self.sensors)
+        self._memory.mount(self._row, self._sensing)
         if self._extended is not None:
-            episode["errors"] = self._extended.imperfect(self.sensors.errors)
-        self.sensors.draw_noise(self._memory.noise[self._row, -1:])
+            episode["errors"] = self._extended.imperfect(self._sensing.errors)
+        self._sensing.draw_noise(self._memory.noise[self._row, -1:])
         self._actions[:] = 0.0
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
@@ -350,51 +376,12 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         late = not terminated and info["time"] > self.scenario.time_limit - 0.5 * CONTROL_PERIOD
         return self._layout.split(self._shown), reward, terminated, late, info
 
-    # ------------------------------------------------------------------ memory
-
-    def join(self, memory: Memory, row: int) -> None:
-        """Keep the episodes in that row of a memory, from the next reset on."""
-        self._memory, self._row = memory, row
-        self._bind()
-
-    def _bind(self) -> None:
-        """Take views of the own row: a copied or pickled view is an array of its own."""
-        rows = slice(self._row, self._row + 1)
-        self._arguments = self._memory.part(rows)
-        self._episode = self._memory.episodes[self._row]
-        self.state, self.warm = self._episode["state"], self._episode["warm"]
-        self.readings, self._rims = self._episode["readings"], self._episode["rims"]
-        self._samples, self._report = self._episode["samples"], self._episode["report"]
-        self._actions, self._shown = self._memory.actions[self._row], self._memory.shown[self._row]
-        self._navigation.lodge(self._episode["navigation"], self._episode["covariance"])
-        if self._learner is not None:
-            self._learner.lodge(self._memory.episodes["filter"][rows])
+    # ------------------------------------------------------------------ one period
 
     @property
     def sizes(self) -> PlantSizes:
         """Lengths of the arrays of its episodes."""
         return self._plants.sizes(self._believed_soil)
-
-    @property
-    def memory_size(self) -> int:
-        """Bytes of the record of an episode; its course and the noise lie beside it."""
-        return self._memory.episodes.itemsize
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Without the tuple of views, which would be stored once more."""
-        return {key: value for key, value in self.__dict__.items() if key != "_arguments"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Views were copied as arrays of their own: look at the memory again."""
-        self.__dict__.update(state)
-        self._bind()
-
-    def draw_noise(self) -> None:
-        """Sensor noise of the next periods, for a caller of the compiled period."""
-        self.sensors.draw_noise(self._memory.noise[self._row])
-        self._episode["noise_row"] = 0
-
-    # ------------------------------------------------------------------ one period
 
     @property
     def is_compiled(self) -> bool:
@@ -421,7 +408,7 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
         """Move the truth of an extended model, which the compiled period cannot, by one period."""
         if self._extended is not None:
             noise, sensing = self._memory.noise[self._row], None
-            if self._memory.sensing is not None and self.sensors.has_memory:
+            if self._memory.sensing is not None and self._sensing.has_memory:
                 sensing = self._memory.sensing[self._row : self._row + 1]
             self._extended.drive(self._episode, self._actions, lambda: self.command, noise, sensing)
 
@@ -440,11 +427,15 @@ class OffroadBekkerEnv(gym.Env[dict[str, Any], np.ndarray]):
     @property
     def command(self) -> Command:
         """The last action as a command: steering [rad], drive and brake torque [N m] (paper: force, NaN)."""
-        return command_of(self.vehicle, self.model, self._episode["action"].tolist())
+        return command_of(self._driven, self.model, self._episode["action"].tolist())
 
     def result(self) -> tuple[dict[str, Any], float]:
         """``info`` and the reward, from the report of the period."""
-        return info_of(self._report, self.plant.soil.n, self._path_length, ENDINGS[self._episode["ending"]])
+        ending = ENDINGS[self._episode["ending"]]
+        info, reward = info_of(self._report, self.plant.soil.n, self._path_length, ending)
+        if self._context is not None:
+            info["context"] = dict(self._context)
+        return info, reward
 
     # ------------------------------------------------------------------ logs and pictures
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from offroad_env.environment.env import OffroadBekkerEnv
-from offroad_env.environment.scenarios import find_scenario
+from offroad_env.environment.scenario_descriptions import find_scenario
+from offroad_env.environment.scenarios import Scenario
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv
-from offroad_env.physics.records import Structure, Tyre
+from offroad_env.physics.records import Structure, Tyre, Vehicle
 from offroad_env.simulation.sensors import SensorSuite
+from offroad_env.world.descriptions import Description, read_vehicle
+from offroad_env.world.four_wheel_vehicles import FourWheelVehicle
 from offroad_env.world.natural_soil import SoilSpread
 from offroad_env.world.tyres import TYRES, make_tyre
-from offroad_env.world.vehicles import VEHICLES
 
 __all__ = ["OffroadBekkerEnvV1", "OffroadBekkerVectorEnvV1"]
 
@@ -19,12 +22,10 @@ __all__ = ["OffroadBekkerEnvV1", "OffroadBekkerVectorEnvV1"]
 _INFLATION = 150e3
 
 
-def own_tyre(vehicle: str) -> Tyre:
+def own_tyre(vehicle: Vehicle | FourWheelVehicle | Description) -> Tyre:
     """The tyre of a vehicle: of its name in the catalogue, else of its size at 150 kPa."""
-    if vehicle in TYRES:
-        return TYRES[vehicle]
-    wheel = VEHICLES[vehicle]
-    return make_tyre(r=wheel.r, b=wheel.b, inflation=_INFLATION)
+    name, wheel, _ = read_vehicle(vehicle)
+    return TYRES[name] if name in TYRES else make_tyre(r=wheel.r, b=wheel.b, inflation=_INFLATION)
 
 
 class OffroadBekkerEnvV1(OffroadBekkerEnv):
@@ -61,20 +62,20 @@ class OffroadBekkerEnvV1(OffroadBekkerEnv):
     def __init__(
         self,
         *,
-        scenario: str = "track",
-        vehicle: str | None = None,
-        structure: str | Structure | None = "field",
-        tyre: str | Tyre | None = "own",
-        natural_soil: bool | SoilSpread = True,
-        sensors: str | SensorSuite = "automotive",
+        scenario: Scenario | Description = "track",
+        vehicle: Vehicle | FourWheelVehicle | Description | None = None,
+        structure: Structure | Description | None = "field",
+        tyre: Tyre | Description | None = "own",
+        natural_soil: bool | SoilSpread | Mapping[str, float] = True,
+        sensors: SensorSuite | Description = "automotive",
         **options: Any,
     ) -> None:
-        name = find_scenario(scenario).vehicle if vehicle is None else vehicle
+        driven = find_scenario(scenario).vehicle if vehicle is None else vehicle
         super().__init__(
             scenario=scenario,
             vehicle=vehicle,
             structure=structure,
-            tyre=own_tyre(name) if tyre == "own" else tyre,
+            tyre=own_tyre(driven) if isinstance(tyre, str) and tyre == "own" else tyre,
             natural_soil=natural_soil,
             sensors=sensors,
             **options,

@@ -166,7 +166,7 @@ _OTHER_FIELDS: list[tuple[Any, ...]] = [
     ("ending", "i8"),
 ]
 
-#: What holds for every episode of a memory.
+#: What holds for the whole of an episode.
 RULES = np.dtype(
     [
         ("dt", "f8"),  # step of the plant [s]
@@ -231,7 +231,7 @@ class PeriodArguments(NamedTuple):
     """Arguments of `period_full` and `period_paper` for N episodes."""
 
     episodes: np.ndarray  #: (N,) of an `episode_type`
-    rules: np.ndarray  #: (1,) of the type `RULES`
+    rules: np.ndarray  #: (N,) of the type `RULES`
     tables: np.ndarray  #: (N, rows, 4)
     noise: np.ndarray  #: (N, NOISE_ROWS, NOISE_COLUMNS)
     actions: np.ndarray  #: (N, 2)
@@ -256,7 +256,7 @@ class Memory:
 
     def __init__(self, count: int, sizes: PlantSizes = PLAIN) -> None:
         self.episodes = np.zeros(count, episode_type(sizes))
-        self.rules = np.zeros(1, RULES)
+        self.rules = np.zeros(count, RULES)
         self.tables = np.zeros((count, 1, 4))
         self.noise = np.zeros((count, NOISE_ROWS, NOISE_COLUMNS))
         self.actions = np.zeros((count, 2))
@@ -317,13 +317,15 @@ class Memory:
 
     def set_rules(
         self,
+        row: int,
         vehicle: Vehicle,
         navigation: NavigationFilter,
         scenario: Scenario,
         weights: RewardWeights,
         layout: Layout,
     ) -> None:
-        """Write down what holds for the whole of an episode; ``vehicle`` is the nominal one."""
+        """Write down what holds for the whole of an episode of ``vehicle``."""
+        rules = self.rules[row]
         for name, value in (
             ("dt", FULL_STEP),
             ("steer_max", vehicle.steer_max),
@@ -339,7 +341,7 @@ class Memory:
             ("distances", PREVIEW),
             ("bounds", layout.bounds),
         ):
-            self.rules[name] = value
+            rules[name] = value
 
     def _fields(self, rows: slice) -> SoilField | None:
         """Natural soil of some of the episodes."""
@@ -352,7 +354,7 @@ class Memory:
         """What the compiled period takes, for some of the episodes."""
         return PeriodArguments(
             self.episodes[rows],
-            self.rules,
+            self.rules[rows],
             self.tables[rows],
             self.noise[rows],
             self.actions[rows],

@@ -8,7 +8,7 @@ from offroad_env.environment.arguments import require_choice
 from offroad_env.environment.episode_records import SOIL_WAVES, PlantSizes
 from offroad_env.physics import state as at
 from offroad_env.physics.axle import contact_shape
-from offroad_env.physics.records import Ground, Soil, SoilField, SoilMap, Structure, Tyre, Vehicle
+from offroad_env.physics.records import FourWheel, Ground, Soil, SoilField, SoilMap, Structure, Tyre, Vehicle
 from offroad_env.simulation.simulator import MODELS, PAPER_SLIP, VEHICLE_MODELS, Plant, make_plant
 from offroad_env.world.four_wheel import make_four_wheel
 from offroad_env.world.natural_soil import SoilSpread, natural_soil
@@ -32,6 +32,7 @@ class PlantChoice:
 
     soil_name: str
     vehicle: Vehicle  #: nominal one
+    four_wheel: FourWheel | None = None  #: what is stated of its four wheels; None: the rules hold
     model: str = "full"
     vehicle_model: str = "half_car"
     structure: str | Structure | None = None
@@ -61,7 +62,9 @@ class PlantChoice:
         field: SoilField | None = None,
     ) -> Plant:
         """The plant that is driven; roll inertia and stiffness are those of the nominal vehicle."""
-        four = make_four_wheel(self.vehicle) if self.vehicle_model == FOUR_WHEEL else None
+        four = None
+        if self.vehicle_model == FOUR_WHEEL:
+            four = make_four_wheel(self.vehicle) if self.four_wheel is None else self.four_wheel
         return make_plant(
             vehicle,
             soil,

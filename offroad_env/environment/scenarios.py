@@ -13,13 +13,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from offroad_env.environment.rewards import RewardWeights, Rules
-from offroad_env.errors import InvalidParameter
 from offroad_env.physics.path_geometry import PathTable
-from offroad_env.physics.records import Ground, SoilMap
+from offroad_env.physics.records import Ground, Soil, SoilMap, Vehicle
 from offroad_env.world.paths import sine_path, winding_corridor
 from offroad_env.world.terrain import add, flat, paper_terrain, rough_terrain, soil_map, soil_patches_along
 
-__all__ = ["MEASURES", "SCENARIOS", "Course", "Scenario", "find_scenario"]
+__all__ = ["BUILT_IN", "MEASURES", "SCENARIOS", "Course", "Scenario"]
 
 #: What a benchmark measures in a task, always so that less is better: name -> (words, unit).
 MEASURES = {
@@ -47,18 +46,20 @@ class Course:
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """A task. ``draw`` makes the course of an episode from a Generator, always with as many draws."""
+    """A task. ``draw`` makes the course of an episode from a Generator, always with as many draws.
+
+    Parameters are the fields. ``draw`` is a function, or an `environment.courses.CourseRecipe`.
+    """
 
     name: str
-    reason: str  #: why the soil decides this task, from physics
     draw: Callable[[np.random.Generator], Course]
-    corridor: float  #: half width of the corridor [m]; leaving it ends the episode
-    target_speed: float  #: speed to hold [m/s]; 0 = as fast as possible
-    start_speed: float  #: speed at the start [m/s]
-    soil: str = "dry_sand"  #: name in SOILS; its n is replaced by the drawn one
-    vehicle: str = "mrzr"  #: name in VEHICLES
+    corridor: float = 2.0  #: half width of the corridor [m]; leaving it ends the episode
+    target_speed: float = 0.0  #: speed to hold [m/s]; 0 = as fast as possible
+    start_speed: float = 3.0  #: speed at the start [m/s]
+    reason: str = ""  #: why the soil decides this task, from physics
+    soil: str | Soil = "dry_sand"  #: soil or its name; its n is replaced by the drawn one
+    vehicle: str | Vehicle = "mrzr"  #: vehicle or its name
     n_range: tuple[float, float] = (0.3, 1.1)  #: sinkage exponent, drawn uniformly [-]
-    steer_scale: float = 1.0  #: share of the vehicle's steering range that action 1 commands
     time_limit: float = 120.0  #: [s]
     stop_zone: float = 0.0  #: > 0: the task is to stand within this distance before the end [m]
     shake_limit: float = math.inf  #: largest running r.m.s. of the vertical acceleration [m/s^2]
@@ -66,6 +67,23 @@ class Scenario:
     stalling: bool = False  #: whether getting stuck is how the task ends for everybody, not a failure
     weights: RewardWeights = field(default_factory=RewardWeights)  #: of the reward's terms
     measure: str = "time"  #: what a benchmark measures, a name in `MEASURES`
+    like: str = ""  #: built-in task whose controllers and tuned settings the arms take; "": by the rules
+
+    @property
+    def task(self) -> str:
+        """The built-in task that it is, or is most like: its arms drive with that one's settings."""
+        if self.name in BUILT_IN or self.like:
+            return self.like or self.name
+        for name in BUILT_IN:
+            if SCENARIOS[name].draw is self.draw:
+                return name
+        if self.stop_zone > 0.0:
+            return "brake"
+        if math.isfinite(self.shake_limit):
+            return "ride"
+        if self.changing:
+            return "patches"
+        return "track" if self.target_speed > 0.0 else "speed"
 
     @property
     def rules(self) -> Rules:
@@ -221,8 +239,5 @@ SCENARIOS: dict[str, Scenario] = {
 }
 
 
-def find_scenario(name: str) -> Scenario:
-    """The scenario of that name, or an `InvalidParameter` that lists the names."""
-    if name not in SCENARIOS:
-        raise InvalidParameter(f"scenario must be one of {', '.join(SCENARIOS)}, got {name!r}")
-    return SCENARIOS[name]
+#: The tasks of the project; `offroad_env.register_scenario` adds others to `SCENARIOS`.
+BUILT_IN = tuple(SCENARIOS)

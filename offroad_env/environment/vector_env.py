@@ -13,6 +13,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from offroad_env.environment.choices import PlainSpec
 from offroad_env.environment.control_period import BELIEVE, DRIVE, REPORT, period_full, period_paper
 from offroad_env.environment.env import OffroadBekkerEnv
 from offroad_env.environment.episode_records import (
@@ -66,7 +67,7 @@ def _threads(wanted: int | None, num_envs: int) -> int:
     return min(wanted, num_envs)
 
 
-class OffroadBekkerVectorEnv(VectorEnv):
+class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
     """N episodes of `OffroadBekkerEnv`: the same numbers as N single environments, to the last bit.
 
     Episodes share nothing but the arguments; seeds, time limit, truncation and ``infos`` are those of
@@ -90,7 +91,8 @@ class OffroadBekkerVectorEnv(VectorEnv):
 
     Notes
     -----
-    ``reset(options={"n": [...]})`` takes one sinkage exponent per episode, or one for all.
+    ``reset(options={"n": [...]})`` takes one sinkage exponent per episode, or one for all; "context" likewise
+    one mapping or a list of them.
     """
 
     #: What runs N times.
@@ -157,13 +159,8 @@ class OffroadBekkerVectorEnv(VectorEnv):
             seeds = list(seed)
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed must be one number or {self.num_envs}, got {len(seeds)} numbers")
-        exponents = [options] * self.num_envs
-        if options.get("n") is not None and np.ndim(options["n"]) == 1:
-            exponents = [{**options, "n": n} for n in options["n"]]
-            if len(exponents) != self.num_envs:
-                raise ValueError(f"n must be one number or {self.num_envs}, got {len(exponents)} numbers")
-        for i in rows:
-            self._restart(i, seeds[i], exponents[i])
+        for i, row_options in zip(rows, self._row_options(options, rows), strict=True):
+            self._restart(i, seeds[i], row_options)
         present = np.zeros(self.num_envs, np.bool_)
         present[rows] = True
         return self._layout.split(self._memory.shown), self._infos(present)
@@ -255,6 +252,18 @@ class OffroadBekkerVectorEnv(VectorEnv):
             raise InvalidParameter("reset_mask must hold at least one True")
         return np.flatnonzero(mask)
 
+    def _row_options(self, options: dict[str, Any], rows: np.ndarray) -> list[dict[str, Any]]:
+        """Options of the reset of each row: "n" and "context" may be one for all, or one per episode."""
+        lists = {
+            key: value
+            for key, value in options.items()
+            if (key == "n" and np.ndim(value) == 1) or (key == "context" and isinstance(value, list | tuple))
+        }
+        for key, values in lists.items():
+            if len(values) != self.num_envs:
+                raise ValueError(f"{key} must be one for all or {self.num_envs}, got {len(values)}")
+        return [{**options, **{key: values[i] for key, values in lists.items()}} for i in rows]
+
     def _restart(self, row: int, seed: int | None, options: dict[str, Any]) -> None:
         self.envs[row].reset(seed=seed, options=options)
         self._elapsed[row], self._over[row] = 0, False
@@ -305,7 +314,12 @@ class OffroadBekkerVectorEnv(VectorEnv):
                 {name: report[:, at].copy() for name, at in zip(TERMS, _TERM_COLUMNS, strict=True)}, present
             ),
         }
-        return self._with_masks(columns, present)
+        found = self._with_masks(columns, present)
+        for i in np.flatnonzero(present).tolist():
+            context = self.envs[i].context
+            if context is not None:
+                found = self._add_info(found, {"context": context}, i)
+        return found
 
     @staticmethod
     def _with_masks(columns: dict[str, Any], present: np.ndarray) -> dict[str, Any]:

@@ -18,6 +18,8 @@ __all__ = [
 
 #: Smallest argument of the logarithm: at the edge of the patch the sinkage is zero.
 _SMALLEST = 1e-300
+#: Sinkage that a quotient is formed with [m]: a tyre on firm clay sinks by less than an atom's size.
+_SHALLOWEST = 1e-100
 #: Height over which nodes of a grid count as touched by a wheel (Chrono's default), and what of a wheel's
 #: width falls between its outermost nodes, for a grid of 0.04 m [m].
 _TEST, _GRID = 0.1, 0.02
@@ -56,7 +58,7 @@ def rebound_modulus(elastic: float, largest: float, z: float) -> float:
     Soil does not rise above its undisturbed surface: where Bekker's law is steeper than ``elastic``,
     the slope tends to the secant.
     """
-    secant = largest / max(z, 1e-12)
+    secant = largest / max(z, _SHALLOWEST)
     return math.sqrt(elastic * elastic + secant * secant)
 
 

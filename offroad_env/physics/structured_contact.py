@@ -66,6 +66,8 @@ __all__ = [
 _TOLERANCE, _SAME, _ITERATIONS = 1e-11, 5e-8, 80
 #: Chords before the interval is halved only; largest local exponent of the load over the rise.
 _CHORDS, _STEEPEST = 30, 1e3
+#: Rise that a quotient is formed with [m]; share of the load that is nothing.
+_SHALLOWEST, _NOTHING = 1e-100, 1e-9
 
 
 class _Balance(NamedTuple):
@@ -226,6 +228,25 @@ def _load_line(
 
 
 @inline_kernel
+def _middle(low: float, high: float) -> float:
+    """A sinkage between two [m]; a tyre on firm soil may sink by decades less than an interval is long."""
+    if high < 4.0 * low:
+        return 0.5 * (low + high)
+    return math.sqrt(low * high) if low > 0.0 else 0.05 * high
+
+
+@inline_kernel
+def _status_between(h: float, r: float, V: float, target: float, N_0: float) -> float:
+    """Status where no sinkage is left between two that carry too little and too much [N]."""
+    if h > 0.9 * deepest_sinkage(r):
+        return SUNK
+    if balances(V, target):
+        return CONTACT
+    # Nothing presses a wheel that hangs above the bottom of its rut.
+    return AIRBORNE if max(V, abs(target)) <= _NOTHING * N_0 else NO_ROOT
+
+
+@inline_kernel
 def _steep_exponent(ratio_V: float, ratio_h: float) -> float:
     """Local exponent d ln V / d ln h: where half of a wheel meets a rut's bottom it is some tens."""
     return min(max(fast_log(ratio_V) / fast_log(ratio_h), 0.02), _STEEPEST)
@@ -338,7 +359,7 @@ def solve_structured_contact(
             exponent *= held
         if measured:
             exponent = _steep_exponent(V / V_old, e / e_old)
-        step = (target - V) / (exponent * abs(V) / max(e, 1e-12) + relief)
+        step = (target - V) / (exponent * abs(V) / max(e, _SHALLOWEST) + relief)
         if measured and abs(step) * abs(change) <= _TOLERANCE * e * e and abs(step) <= 1e-4 * e:
             status, forces = CONTACT, _beyond(forces, before, step / change)
             h += step
@@ -348,17 +369,14 @@ def solve_structured_contact(
             h += step
             break
         if high - low <= 1e-13 * high:
-            if h > 0.9 * deepest_sinkage(wheel.r):
-                status = SUNK
-            elif balances(V, target):
-                status = CONTACT
+            status = _status_between(h, wheel.r, V, target, N_0)
             break
         e_old, V_old, before = e, V, forces
-        h = 0.5 * (low + high)
+        h = _middle(low, high)
         if e > 0.0:
             h = depth + next_sinkage(e, V, target, step, exponent, relief)
         if i > _CHORDS or not low < h < high:
-            h = 0.5 * (low + high)
+            h = _middle(low, high)
     carried = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels)
     _keep(structure.tyre, warm, h, exponent / held, _Balance(h - depth, wheels * carried.load), forces)
     forces = _scaled(forces, wheels)

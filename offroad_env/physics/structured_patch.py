@@ -24,7 +24,7 @@ __all__ = ["RimForces", "SlipSpeeds", "rebound_angle", "rim_forces"]
 #: Largest growth of j/K over the piece at the entry, and the ratio of a later piece's end to its start;
 #: the same for reference accuracy.
 _GROWTH, _RATIO, _FINE_GROWTH, _FINE_RATIO = 4.0, 8.0, 0.5, 1.5
-#: Shortest piece [rad].
+#: Shortest piece over the contact: the belt of a tyre on firm ground turns by a billionth of a radian.
 _SHORT = 1e-9
 #: Growth of j/K and ratio of end to start of a piece for which four nodes do.
 _GENTLE, _GENTLE_RATIO = 1.5, 3.0
@@ -91,6 +91,7 @@ class _Strip(NamedTuple):
     """A strip of the rim's width with one history."""
 
     patch: Patch  #: from the strip's own entry
+    versed: float  #: 1 - cosine of the entry angle, whose difference to 1 a flat belt's cosine has not
     depth: float  #: sinkage at the entry: that of the rut [m]
     h: float  #: sinkage of the bottom [m]
     bottom: float  #: angle from the entry to the bottom, or to the largest pressure [rad]
@@ -140,12 +141,12 @@ def _nodes(rim: Rim, structure: Structure, strip: _Strip, rates: _Rates, rule: i
             point = patch_point(patch, d)
             bearing = bekker_pressure(reference, rim.n, max(point.drop, 0.0) + offset)
             ahead = min(reloading * point.drop, bearing) + rates.damping * point.sin
-            behind = rebound_pressure(strip.peak, slope, 1.0 - point.cos)
+            behind = rebound_pressure(strip.peak, slope, strip.versed - point.drop)
             sigma = max(ahead, 0.0) if d < strip.bottom else behind
             _node(rows, i, point, sigma, rates)
     else:
         # Wong & Reece: the rear segment bears what the front one does at the same share of its length.
-        ratio = strip.bottom / max(strip.end - strip.bottom, _SHORT)
+        ratio = strip.bottom / max(strip.end - strip.bottom, _SHORT * strip.end)
         for i in range(LANES):
             d = rows[_START, i] + rows[_LENGTH, i] * RUNNING[rule, 0, i]
             ahead = d if d < strip.bottom else ratio * (strip.end - d)
@@ -256,7 +257,8 @@ def _rut_strip(rim: Rim, structure: Structure, h: float, depth: float) -> _Strip
         z = depth + pressure / max(slope - rim.n * pressure / depth, 0.5 * slope)
         yielding = theta - entry_angle(max(h - z, 0.0), rim.radius)
     rise = min(peak / (slope * rim.radius), versed)
-    return _Strip(patch, depth, h, theta, theta + entry_angle(rise, 1.0), yielding, peak, slope)
+    end = theta + entry_angle(rise, 1.0)
+    return _Strip(patch, versed, depth, h, theta, end, yielding, peak, slope)
 
 
 @kernel
@@ -277,13 +279,13 @@ def _virgin_strip(rim: Rim, structure: Structure, h: float) -> _Strip:
     if structure.own_sinkage < 0.5:
         bottom, end = theta * (1.0 - rim.shares.m), theta * (1.0 - rim.shares.r)
     patch = Patch(theta, sin, 1.0 - versed, bottom, end - bottom, theta - end)
-    return _Strip(patch, 0.0, h, bottom, end, 0.0, peak, slope)
+    return _Strip(patch, versed, 0.0, h, bottom, end, 0.0, peak, slope)
 
 
 @inline_kernel
 def _next_break(strip: _Strip, turn: float, d: float) -> float:
     """Next angle from the entry where an integrand has a kink; ``turn``: where slip changes its sign."""
-    end, after = strip.end, d + _SHORT
+    end, after = strip.end, d + _SHORT * strip.end
     if after < strip.yielding < end:
         end = strip.yielding
     if after < strip.bottom < end:
@@ -357,7 +359,7 @@ def _cut(
     """
     count, open_half = 0, False
     virgin = strip.depth == 0.0
-    while d < strip.end - _SHORT:
+    while d < (1.0 - _SHORT) * strip.end:
         end = min(_next_break(strip, turn, d), max(growths.ratio * d, growths.first), d + growths.longest)
         gentle = (end - d) * growths.rate < _GENTLE and structure.own_sinkage > 0.5
         gentle = gentle and (end <= _GENTLE_RATIO * d or not virgin or d >= strip.bottom)
@@ -427,7 +429,7 @@ def _strip_forces(
             F_y += part_y
             F_z += part_z
             torque += part_t
-        if d >= strip.end - _SHORT:
+        if d >= (1.0 - _SHORT) * strip.end:
             break
     area = rim.radius * rim.b
     return RimForces(area * F_x, area * F_y, area * F_z, area * rim.arm * torque, strip.peak, j_x)

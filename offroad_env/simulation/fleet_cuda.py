@@ -234,6 +234,28 @@ def _rows(name: str, array: Any, shape: tuple[int, ...]) -> Any:
     return array.reshape(-1, *shape[1:])
 
 
+def _require_plain(packed: PackedPlant) -> None:
+    """Refuse what the device's kernels do not have: they hold a half-car or bicycle on rigid rims.
+
+    Raises
+    ------
+    InvalidParameter
+        With the name of the argument of `make_plant`.
+    """
+    structure = packed.structure
+    refused = {
+        "vehicle_model='four_wheel'": packed.four_wheel is not None,
+        "tyre": structure is not None and structure.tyre is not None,
+        "structure": structure is not None,
+        "soil_field": packed.soil_field is not None,
+    }
+    names = [name for name, present in refused.items() if present]
+    if names:
+        raise InvalidParameter(
+            f"fleets on a graphics processor have no {' or '.join(names)}: offroad_env.simulation.fleet has"
+        )
+
+
 class CudaFleet:
     """A fleet of the full model that lives on a graphics processor.
 
@@ -284,16 +306,10 @@ class CudaFleet:
         dt: float = FULL_STEP,
         stream: Any = None,
     ) -> None:
-        if fleet.packed.soil_field is not None:
-            raise InvalidParameter("the compiled CUDA fleet has no soil_field: take simulate_fleet_commands")
+        _require_plain(fleet.packed)
         self._timing = float(dt), count_steps(fleet, interval, dt)
         _require_device()
         count, packed = len(fleet), fleet.packed
-        if packed.four_wheel is not None:
-            raise InvalidParameter(
-                "fleets on a graphics processor take half-cars and bicycles; vehicle_model 'four_wheel' runs "
-                "in offroad_env.simulation.fleet"
-            )
         queue = _as_stream(stream)
         tables = [table for table in (packed.waves, packed.patches, packed.effects) if table is not None]
         rows = [np.concatenate([np.zeros((1, table.shape[1])), table]) for table in tables]

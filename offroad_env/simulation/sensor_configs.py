@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from types import MappingProxyType
 
 import numpy as np
 
@@ -15,6 +17,11 @@ from offroad_env.world.catalogue import Quantity
 __all__ = [
     "ALLAN_PEAK",
     "ALLAN_PEAK_TIME",
+    "GNSS_RANGES",
+    "IMU_KINDS",
+    "IMU_RANGES",
+    "IMU_TRIPLES",
+    "WHEEL_RANGES",
     "GnssConfig",
     "ImuConfig",
     "WheelSpeedConfig",
@@ -39,12 +46,54 @@ _PULSES = Quantity("in [0, 1e6]", 0.0, 1e6)
 #: correlation times (IEEE Std 952-1997, C.1.1: 0.437 times the driving noise times the root of the time).
 ALLAN_PEAK, ALLAN_PEAK_TIME = 0.61736, 1.8926
 
-KINDS = ("kinematic", "specific_force")
+IMU_KINDS = ("kinematic", "specific_force")
 #: What every sensor has: latency and losses.
 _DELIVERY = {"latency": _LATENCY, "dropout": _DROPOUT, "outage": _TIME}
+#: Allowed range of every number of an IMU, and of those that are three.
+IMU_RANGES: Mapping[str, Quantity] = MappingProxyType(
+    {
+        "rate": _RATE,
+        "accel_noise": _ACCELERATION_SD,
+        "gyro_noise": _ANGULAR_RATE_SD,
+        "accel_bias_sd": _ACCELERATION_SD,
+        "gyro_bias_sd": _ANGULAR_RATE_SD,
+        "accel_scale_sd": _SCALE_SD,
+        "gyro_scale_sd": _SCALE_SD,
+        "accel_instability": _ACCELERATION_SD,
+        "gyro_instability": _ANGULAR_RATE_SD,
+        "bias_time": _TIME,
+        "accel_range": _LIMIT,
+        "gyro_range": _LIMIT,
+        **_DELIVERY,
+    }
+)
+IMU_TRIPLES: Mapping[str, Quantity] = MappingProxyType({"misalignment_sd": _ANGLE_SD, "lever_arm": _ARM})
+#: Of the wheel speeds.
+WHEEL_RANGES: Mapping[str, Quantity] = MappingProxyType(
+    {
+        "rate": _RATE,
+        "noise": _SPEED_SD,
+        "scale_sd": _SCALE_SD,
+        "pulses_per_turn": _PULSES,
+        "window": _LATENCY,
+        **_DELIVERY,
+    }
+)
+#: Of a satellite receiver.
+GNSS_RANGES: Mapping[str, Quantity] = MappingProxyType(
+    {
+        "rate": _RATE,
+        "position_sd": _POSITION_SD,
+        "offset_sd": _POSITION_SD,
+        "velocity_sd": _SPEED_SD,
+        "drift_sd": _POSITION_SD,
+        "drift_time": _TIME,
+        **_DELIVERY,
+    }
+)
 
 
-def _check_fields(config: ImuConfig | WheelSpeedConfig | GnssConfig, ranges: dict[str, Quantity]) -> None:
+def _check_fields(config: ImuConfig | WheelSpeedConfig | GnssConfig, ranges: Mapping[str, Quantity]) -> None:
     """Check every numeric field of a frozen config and store it as float (or tuple of floats)."""
     for item in fields(config):
         if item.name not in ranges:
@@ -120,26 +169,9 @@ class ImuConfig:
     body_axes: bool = True  #: False: held level, axes do not pitch with the body (the paper)
 
     def __post_init__(self) -> None:
-        ranges = {
-            "rate": _RATE,
-            "accel_noise": _ACCELERATION_SD,
-            "gyro_noise": _ANGULAR_RATE_SD,
-            "accel_bias_sd": _ACCELERATION_SD,
-            "gyro_bias_sd": _ANGULAR_RATE_SD,
-            "misalignment_sd": _ANGLE_SD,
-            "lever_arm": _ARM,
-            "accel_scale_sd": _SCALE_SD,
-            "gyro_scale_sd": _SCALE_SD,
-            "accel_instability": _ACCELERATION_SD,
-            "gyro_instability": _ANGULAR_RATE_SD,
-            "bias_time": _TIME,
-            "accel_range": _LIMIT,
-            "gyro_range": _LIMIT,
-            **_DELIVERY,
-        }
-        _check_fields(self, ranges)
-        if self.kind not in KINDS:
-            raise InvalidParameter(f"kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
+        _check_fields(self, {**IMU_RANGES, **IMU_TRIPLES})
+        if self.kind not in IMU_KINDS:
+            raise InvalidParameter(f"kind must be one of {', '.join(IMU_KINDS)}, got {self.kind!r}")
 
     def mount(self, misalignment: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> ImuMount:
         """The record for ``imu_reading``; without misalignment it is what a filter may assume.
@@ -180,8 +212,7 @@ class WheelSpeedConfig:
     outage: float = 0.0  #: mean duration of a loss [s]; at most a sample's: single samples
 
     def __post_init__(self) -> None:
-        ranges = {"rate": _RATE, "noise": _SPEED_SD, "scale_sd": _SCALE_SD, "pulses_per_turn": _PULSES}
-        _check_fields(self, {**ranges, "window": _LATENCY, **_DELIVERY})
+        _check_fields(self, WHEEL_RANGES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,9 +240,7 @@ class GnssConfig:
     outage: float = 0.0  #: mean duration of a loss [s]; at most a fix's: single fixes
 
     def __post_init__(self) -> None:
-        ranges = {"rate": _RATE, "position_sd": _POSITION_SD, "offset_sd": _POSITION_SD}
-        ranges |= {"velocity_sd": _SPEED_SD, "drift_sd": _POSITION_SD, "drift_time": _TIME}
-        _check_fields(self, {**ranges, **_DELIVERY})
+        _check_fields(self, GNSS_RANGES)
 
     @property
     def total_position_sd(self) -> float:

@@ -112,7 +112,10 @@ SENSORS: dict[str, SensorPreset] = {
                 "wheel: pulses_per_turn",
                 "48 serrations (Toyota Avalon 1999, repair manual), both edges counted",
             ),
-            ("wheel: window", "repetition time of message EBC2, SAE J1939-71"),
+            (
+                "wheel: window",
+                "repetition time of message EBC2, SAE J1939-71; 0.1 s from memory, not looked up",
+            ),
             ("wheel: scale_sd", "rolling radius over load, pressure and wear; assumed"),
             (
                 "gnss: position",

@@ -29,6 +29,8 @@ __all__ = ["GnssConfig", "ImuConfig", "SensorSample", "SensorSuite", "WheelSpeed
 #: Standard normal numbers of one episode's constant errors.
 _BIASES, _MISALIGNMENT, _SCALES, _OFFSETS = slice(0, 5), slice(5, 8), slice(8, 10), slice(10, 12)
 _CONSTANT_DRAWS = 12
+#: Channels of the IMU.
+_ACCELERATIONS, _RATES = 3, 2
 
 
 class SensorSample(NamedTuple):
@@ -69,6 +71,9 @@ class SensorSuite:
         The inertial measurement unit, whose rate is the clock of the suite.
     wheel, gnss
         The other sensors; None leaves a sensor out (its channels are always NaN).
+    accel_bias, gyro_bias
+        Known constant errors of all accelerations [m/s^2] and both rates [rad/s], beside those that `reset`
+        draws.
 
     Raises
     ------
@@ -90,7 +95,10 @@ class SensorSuite:
         imu: ImuConfig | None = None,
         wheel: WheelSpeedConfig | None = None,
         gnss: GnssConfig | None = None,
+        accel_bias: float = 0.0,
+        gyro_bias: float = 0.0,
     ) -> None:
+        self._bias = np.array([*[accel_bias] * _ACCELERATIONS, *[gyro_bias] * _RATES])
         self.imu = ImuConfig() if imu is None else imu
         self.wheel = wheel
         self.gnss = gnss
@@ -106,7 +114,8 @@ class SensorSuite:
     def anew(self, *, body_axes: bool | None = None) -> SensorSuite:
         """Sensors of the same configuration that have not been reset; ``body_axes`` replaces the IMU's."""
         imu = self.imu if body_axes is None else replace(self.imu, body_axes=body_axes)
-        return SensorSuite(imu=imu, wheel=self.wheel, gnss=self.gnss)
+        accel, *_, gyro = self._bias.tolist()
+        return SensorSuite(imu=imu, wheel=self.wheel, gnss=self.gnss, accel_bias=accel, gyro_bias=gyro)
 
     @property
     def period(self) -> float:
@@ -163,6 +172,8 @@ class SensorSuite:
     def _draw_errors(self, z: np.ndarray) -> np.ndarray:
         errors = np.zeros((3, CHANNELS))
         errors[OFFSET, IMU] = z[_BIASES] * np.repeat([self.imu.accel_bias_sd, self.imu.gyro_bias_sd], (3, 2))
+        if self._bias.any():
+            errors[OFFSET, IMU] += self._bias
         errors[NOISE_SD, IMU] = np.repeat([self.imu.accel_noise, self.imu.gyro_noise], (3, 2))
         if self.wheel:
             errors[SCALE, WHEEL] = z[_SCALES] * self.wheel.scale_sd

@@ -33,6 +33,7 @@ from offroad_env.physics.records import (
 )
 from offroad_env.physics.settle import settle
 from offroad_env.world.four_wheel import make_four_wheel
+from offroad_env.world.soil_fields import require_positive_modulus
 from offroad_env.world.structures import read_structure
 from offroad_env.world.tyres import read_tyre, require_fitting_tyre, with_tyre
 
@@ -120,6 +121,7 @@ def make_plant(  # noqa: PLR0913 - a plant's options are its interface
     four_wheel = _four_wheel(vehicle, model, vehicle_model, four_wheel)
     if not -1.0 < slip < 1.0:
         raise InvalidParameter(f"slip must be in (-1, 1), got {slip} - in percent?")
+    require_positive_modulus(soil, vehicle.b)
     if soil_field is not None and soil.rigid > 0.5:
         raise InvalidParameter("soil_field must be None on hard ground, which has no parameters of soil")
     if soil_map is None:

@@ -21,6 +21,7 @@ from offroad_env.physics.structured_contact import (
     exit_angle,
     reaction_at_sinkage,
 )
+from offroad_env.world.soil_fields import require_positive_modulus
 from offroad_env.world.structures import read_structure
 from offroad_env.world.tyres import read_tyre, require_fitting_tyre, with_tyre
 
@@ -143,6 +144,7 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     shear: str = "independent",
     structure: str | Structure | None = None,
     tyre: str | Tyre | None = None,
+    errors: str = "raise",
 ) -> WheelForces:
     """Forces of a wheel on soil, at a given load or a given sinkage.
 
@@ -157,8 +159,7 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     sinkage : array_like, optional
         Sinkage [m], less than the radius.
     slip : array_like
-        (r omega - v) / max(|r omega|, |v|) [-], -1 (locked) ... 1 (spinning on the spot), with v
-        the speed along the wheel.
+        (r omega - v) / max(|r omega|, |v|) [-], -1 (locked) ... 1 (on the spot), v the speed along the wheel.
     slip_angle : array_like
         Angle of the travel from the wheel's heading [rad], -pi/2 ... pi/2; positive when the wheel
         slides to its left, which gives a negative side force.
@@ -171,39 +172,49 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     tyre : str or Tyre, optional
         A flexible tyre, by its name in `world.tyres.TYRES` or from `make_tyre`, with ``structure`` "grid" or
         "field"; slip then refers to its effective rolling radius. None: a rigid rim.
+    errors : {"raise", "nan"}
+        What becomes of loads that the soil cannot carry: "raise" refuses all, "nan" gives NaN in their place.
 
     Returns
     -------
     WheelForces
-        Arrays of the broadcast shape of the inputs (scalars give 0-d arrays), SI units.
+        Arrays of the broadcast shape of the inputs, SI units.
 
     Raises
     ------
-    InvalidParameter
-        For inputs out of range.
-    SolverFailure
-        When the soil cannot carry the load at any sinkage below 0.95 of the radius.
+    InvalidParameter, SolverFailure
+        For inputs out of range; where no sinkage below 0.95 r carries the load, unless ``errors="nan"``.
 
     Notes
     -----
-    Relative accuracy of forces against the load and of the sinkage: 1e-6 or better, tested
-    against adaptive quadrature.
+    Relative accuracy of forces against the load and of the sinkage: 1e-6, tested by adaptive quadrature.
     """
-    if shear not in ("independent", "resultant"):
-        raise InvalidParameter(f'shear must be "independent" or "resultant", got {shear!r}')
+    _require_word("shear", shear, ("independent", "resultant"))
+    _require_word("errors", errors, ("raise", "nan"))
+    require_positive_modulus(soil, wheel.b)
     size, by_load = _load_or_sinkage(load, sinkage, wheel)
     slip = _checked("slip", slip, -1.0, 1.0, "", "in percent?")
     slip_angle = _checked("slip_angle", slip_angle, -1.5708, 1.5708, "rad", "in degrees?")
-    size, slip, slip_angle = np.broadcast_arrays(size, slip, slip_angle)
-    values = np.stack([size.ravel(), slip.ravel(), slip_angle.ravel()], axis=1)
+    inputs = np.broadcast_arrays(size, slip, slip_angle)
+    values, shape = np.stack([array.ravel() for array in inputs], axis=1), inputs[0].shape
     out, status = np.zeros((len(values), _COLUMNS)), np.zeros(len(values))
-    flexible = read_tyre(tyre)
+    flexible, resultant = read_tyre(tyre), 1.0 if shear == "resultant" else 0.0
     laws = _laws(structure, flexible, wheel)
-    _many_wheels(soil, wheel, values, by_load, 1.0 if shear == "resultant" else 0.0, laws, out, status)
-    _require_support(wheel, values, status)
+    _many_wheels(soil, wheel, values, by_load, resultant, laws, out, status)
+    _require_support(wheel, values, status if errors == "raise" else status[:0])
+    out[status >= SUNK] = np.nan
     if flexible is not None:
         out[:, 3] *= 1.0 - flexible.rolling * out[:, 8] / wheel.r
-    return WheelForces(*(out[:, i].reshape(size.shape) for i in range(_COLUMNS)))
+    return WheelForces(*(out[:, i].reshape(shape) for i in range(_COLUMNS)))
+
+
+def _quoted(word: str) -> str:
+    return f'"{word}"'
+
+
+def _require_word(name: str, value: str, words: tuple[str, str]) -> None:
+    if value not in words:
+        raise InvalidParameter(f"{name} must be {' or '.join(map(_quoted, words))}, got {value!r}")
 
 
 def _laws(structure: str | Structure | None, tyre: Tyre | None, wheel: Wheel) -> Structure | None:

@@ -77,6 +77,10 @@ class Catalogue(Mapping[str, R]):
         """Add an entry, or replace one; of one's own, see `world.descriptions.register_soil`."""
         self._entries = MappingProxyType({**self._entries, entry.name: entry})
 
+    def remove(self, name: str) -> None:
+        """Take out an entry that was registered."""
+        self._entries = MappingProxyType({key: e for key, e in self._entries.items() if key != name})
+
     def _unknown(self, name: object) -> str:
         wanted = str(name).lower().replace(" ", "_").replace("-", "_")
         near = get_close_matches(wanted, self._entries, n=4, cutoff=0.4)

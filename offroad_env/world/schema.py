@@ -157,7 +157,7 @@ class SectionSchema:
             key=key,
             unit=unit.group(1) if unit else "-",
             allowed=self._allowed(key),
-            default=f"{default:g}" if isinstance(default, float) else str(default),
+            default=_default(default),
             meaning=re.sub(r"\s+", " ", meaning),
         )
 
@@ -167,6 +167,14 @@ class SectionSchema:
         if key in self.choices:
             return ", ".join(self.choices[key])
         return "true, false" if key in self.flags else self.others[key][1]
+
+
+def _default(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_default, value))}]"
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _number(key: str, quantity: Quantity, value: Any) -> float:

@@ -11,23 +11,18 @@ from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import Soil
 from offroad_env.world.catalogue import Quantity, given_fields
 
-__all__ = ["SOIL_DEFAULTS", "SOIL_RANGES", "SoilFields", "checked_soil"]
+__all__ = ["SOIL_DEFAULTS", "SOIL_RANGES", "SoilFields", "checked_soil", "require_positive_modulus"]
 
 _SHEAR_MODULUS = Quantity(
     "in [1e-4, 0.5] m", 1e-4, 0.5, mistakes=((0.5000001, 6.0, "cm given as m"), (6.0, 1e3, "mm given as m"))
 )
 _ANGLE_SHARE = Quantity("in [-2, 2]", -2.0, 2.0, mistakes=((2.0000001, 90.0, "an angle in degrees"),))
 
-#: Allowed range of every field. The "kN" traps lie where no published soil is: tables print
-#: 43 ... 5880 kN/m^(n+2) and 0.06 ... 102 kN/m^(n+1).
+#: Allowed range of every field; of k_c and k_phi see also `_check_moduli`.
 SOIL_RANGES = MappingProxyType(
     {
-        "k_c": Quantity(
-            "0 or in [50, 1e8] N/m^(n+1)", 0.0, 1e8, mistakes=((1e-9, 49.999999, "kN/m^(n+1) given as N"),)
-        ),
-        "k_phi": Quantity(
-            "0 or in [1e4, 1e9] N/m^(n+2)", 0.0, 1e9, mistakes=((1e-9, 9999.999, "kN/m^(n+2) given as N"),)
-        ),
+        "k_c": Quantity("in [-1e8, 1e8] N/m^(n+1)", -1e8, 1e8),
+        "k_phi": Quantity("in [0, 1e9] N/m^(n+2)", 0.0, 1e9),
         "n": Quantity("in (0.05, 2.5]", 0.05, 2.5, low_open=True),
         "c": Quantity("0 or in [100, 5e5] Pa", 0.0, 5e5, mistakes=((1e-9, 99.999999, "kPa given as Pa"),)),
         "phi": Quantity(
@@ -56,6 +51,15 @@ SOIL_RANGES = MappingProxyType(
         ),
     }
 )
+
+#: Below both of these, a pair of moduli is taken for one in kN. Tables print k_phi of 43 ... 5880
+#: kN/m^(n+2); k_c may be small or negative (plates of one soil have -44 and 49 kN/m^(n+1)), so that alone it
+#: shows nothing.
+_KN_K_C, _KN_K_PHI = 1e3, 1e4
+#: |k_c| over k_phi [m] beyond which the two are not in one unit: published soils have up to 0.1.
+_LARGEST_RATIO = 5.0
+#: Widest wheel [m] that a soil with negative k_c has to bear.
+_WIDEST = 3.0
 
 #: No soil is like another in these: they have no default.
 _ESSENTIAL = ("k_phi", "n", "c", "phi")
@@ -155,8 +159,7 @@ def _start_values(start: Soil | None, rigid: bool, given: dict[str, float]) -> d
 
 def _check_together(soil: Soil) -> None:
     """What one field alone cannot show: some stiffness, some strength, ordered angles."""
-    if soil.k_c + soil.k_phi <= 0.0:
-        raise InvalidParameter("k_c and k_phi are both 0: the soil would carry no load; give at least k_phi")
+    _check_moduli(soil)
     if soil.c <= 0.0 and soil.phi <= 0.0:
         raise InvalidParameter("c and phi are both 0: the soil would have no strength; give one of them")
     for s in _ORDER_SLIPS:
@@ -170,6 +173,40 @@ def _check_together(soil: Soil) -> None:
                 f"b_1={soil.b_1:g} - are a and b exchanged, or given in degrees?"
             )
     _check_load_curve(soil)
+
+
+def _check_moduli(soil: Soil) -> None:
+    """Refuse moduli that bear nothing, or that are most likely given in kN."""
+    k_c, k_phi = soil.k_c, soil.k_phi
+    if k_c == 0.0 and k_phi == 0.0:
+        raise InvalidParameter("k_c and k_phi are both 0: the soil would carry no load; give at least k_phi")
+    both = abs(k_c) < _KN_K_C
+    if k_phi < _KN_K_PHI and (both or abs(k_c) > _LARGEST_RATIO * k_phi > 0.0):
+        raise InvalidParameter(
+            f"k_phi must be at least {_KN_K_PHI:g} N/m^(n+2) beside this k_c, got k_phi={k_phi:g}, "
+            f"k_c={k_c:g} - {'both ' if both else ''}kN given as N?"
+        )
+    if k_c / _WIDEST + k_phi <= 0.0:
+        raise InvalidParameter(
+            f"k_c/b + k_phi must be positive for a wheel of some width b, got k_c={k_c:g}, k_phi={k_phi:g}: "
+            f"not even one of {_WIDEST:g} m is borne"
+        )
+
+
+def require_positive_modulus(soil: Soil, b: float) -> None:
+    """Refuse a soil whose k_c is so far below zero that a wheel of width ``b`` [m] presses on nothing.
+
+    Raises
+    ------
+    InvalidParameter
+        With the narrowest wheel that the soil bears.
+    """
+    if soil.rigid < 0.5 and soil.k_c / b + soil.k_phi <= 0.0:
+        raise InvalidParameter(
+            f"k_c/b + k_phi must be positive, but with k_c={soil.k_c:g}, k_phi={soil.k_phi:g} it is not for "
+            f"a wheel {b:g} m wide: plates of other widths do not extend to wheels below "
+            f"{-soil.k_c / soil.k_phi:.3g} m"
+        )
 
 
 def _check_load_curve(soil: Soil) -> None:

@@ -27,7 +27,8 @@ def make_soil(
     kind
         "deformable" or "rigid" (hard ground); default: that of ``base``, else deformable.
     k_c
-        Cohesive modulus of sinkage [N/m^(n+1)]; default 0. Tables print kN.
+        Cohesive modulus of sinkage [N/m^(n+1)]; default 0. Tables print kN. May be negative where plates of
+        several widths gave that; then narrow wheels are refused where they meet the soil.
     k_phi
         Frictional modulus of sinkage [N/m^(n+2)]. Tables print kN.
     n

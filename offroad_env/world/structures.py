@@ -201,6 +201,27 @@ def structure_laws(structure: Structure) -> dict[str, str]:
     }
 
 
+def structure_text(structure: Structure) -> str:
+    """The text from which `read_structure` makes a structure: a preset's name where it is one.
+
+    Raises
+    ------
+    InvalidParameter
+        For a tyre, which has no name in such a text.
+    """
+    if structure.tyre is not None:
+        raise InvalidParameter("structure must have no tyre where it is written as text, got one")
+    for preset in STRUCTURES:
+        if make_structure(preset) == structure:
+            return preset
+    laws = structure_laws(structure)
+    changes = [f"{name}={option}" for name, option in laws.items() if option != LAWS[name][0]]
+    for name, (_, _, default) in STRUCTURE_NUMBERS.items():
+        if getattr(structure, name) != default:
+            changes.append(f"{name}={float(getattr(structure, name))!r}")
+    return ",".join(["full", *changes])
+
+
 def _flag(value: bool) -> float:
     return 1.0 if value else 0.0
 

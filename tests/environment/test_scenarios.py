@@ -18,7 +18,8 @@ from offroad_env.environment.rewards import (
     reached_goal,
     reward_terms,
 )
-from offroad_env.environment.scenarios import SCENARIOS, find_scenario
+from offroad_env.environment.scenario_descriptions import find_scenario
+from offroad_env.environment.scenarios import SCENARIOS
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.simulation.wheel import wheel_forces

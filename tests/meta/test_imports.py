@@ -61,9 +61,11 @@ def test_what_lies_below_the_environment_knows_nothing_of_its_interface(graph, f
     assert "gymnasium" not in outside(graph, folder)
 
 
-@pytest.mark.parametrize("package", ["offroad_env", "estimators"])
-def test_only_agents_learns(graph, package):
-    assert outside(graph, package) & {"sb3_contrib", "stable_baselines3", "torch"} == set()
+@pytest.mark.parametrize("learner", ["sb3_contrib", "stable_baselines3", "torch"])
+def test_only_agents_learns_beside_the_adapter_for_plain_stable_baselines3(graph, learner):
+    users = graph.find_modules_that_directly_import(learner) if learner in graph.modules else set()
+    others = {user for user in users if user.partition(".")[0] != "agents"}
+    assert others <= {"offroad_env.environment.sb3_vec"}
 
 
 def test_only_agents_uses_the_lazy_exports_which_reach_every_floor(graph):

@@ -10,7 +10,7 @@ from physics.tyre_reference import tyre_forces
 
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
-from offroad_env.physics.contact import Support, slope_frame
+from offroad_env.physics.contact import CONTACT, Support, slope_frame
 from offroad_env.physics.records import ContactOptions, Soil, WheelMotion
 from offroad_env.physics.structured_contact import solve_structured_contact
 from offroad_env.physics.tyre import hard_ground_deflection, tread_stiffness
@@ -152,6 +152,27 @@ def test_a_warm_start_leaves_no_trace_and_the_fast_rule_errs_by_a_thousandth_of_
             structure, soil, WHEEL, motion, frame, support, cold, ContactOptions(0.2, 1.0, True)
         )
         assert np.array(fine) == pytest.approx(np.array(fresh), abs=1e-3 * load)
+
+
+@pytest.mark.parametrize("soil", ["heavy_clay", "lean_clay"])
+def test_a_tyre_on_clay_that_hardly_yields_carries_its_load_however_little_it_sinks(soil: str) -> None:
+    """Down to picometres: the belt is then all but flat, and angles of a billionth of a radian count."""
+    rng, smallest = np.random.default_rng(4), 1.0
+    frame, options = slope_frame(0.01, -0.02), ContactOptions(0.2, 1.0, False)
+    for _ in range(300):
+        structure = with_tyre(
+            make_structure("field"), make_tyre(MRZR, inflation=10.0 ** rng.uniform(4.9, 5.8))
+        )
+        row = np.zeros(at.STRUCTURED_CONTACT_SIZE)
+        row[at.RUT_SHARE], row[at.RUT_DEPTH] = rng.uniform(), 10.0 ** rng.uniform(-20.0, -2.0)
+        load, v = 10.0 ** rng.uniform(1.5, 4.0), rng.uniform(-10.0, 10.0)
+        motion, support = WheelMotion(1.02 * v, v, 0.05), Support(load, 0.0, 1.0)
+        found = solve_structured_contact(structure, SOILS[soil], WHEEL, motion, frame, support, row, options)
+        borne = found.F_l * frame.l_z + found.F_c * frame.c_z + found.F_n * frame.n_z
+        assert found.status == CONTACT, (load, row[at.RUT_SHARE], row[at.RUT_DEPTH])
+        assert borne == pytest.approx(load, rel=1e-6)
+        smallest = min(smallest, found.sinkage)
+    assert smallest < 1e-8
 
 
 def test_a_wheel_and_its_mirror_image_feel_mirrored_forces() -> None:

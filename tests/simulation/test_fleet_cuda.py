@@ -11,11 +11,12 @@ from numba import cuda
 
 from helpers import run_fresh
 from offroad_env.errors import InvalidParameter
-from offroad_env.simulation.fleet import Fleet, simulate_fleet_commands, vary
+from offroad_env.simulation.fleet import Fleet, make_fleet, simulate_fleet_commands, vary
 from offroad_env.simulation.fleet_cuda import CudaFleet, CudaUnavailableError
 from offroad_env.simulation.simulator import make_plant, settled_state
+from offroad_env.world.natural_soil import natural_soil
 from offroad_env.world.soils import SOILS
-from offroad_env.world.terrain import rough_terrain
+from offroad_env.world.terrain import flat, rough_terrain
 from offroad_env.world.vehicles import VEHICLES
 
 HAS_NUMBA_CUDA = importlib.util.find_spec("numba_cuda") is not None
@@ -206,6 +207,22 @@ def test_the_kernels_compile_for_a_device_without_a_call_to_the_host(changed):
     assert len(re.findall(r"\bfma\.rn\.f64\b", ptx)) > 1000
     assert "malloc" not in ptx
     assert ".extern" not in ptx
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"structure": "grid"}, "no structure:"),
+        ({"structure": "field", "tyre": "mrzr"}, "no tyre or structure:"),
+        ({"vehicle_model": "four_wheel"}, "no vehicle_model='four_wheel':"),
+        ({"soil_field": natural_soil(SOILS["clay"], 0)}, "no soil_field:"),
+    ],
+)
+def test_what_the_kernels_of_a_device_do_not_have_is_refused_by_name(options, named):
+    """With or without a device: the fleet on processors would give other numbers."""
+    plant = make_plant(VEHICLES["mrzr"], SOILS["clay"], flat(), **options)
+    with pytest.raises(InvalidParameter, match=named):
+        CudaFleet(make_fleet([plant]), np.zeros(1), np.zeros(1))
 
 
 @on_device

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from offroad_env.errors import InvalidParameter
+from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics.records import Soil, Vehicle
 from offroad_env.simulation.wheel import wheel_forces
 from offroad_env.world.catalogue import Catalogue, Entry, UnknownNameError
@@ -148,7 +148,6 @@ def test_every_catalogue_soil_passes_its_own_factory(name):
     ("field", "value", "mistake"),
     [
         ("phi", 30.0, "degrees"),
-        ("k_c", 13.19, "kN"),
         ("k_phi", 692.15, "kN"),
         ("c", 4.14, "kPa"),
         ("k_x", 2.5, "cm"),
@@ -171,6 +170,41 @@ def test_wrong_soil_value_is_refused_with_name_and_likely_mistake(field, value, 
     with pytest.raises(InvalidParameter, match=mistake) as caught:
         make_soil("clay", **{field: value})
     assert str(caught.value).startswith(field)
+
+
+@pytest.mark.parametrize(("k_c", "k_phi"), [(13.19, 692.15), (-44.0, 1900.0), (0.0, 692.15), (13.19, 0.0)])
+def test_moduli_that_are_both_small_are_taken_for_kn(k_c, k_phi):
+    with pytest.raises(InvalidParameter, match="both kN given as N"):
+        make_soil("clay", k_c=k_c, k_phi=k_phi)
+
+
+@pytest.mark.parametrize("k_c", [-44e3, -44.0, 0.5, 49e3])
+def test_a_measured_k_c_may_be_small_or_negative(k_c):
+    soil = make_soil("dry_sand", k_c=k_c)
+    wheel = make_wheel(r=0.33, b=0.212)
+    found = wheel_forces(soil, wheel, load=2000.0, slip=0.1)
+    assert found.F_z == pytest.approx(2000.0, rel=1e-6)
+    deeper = wheel_forces(make_soil(soil, k_c=k_c - 5e3), wheel, load=2000.0, slip=0.1)
+    assert deeper.sinkage > found.sinkage
+
+
+def test_a_wheel_too_narrow_for_a_negative_k_c_is_refused_with_the_least_width():
+    soil = make_soil("dry_sand", k_c=-440e3)
+    with pytest.raises(InvalidParameter, match=r"below 0\.288 m"):
+        wheel_forces(soil, make_wheel(r=0.33, b=0.212), load=2000.0, slip=0.1)
+    with pytest.raises(InvalidParameter, match="not even one"):
+        make_soil("dry_sand", k_c=-1e8)
+
+
+def test_one_overloaded_wheel_does_not_fail_a_sweep():
+    soil, wheel = make_soil("dry_sand", n=1.1), make_wheel(r=0.33, b=0.212)
+    loads = np.array([1000.0, 1e6, 2000.0])
+    with pytest.raises(SolverFailure, match="1 of 3"):
+        wheel_forces(soil, wheel, load=loads, slip=0.1)
+    found = wheel_forces(soil, wheel, load=loads, slip=0.1, errors="nan")
+    assert all(np.isnan(values[1]) for values in found)
+    alone = wheel_forces(soil, wheel, load=loads[2], slip=0.1)
+    assert all(values[2] == value for values, value in zip(found, alone, strict=True))
 
 
 def test_message_reads_as_the_house_wants():

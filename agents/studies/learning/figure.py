@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 
 from agents.benchmark.learned import LearnedArm
 from agents.learning.action_interface import PlanInterface
-from offroad_env.environment.scenarios import MEASURES, find_scenario
+from offroad_env.environment.scenario_descriptions import find_scenario
+from offroad_env.environment.scenarios import MEASURES
 
 __all__ = ["learning_figure"]
 

@@ -27,7 +27,8 @@ from agents.learning.train import TrainArgs, configuration_hash, train
 from agents.reports.output import Results, console, say, table
 from agents.studies.information_in_one_sample.study import one_sample_error
 from agents.studies.runner import Key, Result, run_units, stamp_of
-from offroad_env.environment.scenarios import MEASURES, SCENARIOS, find_scenario
+from offroad_env.environment.scenario_descriptions import find_scenario
+from offroad_env.environment.scenarios import MEASURES, SCENARIOS
 from offroad_env.errors import InvalidParameter
 
 __all__ = ["SOURCES", "Learning", "arguments", "copy_policy", "drive", "run_unit", "train_one"]

@@ -22,9 +22,9 @@ from offroad_env.errors import SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.simulation.simulator import make_plant, settled_state, simulate_commands
-from offroad_env.world.soils import SOILS, make_soil
+from offroad_env.world.descriptions import read_soil, read_vehicle
+from offroad_env.world.soils import make_soil
 from offroad_env.world.terrain import flat
-from offroad_env.world.vehicles import VEHICLES
 
 __all__ = ["TaskCurves", "task_curves"]
 
@@ -53,8 +53,10 @@ def task_curves(seed: int = 0) -> TaskCurves:
     """Compute the curves; ``seed`` is that of the two drives."""
     corners, climb = SCENARIOS["speed"], SCENARIOS["climb"]
     n = np.linspace(*corners.n_range, _POINTS)
-    table = soil_capability(VEHICLES[corners.vehicle], SOILS[corners.soil], corners.n_range)
-    loam = soil_capability(VEHICLES[climb.vehicle], SOILS[climb.soil], climb.n_range)
+    table, loam = (
+        soil_capability(read_vehicle(task.vehicle).record, read_soil(task.soil).record, task.n_range)
+        for task in (corners, climb)
+    )
     lateral = np.array([table.lateral_limit(x, x, _SLIP_ANGLE) for x in n])
     pull = np.array([np.interp(n, loam.grid, loam.pull[:, i]) for i in range(loam.slips.size)]) / GRAVITY
     best = pull.argmax(axis=0)
@@ -75,8 +77,8 @@ def task_curves(seed: int = 0) -> TaskCurves:
 
 def _stopping_distance(task: Scenario, n: float, speed: float = 10.0) -> float:
     """Way [m] from full brakes to standstill on level ground."""
-    vehicle = VEHICLES[task.vehicle]
-    plant = make_plant(vehicle, make_soil(SOILS[task.soil], n=float(n)), flat())
+    vehicle = read_vehicle(task.vehicle).record
+    plant = make_plant(vehicle, make_soil(read_soil(task.soil).record, n=float(n)), flat())
     state, warm = settled_state(plant, v_x=speed)
     commands = np.tile([0.0, 0.0, vehicle.brake_torque_max], (300, 1))
     try:

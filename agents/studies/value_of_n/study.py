@@ -20,7 +20,8 @@ from agents.controllers.tuned import SETTINGS
 from agents.reports.output import Results, console, say, table
 from agents.studies.runner import Key, Result, run_units, stamp_of
 from agents.studies.value_of_n.results import Cell
-from offroad_env.environment.scenarios import MEASURES, SCENARIOS, find_scenario
+from offroad_env.environment.scenario_descriptions import find_scenario
+from offroad_env.environment.scenarios import MEASURES, SCENARIOS
 from offroad_env.errors import InvalidParameter, SolverFailure
 
 __all__ = ["ValueOfN", "cell_range", "run_unit"]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.logs import Log, log_from_run, read_log
+from estimators.logs import Log, log_from_run, read_log, write_log
 from estimators.replay.channel_smoother import smooth_channel
 from estimators.replay.planar_smoother import V_X, V_Y, YAW, X, Y, smooth_motion
 from estimators.replay.replay import CHANNELS, grid_of, pooled, replay_log, windows_of
@@ -17,8 +17,10 @@ from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.physics import state as at
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
 from offroad_env.simulation.simulator import make_plant, settled_state, simulate_commands
+from offroad_env.world.four_wheel import make_four_wheel
 from offroad_env.world.soils import make_soil
-from offroad_env.world.terrain import rough_terrain
+from offroad_env.world.structures import read_structure
+from offroad_env.world.terrain import flat, rough_terrain
 from offroad_env.world.vehicles import VEHICLES
 
 PERIOD = 0.01
@@ -151,6 +153,38 @@ def test_no_window_reaches_over_a_gap(log):
     begin = t[windows_of(cut, t, 2.0)]
     assert all(b + 3.0 <= 5.01 or b >= 5.99 for b in begin)
     assert begin.max() > 6.0
+
+
+def test_a_log_of_four_wheels_states_them_and_is_replayed_by_four_wheels(tmp_path):
+    """Roll, tracks and a locked axle are in the YAML: read back, the vehicle predicts itself."""
+    vehicle = VEHICLES["mrzr"]
+    four = make_four_wheel(vehicle, track_f=1.1, roll_centre_r=0.1, lock_r=1.0)
+    plant = make_plant(
+        vehicle,
+        make_soil("clay"),
+        flat(),
+        vehicle_model="four_wheel",
+        four_wheel=four,
+        structure="grid,ruts=pressure",
+    )
+    t = PERIOD * np.arange(600)
+    commands = np.column_stack([0.2 * np.sin(1.7 * t), 900.0 + 700.0 * np.sin(0.9 * t), 0.0 * t])
+    run = simulate_commands(plant, *settled_state(plant, v_x=4.0), commands, interval=PERIOD)
+    made = measured((plant, commands, run), noise=1e-3)
+    log = read_log(write_log(tmp_path / "four.csv", made))
+    assert log.config.four_wheel == four
+    assert read_structure(log.config.structure) == plant.structure
+    own, rules, half = (
+        replay_log(which, (Case(log.config.structure, model),))[0]
+        for which, model in (
+            (log, "four_wheel"),
+            (replace(log, config=replace(log.config, four_wheel=None)), "four_wheel"),
+            (log, "half_car"),
+        )
+    )
+    assert own.rms["yaw_rate"] < 0.005
+    assert rules.rms["yaw_rate"] > 2.0 * own.rms["yaw_rate"]
+    assert half.rms["yaw_rate"] > 2.0 * own.rms["yaw_rate"]
 
 
 def test_four_wheels_on_a_soil_grid_are_predicted_with_nothing_fitted():

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from agents.reports.figures.rig_structures import rig_structures_figure
 from agents.reports.figures.wheel_rig import wheel_rig_figure
 from estimators.rig.cmu_soil_bin import CMU_WHEEL, load_cmu_single_wheel
 from estimators.rig.comparison import CHANNELS, compare, predict
+from estimators.rig.structures import compare_structures, structure_names
 from estimators.rig.trials import RigTrials, longitudinal_slip
 from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.simulation.wheel import wheel_forces
@@ -324,3 +326,29 @@ def test_figure_shows_three_channels_with_units_above_their_residuals(tmp_path):
     assert 10.0 < np.nanmedian(drawn) < 30.0
     figure.savefig(tmp_path / "rig.png", dpi=40)
     assert (tmp_path / "rig.png").stat().st_size > 5000
+
+
+# --- structures ---------------------------------------------------------------------------------------
+
+
+def test_the_ladder_of_structures_explains_the_straight_wheel_in_the_soil_bin_with_nothing_fitted(
+    offroad_data,
+):
+    """Lyasko's slip sinkage, own sinkage and grousers take four fifths of the pull's error straight ahead."""
+    path = offroad_data("cmu_single_wheel") / "original" / "all_grouser_data.mat"
+    names = ("full", "full,slip_sinkage=lyasko,grouser_height=0.005,pressure_from=own_sinkage", "field")
+    assert set(names) <= set(structure_names(["ladder", "field"]))
+    found = compare_structures(load_cmu_single_wheel(path), SAND, CMU_WHEEL, names, resamples=100)
+    assert len({comparison.inside for comparison in found.values()}) == 1
+    plain, best, field = found.values()
+    assert best.rmse_at("drawbar", 0.0) < 0.3 * plain.rmse_at("drawbar", 0.0)
+    assert best.rmse_at("sinkage", 0.0) < 0.3 * plain.rmse_at("sinkage", 0.0)
+    assert field.rmse_at("drawbar", 0.0) > plain.rmse_at("drawbar", 0.0)
+    assert len(rig_structures_figure(found).axes) == 6
+
+
+def test_structures_that_there_are_not_are_refused_by_name():
+    with pytest.raises(InvalidParameter, match="at least one"):
+        structure_names([])
+    with pytest.raises(InvalidParameter, match="gird"):
+        structure_names(["full", "gird"])

@@ -1,0 +1,60 @@
+"""The record of one episode in a memory: views, which copies and pickles take anew."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from estimators.filters.navigation import NavigationFilter
+from estimators.filters.online_parameter_ukf import OnlineParameterUKF
+from offroad_env.environment.episode_records import Memory, PeriodArguments
+from offroad_env.simulation.sensors import SensorSuite
+
+__all__ = ["EpisodeRow"]
+
+
+class EpisodeRow:
+    """An environment's part of a `Memory`, of one episode or of many."""
+
+    _sensing: SensorSuite  # of this episode
+    _navigation: NavigationFilter
+    _learner: OnlineParameterUKF | None
+    _memory: Memory
+    _row: int
+    _arguments: PeriodArguments
+
+    def join(self, memory: Memory, row: int) -> None:
+        """Keep the episodes in that row of a memory, from the next reset on."""
+        self._memory, self._row = memory, row
+        self._bind()
+
+    def _bind(self) -> None:
+        """Take views of the own row: a copied or pickled view is an array of its own."""
+        rows = slice(self._row, self._row + 1)
+        self._arguments = self._memory.part(rows)
+        self._episode = self._memory.episodes[self._row]
+        self.state, self.warm = self._episode["state"], self._episode["warm"]
+        self.readings, self._rims = self._episode["readings"], self._episode["rims"]
+        self._samples, self._report = self._episode["samples"], self._episode["report"]
+        self._actions, self._shown = self._memory.actions[self._row], self._memory.shown[self._row]
+        self._navigation.lodge(self._episode["navigation"], self._episode["covariance"])
+        if self._learner is not None:
+            self._learner.lodge(self._memory.episodes["filter"][rows])
+
+    @property
+    def memory_size(self) -> int:
+        """Bytes of the record of an episode; its course and the noise lie beside it."""
+        return self._memory.episodes.itemsize
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the tuple of views, which would be stored once more."""
+        return {key: value for key, value in self.__dict__.items() if key != "_arguments"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Views were copied as arrays of their own: look at the memory again."""
+        self.__dict__.update(state)
+        self._bind()
+
+    def draw_noise(self) -> None:
+        """Sensor noise of the next periods, for a caller of the compiled period."""
+        self._sensing.draw_noise(self._memory.noise[self._row])
+        self._episode["noise_row"] = 0
