@@ -329,6 +329,8 @@ def _check_names(table: Table, known: Mapping[str, Column], rig: bool) -> None:
         if wanted not in given:
             near = next((name for name in unknown if nearest(name, [wanted])), None)
             hint = f" - is it {near!r}? Then columns: {{{wanted}: {near}}} in the YAML" if near else ""
+            if wanted == "t":
+                hint = hint or " - columns.t: 100 Hz in the YAML numbers the rows at a rate"
             raise table.error(f"the column is missing{hint}", column=wanted)
     if unknown:
         near = nearest(unknown[0], known)

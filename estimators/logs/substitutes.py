@@ -69,7 +69,7 @@ def _substitute(
 
 
 def _present(values: np.ndarray) -> np.ndarray:
-    return values[~np.isnan(values)]
+    return np.asarray(values[~np.isnan(values)])
 
 
 def _speed(log: Log, t: np.ndarray) -> np.ndarray | None:

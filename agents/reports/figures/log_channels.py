@@ -17,7 +17,8 @@ _PANELS = (
     ("drive force", ("drive_force",)),
     ("wheel speed", ("omega_f", "omega_r")),
     ("speed", ("v_x", "speed", "v_y")),
-    ("acceleration", ("a_x", "a_y", "a_z")),
+    ("acceleration", ("a_x", "a_y")),
+    ("vertical", ("a_z",)),
     ("rates", ("roll_rate", "pitch_rate", "yaw_rate")),
     ("angles", ("yaw", "course", "pitch", "roll")),
     ("position", ("x", "y")),
@@ -36,7 +37,7 @@ def log_channels_figure(log: Log) -> Figure:
     figure = Figure(figsize=(11.0, 1.0 + 1.45 * len(panels)), layout="constrained")
     rows = np.atleast_1d(figure.subplots(len(panels), 1, sharex=True))
     for axes, (title, names) in zip(rows, panels, strict=True):
-        for name, colour in zip(names, _COLOURS, strict=False):
+        for name, colour, style in zip(names, _COLOURS, ("-", "--", "-", ":"), strict=False):
             t, values = log.samples(name)
             every = max(len(t) // _MOST, 1)
             sparse = len(t) < 0.3 * len(log)
@@ -44,12 +45,13 @@ def log_channels_figure(log: Log) -> Figure:
                 t[::every],
                 values[::every],
                 color=colour,
+                ls=style,
                 lw=0.9,
                 label=name,
                 marker="." if sparse else None,
                 ms=2,
             )
-        units = dict.fromkeys(VEHICLE_COLUMNS[name].unit for name in names)
+        units = dict.fromkeys(VEHICLE_COLUMNS[name].unit.replace("^2", "²") for name in names)
         axes.set_ylabel(f"{title}\n[{', '.join(units)}]")
         axes.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))
         _plain(axes)
