@@ -19,7 +19,7 @@ from estimators.logs.tables import Table
 from estimators.logs.unit_conversion import Conversion, conversion
 from offroad_env.errors import InvalidParameter
 
-__all__ = ["table_remarks"]
+__all__ = ["STEERING_WHEEL", "table_remarks"]
 
 #: Step between rows that a log usually has [s]: of several units that which comes closest to it.
 _USUAL_STEP, _STEPS = 0.01, (1e-4, 0.5)
@@ -29,7 +29,8 @@ _RESTART = 1.0
 #: listed.
 _SINGLE, _MOST_SPANS = 0.02, 40
 #: A steering angle beyond this is that of the steering wheel [deg]; usual ratio of a steering gear.
-_ROAD_WHEEL, _RATIO = 60.0, 0.0625
+_ROAD_WHEEL = 60.0
+STEERING_WHEEL = "0.0625 deg"  #: unit with a usual ratio of a steering gear
 
 
 def table_remarks(path: Path, text: str, file: str) -> list[Remark]:
@@ -191,7 +192,7 @@ def _unit_by_size(column: Column, values: np.ndarray, stated: str | None) -> Rem
     name, largest = column.name, float(np.quantile(np.abs(values), 0.999))
     sentence = f"{name} reaches {largest:.4g}, which no vehicle does in {stated or column.unit}"
     if name == "steer" and largest > _ROAD_WHEEL:
-        line = Line("units.steer", f"{_RATIO:g} deg")
+        line = Line("units.steer", STEERING_WHEEL)
         return Remark(
             severity="problem",
             sentence=f"{sentence}: the angle of the steering wheel in degrees? The line divides it by 16: "

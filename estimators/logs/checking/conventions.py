@@ -23,7 +23,7 @@ from estimators.logs.log import Log
 from estimators.logs.mounting import ACCELEROMETERS, GYROS
 from estimators.logs.signals import Windows, unwrapped
 
-__all__ = ["conventions"]
+__all__ = ["conventions", "is_compass"]
 
 #: A correlation below this decides nothing; a law weighs so much; each change costs so much.
 _CLEAR, _GRAVITY, _COST = 0.45, 1.5, 0.45
@@ -40,12 +40,13 @@ _TURNS = ("yaw", "path", "steer")
 
 
 class _Evidence(NamedTuple):
-    """Correlations of the IMU's axes with what they may show; NaN where nothing decides."""
+    """Signed squares of the correlations of the IMU's axes with what they may show; NaN: nothing decides."""
 
     turn: dict[str, np.ndarray]  #: by reference of the turn: (3,) of each gyro axis
     lateral: dict[str, np.ndarray]  #: by reference of the turn, or gyro axis "0" ... "2": (3,)
     forward: np.ndarray  #: (3,) of each accelerometer axis with the change of speed
     gravity: np.ndarray  #: (3,) direction of the mean specific force; NaN without gravity
+    between: dict[tuple[str, str], float]  #: of two references of the turn with each other
 
 
 @dataclass(frozen=True)
@@ -125,7 +126,8 @@ def _correlation(a: np.ndarray | None, b: np.ndarray | None, *, centred: bool = 
         x, y = x - x.mean(), y - y.mean()
     power = float(x @ x) * float(y @ y)
     found = float(x @ y) / math.sqrt(power) if power > 0.0 else math.nan
-    return found if abs(found) >= _CLEAR else math.nan
+    # Squared with its sign: one clear law outweighs several weak ones.
+    return found * abs(found) if abs(found) >= _CLEAR else math.nan
 
 
 def _speeds(windows: Windows) -> tuple[np.ndarray | None, np.ndarray | None]:
@@ -163,6 +165,10 @@ def _evidence(log: Log) -> _Evidence:
         lateral=lateral,
         forward=np.array([_correlation(a, change) for a in accelerations]),
         gravity=_gravity(log, accelerations),
+        between={
+            (a, b): _correlation(_like(windows, found[a], b), _like(windows, found[b], a), centred=False)
+            for a, b in itertools.combinations(found, 2)
+        },
     )
 
 
@@ -197,6 +203,7 @@ def _score(hypothesis: _Hypothesis, evidence: _Evidence) -> float:
             terms.append(s_left * a_y * s_up * rate * values[left])
         elif name in turns:
             terms.append(0.5 * turns[name] * s_left * a_y * values[left])
+    terms += [0.5 * turns[a] * turns[b] * value for (a, b), value in evidence.between.items()]
     total = sum(float(term) for term in terms if not math.isnan(term))
     return total - _COST * hypothesis.changes
 
@@ -310,7 +317,7 @@ def _reversed(log: Log, name: str, sentence: str, files: frozenset[str]) -> Rema
         column = triad[int(np.argmax(np.abs(axes[i])))][0]
     if column not in files and _RAW.get(column) in files:
         column = _RAW[column]
-    if name == "yaw" and _compass(log):
+    if name == "yaw" and is_compass(log, name):
         unit = "deg compass"
         return Remark(
             severity="problem",
@@ -324,12 +331,12 @@ def _reversed(log: Log, name: str, sentence: str, files: frozenset[str]) -> Rema
     )
 
 
-def _compass(log: Log) -> bool:
-    """Whether a heading fits the path if it is a compass's; by its numbers where there is no path."""
-    values = log.samples("yaw")[1]
+def is_compass(log: Log, name: str) -> bool:
+    """Whether a heading or course fits the path as a compass's; by its numbers where there is no path."""
+    values = log.samples(name)[1]
     windows = Windows(log)
     moved = windows.displacement()
-    t, yaw = log.samples("yaw")
+    t, yaw = log.samples(name)
     if moved is None:
         degrees = np.degrees(values)
         return bool(degrees.min() >= -1.0 and 180.0 < np.ptp(degrees) <= 361.0)

@@ -7,6 +7,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from estimators.logs.checking.columns import STEERING_WHEEL
+from estimators.logs.checking.conventions import is_compass
 from estimators.logs.checking.mends import Line, Remark
 from estimators.logs.log import Log
 from estimators.logs.mounting import ACCELEROMETERS, GYROS
@@ -30,6 +32,11 @@ _RAW = {
 }  # fmt: skip
 _TRIADS = (tuple(name for name, _ in ACCELEROMETERS), tuple(name for name, _ in GYROS))
 _RIM = "m/s (a rim speed)"
+_STEERED = "yaw_rate against speed x steer / wheelbase"
+#: Least correlation, and factors from which a steering angle is taken to be that of the steering wheel:
+#: any, or one
+#: with an assumed ratio. Slip on soft soil changes the turn by less.
+_FOLLOWS, _SCALED, _ASSUMED = 0.9, 2.0, 1.15
 
 
 def sources_of(log: Log, channel: str, files: frozenset[str]) -> tuple[str, ...]:
@@ -42,7 +49,7 @@ def sources_of(log: Log, channel: str, files: frozenset[str]) -> tuple[str, ...]
             break
     if channel in files:
         return (channel,)
-    return tuple(name for name in _RAW.get(channel, ()) if name in files) or (channel,)
+    return tuple(name for name in _RAW.get(channel, ()) if name in files)
 
 
 def quality_remarks(log: Log, report: QualityReport, files: frozenset[str]) -> list[Remark]:
@@ -59,7 +66,34 @@ def quality_remarks(log: Log, report: QualityReport, files: frozenset[str]) -> l
         ]
         if remarks:
             return remarks
-    return []
+    return _steering_scale(log, report)
+
+
+def _steering_scale(log: Log, report: QualityReport) -> list[Remark]:
+    """A steering angle that is not that of the road wheels: the scale that fits the turns."""
+    check = next((check for check in report.checks if check.name == _STEERED), None)
+    stated = dict(log.config.units).get("steer")
+    assumed = stated == STEERING_WHEEL
+    if check is None or abs(check.correlation) < _FOLLOWS or not math.isfinite(check.factor):
+        return []
+    factor = abs(check.factor)
+    if abs(math.log(factor)) < math.log(_ASSUMED if assumed else _SCALED):
+        return []
+    unit = _combined(log, "steer", f"{factor:.6g} rad")
+    if unit is None:
+        return []
+    return [
+        Remark(
+            severity="problem",
+            sentence=(
+                f"the vehicle turns {factor:.3g} times as much as steer and wheelbase have it (correlation "
+                f"{check.correlation:.2f}): steer is not the angle of the road wheels; a steering ratio "
+                "that is known "
+                "is better than this line"
+            ),
+            lines=(Line("units.steer", unit),),
+        )
+    ]
 
 
 def _unit_remark(log: Log, finding: Finding, files: frozenset[str]) -> Remark | None:
@@ -110,6 +144,8 @@ def _others(log: Log, finding: Finding, files: frozenset[str]) -> Remark | None:
     lines: Iterable[Line]
     if finding.kind == "frame":
         lines = [Line("imu.kinematic", not log.imu.kinematic)]
+    elif finding.kind == "sign" and finding.channel == "course" and is_compass(log, "course"):
+        lines = [Line("units.course", "deg compass")]
     elif finding.kind == "sign":
         lines = [Line(f"signs.{name}", -1) for name in sources_of(log, finding.channel, files)]
     else:

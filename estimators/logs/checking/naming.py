@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from estimators.logs.schema import ALL_COLUMNS, REFERENCE, VEHICLE_INPUTS, nearest
+from estimators.logs.schema import ALL_COLUMNS, REFERENCE, VEHICLE_INPUTS, nearest, plain_unit
 from estimators.logs.unit_conversion import conversion
 from offroad_env.errors import InvalidParameter
 
@@ -42,12 +42,12 @@ _SAME = {
     "wss": "wheel", "ws": "wheel", "tire": "wheel", "tyre": "wheel", "rim": "wheel", "encoder": "wheel",
     "enc": "wheel", "vesc": "wheel", "longitudinal": "x", "forward": "x", "fwd": "x", "lateral": "y",
     "vertical": "z", "vert": "z", "psi": "yaw", "heading": "yaw", "hdg": "yaw", "azimuth": "yaw",
-    "theta": "pitch",
+    "theta": "pitch", "phi": "roll",
     "cog": "course", "lng": "lon", "latitude": "lat", "longitude": "lon", "easting": "east",
     "northing": "north",
     "timestamp": "time", "stamp": "time", "elapsed": "time", "datetime": "time", "dot": "rate",
     "ang": "angular",
-    "command": "cmd", "commanded": "cmd", "back": "rear",
+    "command": "cmd", "commanded": "cmd", "back": "rear", "moment": "torque", "axle": "wheel", "revs": "rpm",
 }  # fmt: skip
 _PAIRS = {
     "ax": "accel x", "ay": "accel y", "az": "accel z", "accx": "accel x", "accy": "accel y",
@@ -120,6 +120,7 @@ _RULES = (
     ),
     _rule("steer", "steer", without="torque rate velocity speed"),
     _rule("steer", "wheel", "angle", without="torque rate velocity speed"),
+    _rule("omega", "rpm", without="cmd torque engine motor"),
     _rule("omega", "wheel", "speed", without="cmd torque"),
     _rule("omega", "wheel", "velocity", without="cmd torque"),
     _rule("omega", "wheel", "rpm", without="cmd torque"),
@@ -140,6 +141,7 @@ _RULES = (
     _rule("v_y", "twist", "linear", "y"),
     _rule("speed", "speed", without="x y z cmd wheel angular rate wind engine motor"),
     _rule("speed", "velocity", without="x y z cmd wheel angular engine motor east north up down"),
+    _rule("speed", "v"),
     _rule("x", "position", "x"),
     _rule("y", "position", "y"),
     _rule("x", "pose", "x", without="orientation"),
@@ -208,13 +210,34 @@ def _words(name: str) -> set[str]:
         if len(words) >= 2 and letter in words[:-1] and words[-1] in axes:
             words[words.index(letter)] = meaning
             break
-    return set(words) - {"m"} if len(words) > 1 else set(words)
+    return set(words)
 
 
-def column_of(name: str) -> str | None:
-    """The log's column that a file's column of this name is, or None."""
-    plain, _ = named_unit(name)
-    words = _words(plain)
+def _placed(words: set[str], *, sides: bool) -> set[str]:
+    """Words with single letters read as what they are beside a wheel or a torque."""
+    ends = {"front", "rear", "left", "right"}
+    letters = {"f": "front", "l": "left", "r": "right" if sides else "rear"}
+    if words & {"wheel", "omega", "rpm", "torque"}:
+        words = {letters.get(word, word) for word in words}
+    if words & ends:
+        words = {{"m": "torque", "n": "rpm"}.get(word, word) for word in words}
+    return words - {"m"} if len(words) > 1 else words
+
+
+def _by_sides(names: Iterable[str]) -> bool:
+    """Whether the letter r at a wheel stands for right: there is an l and no f."""
+    placed = [words for words in map(_words, names) if words & {"wheel", "omega", "rpm", "torque"}]
+    return any("l" in words for words in placed) and not any(words & {"f", "front"} for words in placed)
+
+
+def column_of(name: str, *, sides: bool = False) -> str | None:
+    """The log's column that a file's column of this name is, or None.
+
+    With ``sides``, the letter r of a wheel stands for right, otherwise for rear.
+    """
+    plain, unit = named_unit(name)
+    words = _words(plain) | ({"rpm"} if unit is not None and plain_unit(unit) == "rpm" else set())
+    words = _placed(words, sides=sides)
     if not words or words & _ABOUT:
         return None
     if "w" in words and "orientation" not in words and "quaternion" not in words:
@@ -234,13 +257,16 @@ def match_columns(names: Sequence[str], taken: Iterable[str] = ()) -> tuple[list
     """
     candidates: dict[str, list[str]] = {}
     rest = []
+    sides = _by_sides(names)
     for name in names:
-        column = name if name in VEHICLE_INPUTS else column_of(name)
+        exact = name in VEHICLE_INPUTS and not (sides and name in ("omega_r", "torque_r"))
+        column = name if exact else column_of(name, sides=sides)
         if column is None:
             rest.append(name)
         else:
             candidates.setdefault(column, []).append(name)
     _split_stamp(names, candidates, rest)
+    _body_rates(names, candidates, rest)
     nanoseconds = [name for name in rest if {"time", "nano"} <= _words(named_unit(name)[0])]
     have = {*taken, *candidates}
     matches = []
@@ -260,6 +286,17 @@ def match_columns(names: Sequence[str], taken: Iterable[str] = ()) -> tuple[list
         name for match in matches if isinstance(match.source, list) for name in match.source
     }
     return matches, [name for name in names if name not in used and name in {*rest, *names}]
+
+
+def _body_rates(names: Sequence[str], candidates: dict[str, list[str]], rest: list[str]) -> None:
+    """Take p, q, r for the rates about x, y, z, where all three are there."""
+    found = {name.lower(): name for name in names}
+    if {"p", "q", "r"} <= set(found):
+        for letter, column in (("p", "gyro_x"), ("q", "gyro_y"), ("r", "gyro_z")):
+            if column not in candidates:
+                candidates[column] = [found[letter]]
+                if found[letter] in rest:
+                    rest.remove(found[letter])
 
 
 def _split_stamp(names: Sequence[str], candidates: dict[str, list[str]], rest: list[str]) -> None:
