@@ -205,7 +205,9 @@ def _score(hypothesis: _Hypothesis, evidence: _Evidence) -> float:
             terms.append(0.5 * turns[name] * s_left * a_y * values[left])
     terms += [0.5 * turns[a] * turns[b] * value for (a, b), value in evidence.between.items()]
     total = sum(float(term) for term in terms if not math.isnan(term))
-    return total - _COST * hypothesis.changes
+    # Positions have a sign of their own last of all.
+    mirrored = 0.5 * (turns["path"] < 0)
+    return total - _COST * (hypothesis.changes + mirrored)
 
 
 # ------------------------------------------------------------------ findings
