@@ -9,9 +9,10 @@ concern it. The commands are those of the base; where one is called otherwise in
 of the list says so. Results are kept by commit below ``out/golden``, so that a base runs once; the working
 tree runs anew, unless ``--keep`` finds results of the very same sources.
 
-One source may become other machine code in another compilation, with other last bits: that was seen once, in
-the parameter filter, for a reason that is not known. Where values of it differ by some 1e-16, run both sides
-again with ``OFFROAD_CACHE`` set to an empty folder before any code is blamed.
+Both sides run without fused multiply-add instructions. With them the compiler chooses anew, whenever a kernel
+or one that calls it changes, which multiplications share a rounding with an addition, and every drive differs
+in its last bits although no operation was changed. Without them the same operations in the same order give
+the same numbers, bit for bit. (On processors that cannot do without, last bits may differ.)
 
 Left out, besides times, versions and places: figures and pages, which show the numbers that are compared;
 the demo's learning, which ends by the clock - ``train`` with a number of steps stands in for it.
@@ -52,6 +53,12 @@ ENVIRONMENT = "golden_env"
 PRINTED, WRITTEN = 8, 1000
 #: Words of commands that stand for a folder.
 DATA = "{data}"
+#: A processor without fused multiply-add, where numba can make code for one: see above.
+UNFUSED = (
+    {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "+sse4.2,+avx,+avx2"}
+    if platform.machine() in ("x86_64", "AMD64")
+    else {}
+)
 #: Calls an entry point of a source tree, and nothing of another one.
 _CALL = """\
 import importlib, sys
@@ -210,7 +217,7 @@ def _said(command: list[str], entries: Sequence[Entry]) -> list[str]:
 def run_case(tree: Tree, case: Case, data: Path) -> dict[str, Any]:
     """What the commands of a case write and how they end; raises `GoldenError` where one breaks down."""
     single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    own = {
+    own = UNFUSED | {
         "PYTHONPATH": str(tree.folder),
         "OFFROAD_DATA": str(data),
         "PYTHONHASHSEED": "0",
@@ -250,6 +257,7 @@ def made_with(tree: Tree, case: Case, data: Path) -> dict[str, Any]:
         "commands": tree.commands(case),
         "script": hashlib.sha256(script).hexdigest()[:16],
         "data": _digest_of_data(data),
+        "code": UNFUSED,
         "machine": f"{platform.node()} {platform.machine()} Python {platform.python_version()}",
         "packages": {name: version(name) for name in ("numpy", "numba", "scipy", "gymnasium")},
     }

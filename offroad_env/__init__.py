@@ -26,6 +26,7 @@ _EXPORTS = {
     "GnssConfig": "offroad_env.simulation.sensor_configs",
     "ImuConfig": "offroad_env.simulation.sensor_configs",
     "LogUniform": "offroad_env.environment.randomisation",
+    "MeasuredSoils": "offroad_env.environment.soil_draws",
     "Normal": "offroad_env.environment.randomisation",
     "OffroadBekkerEnv": "offroad_env.environment.env",
     "OffroadBekkerVectorEnv": "offroad_env.environment.vector_env",

@@ -45,6 +45,9 @@ class OffroadBekkerEnvV1(OffroadBekkerEnv):
     - ``sensors="automotive"`` (v0: "paper", white noise, gravity taken out): bias and drift, scale errors,
       misalignment, gravity in the accelerations, latency, losses, counted wheel speeds, GNSS errors of 0.2 m
 
+    ``randomise={"soil": MeasuredSoils()}`` drives on another whole soil of the measured population in every
+    episode.
+
     Structure, tyre and natural soil need ``model="full"`` and deformable soil.
 
     ## Observation Space

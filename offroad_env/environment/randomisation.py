@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
 
+from offroad_env.environment.soil_draws import MeasuredSoils
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import Ground, Soil, Vehicle
 from offroad_env.simulation.sensor_configs import GNSS_RANGES, IMU_RANGES, WHEEL_RANGES
@@ -43,6 +44,7 @@ __all__ = [
     "apply_context",
     "checked_context",
     "plain_value",
+    "random_meaning",
 ]
 
 
@@ -190,6 +192,7 @@ _KINDS: Mapping[str, Any] = MappingProxyType(
         "log_uniform": lambda values: LogUniform(*values),
         "normal": lambda values: Normal(*values),
         "choice": lambda values: Choice(tuple(values)),
+        "measured_soils": lambda values: MeasuredSoils(**values),
     }
 )
 _SLOPE = Quantity("in [-0.5, 0.5] rad", -0.5, 0.5, mistakes=((0.5000001, 30.0, "degrees"),))
@@ -226,6 +229,14 @@ def _numbers() -> dict[str, Quantity]:
 
 #: Keys of ``randomise`` and ``context`` with numbers -> allowed range. "n" means "soil.n".
 RANDOM_KEYS: Mapping[str, Quantity] = MappingProxyType({"n": SOIL_RANGES["n"], **_numbers()})
+
+
+def random_meaning(key: str) -> list[tuple[str, str]]:
+    """[(unit, meaning)] of a key that is no field of a record; empty for the others."""
+    if key not in _EXTRA:
+        return []
+    words, _, unit = _EXTRA[key][1].partition(" [")
+    return [(unit.rstrip("]"), words)]
 
 
 def _known(key: object) -> str:

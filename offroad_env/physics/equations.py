@@ -11,7 +11,7 @@ from offroad_env.physics.axle import Plant
 from offroad_env.physics.four_wheel_dynamics import four_wheel_derivative
 from offroad_env.physics.four_wheel_jacobian import solve_wheel_stages, wheel_stiffnesses
 from offroad_env.physics.full_dynamics import actuators, half_car_derivative
-from offroad_env.physics.full_jacobian import axle_stiffnesses, solve_axle_stages
+from offroad_env.physics.full_jacobian import Slope, axle_stiffnesses, solve_axle_stages
 from offroad_env.physics.records import FloatArray, FourWheel
 
 __all__ = ["apply_command", "full_derivative", "solve_stages", "spin_change", "stiffnesses"]
@@ -86,20 +86,21 @@ def _stiffnesses(
     x: FloatArray,
     warm: FloatArray,
     readings: FloatArray,
+    slope: Slope,
     stiffness: FloatArray,
 ) -> None:
     if four is None:
-        axle_stiffnesses(plant, x, warm, readings, stiffness)
+        axle_stiffnesses(plant, x, warm, readings, slope, stiffness)
     else:
-        wheel_stiffnesses(plant, x, warm, readings, stiffness)
+        wheel_stiffnesses(plant, x, warm, readings, slope, stiffness)
 
 
 @inline_kernel
 def stiffnesses(
-    plant: Plant, x: FloatArray, warm: FloatArray, readings: FloatArray, stiffness: FloatArray
+    plant: Plant, x: FloatArray, warm: FloatArray, readings: FloatArray, slope: Slope, stiffness: FloatArray
 ) -> None:
     """What the Jacobian holds, into ``stiffness``, a row of `readings_size` numbers."""
-    _stiffnesses(plant.four_wheel, plant, x, warm, readings, stiffness)
+    _stiffnesses(plant.four_wheel, plant, x, warm, readings, slope, stiffness)
 
 
 @inline_kernel

@@ -19,7 +19,7 @@ from offroad_env.physics.four_wheel_geometry import (
     wheel_spin,
 )
 from offroad_env.physics.full_dynamics import axle_torques
-from offroad_env.physics.full_jacobian import held_spin_stiffness, side_stiffness, slip_stiffness
+from offroad_env.physics.full_jacobian import Slope, held_spin_stiffness, side_stiffness, slip_stiffness
 from offroad_env.physics.records import FloatArray, FourWheel
 
 __all__ = ["solve_wheel_stages", "wheel_stiffnesses"]
@@ -38,7 +38,7 @@ _SPEEDS = (at.V_X, at.V_Y, at.YAW_RATE, at.PITCH_RATE, at.ROLL_RATE)
 
 @kernel
 def wheel_stiffnesses(
-    plant: Plant, x: FloatArray, warm: FloatArray, readings: FloatArray, stiffness: FloatArray
+    plant: Plant, x: FloatArray, warm: FloatArray, readings: FloatArray, slope: Slope, stiffness: FloatArray
 ) -> None:
     """What the Jacobian holds, into the first 16 numbers of ``stiffness`` (`readings_size`,)."""
     wheel_plant, four = one_wheel(plant), four_wheels(plant)
@@ -47,7 +47,8 @@ def wheel_stiffnesses(
     for wheel in range(_W):
         omega, seen = wheel_spin(x, wheel), wheel_row(readings, wheel)
         brake = torques.brake_f if wheel < 2 else torques.brake_r
-        torque, force = slip_stiffness(wheel_plant, omega, warm[wheel], seen)
+        ahead = slope.dt * wheel_spin(slope.derivative, wheel)
+        torque, force = slip_stiffness(wheel_plant, omega, ahead, warm[wheel], seen)
         stiffness[_SLIP_TORQUE + wheel], stiffness[_SLIP_FORCE + wheel] = torque, force
         held = held_spin_stiffness(v, omega, seen[at.N], 0.5 * brake, plant.v_eps)
         stiffness[_HELD + wheel] = held - four.servo / v.I_w

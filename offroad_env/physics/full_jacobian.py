@@ -8,6 +8,7 @@ wheel, what brakes and bearings hold, and the side speed of each axle.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
@@ -15,10 +16,11 @@ from offroad_env.physics.axle import Plant, contact_options, soil_under
 from offroad_env.physics.full_dynamics import axle_torques
 from offroad_env.physics.hard_ground import hard_ground_forces
 from offroad_env.physics.numerics import sin_cos
-from offroad_env.physics.records import FloatArray, Vehicle, Wheel, WheelMotion
+from offroad_env.physics.records import FloatArray, Structure, Vehicle, Wheel, WheelMotion
 from offroad_env.physics.structured_contact import reaction_at_sinkage, rut_section_of
 
 __all__ = [
+    "Slope",
     "axle_stiffnesses",
     "held_spin_stiffness",
     "side_stiffness",
@@ -29,6 +31,13 @@ __all__ = [
 # The row that holds the Jacobian, front and rear: torque and traction over slip speed (`slip_stiffness`),
 # what brakes and bearings hold (`held_spin_stiffness`), side force over side speed (`side_stiffness`).
 _SLIP_TORQUE, _SLIP_FORCE, _HELD, _SIDE = 0, 2, 4, 6
+
+
+class Slope(NamedTuple):
+    """Where a step begins to go."""
+
+    derivative: FloatArray  #: of the state
+    dt: float  #: length of the step [s]
 
 
 @merged_kernel
@@ -66,15 +75,34 @@ def _reaction_before(
     return _plain_reaction(plant, motion, warm, readings)
 
 
+@inline_kernel
+def _slip_change(
+    structure: Structure | None, omega: float, small: float, ahead: float, v_eps: float
+) -> float:
+    """Change of a rim speed over which its stiffness is taken [m/s]; ``ahead``: what the step begins with.
+
+    Where shear follows the soil's path, slip that changes its sign does so at the bottom of the wheel first,
+    and the torque grows like the root of the slip: the tangent says little of what a step meets, the secant
+    over as much as the wheel is about to gain does.
+    """
+    if structure is None:
+        return math.copysign(small, omega)
+    return math.copysign(min(max(abs(ahead), small), v_eps), ahead)
+
+
 @merged_kernel
-def slip_stiffness(plant: Plant, omega: float, warm: FloatArray, readings: FloatArray) -> tuple[float, float]:
+def slip_stiffness(
+    plant: Plant, omega: float, ahead: float, warm: FloatArray, readings: FloatArray
+) -> tuple[float, float]:
     """(dT/ds [N s], dF_l/ds [N s/m]) of an axle, s = r omega - v_l [m/s], neither negative.
 
-    One more evaluation at fixed sinkage and load.
+    One more evaluation at fixed sinkage and load. ``ahead``: change of ``omega`` [rad/s] that the step would
+    begin with.
     """
     rim, v_l, v_c = plant.vehicle.r * omega, readings[at.V_L], readings[at.V_C]
     # A step well inside the regularised band, large against rounding; the same forwards and backwards.
-    change = math.copysign(1e-4 * (abs(rim) + plant.v_eps), omega)
+    small = 1e-4 * (abs(rim) + plant.v_eps)
+    change = _slip_change(plant.structure, omega, small, plant.vehicle.r * ahead, plant.v_eps)
     force, torque = _plain_reaction(plant, WheelMotion(rim + change, v_l, v_c), warm, readings)
     before = WheelMotion(rim, v_l, v_c)
     force_before, torque_before = _reaction_before(plant.effects, plant, before, warm, readings)
@@ -104,7 +132,7 @@ def side_stiffness(readings: FloatArray) -> float:
 
 @kernel
 def axle_stiffnesses(
-    plant: Plant, x: FloatArray, warm: FloatArray, readings: FloatArray, stiffness: FloatArray
+    plant: Plant, x: FloatArray, warm: FloatArray, readings: FloatArray, slope: Slope, stiffness: FloatArray
 ) -> None:
     """What the Jacobian holds, into ``stiffness`` (8,)."""
     v = plant.vehicle
@@ -112,7 +140,8 @@ def axle_stiffnesses(
     brake = torques.brake_f
     for axle in range(2):
         omega, seen = x[at.OMEGA_F + axle], readings[axle * at.AXLE : (axle + 1) * at.AXLE]
-        torque, force = slip_stiffness(plant, omega, warm[axle], seen)
+        ahead = slope.dt * slope.derivative[at.OMEGA_F + axle]
+        torque, force = slip_stiffness(plant, omega, ahead, warm[axle], seen)
         stiffness[_SLIP_TORQUE + axle], stiffness[_SLIP_FORCE + axle] = torque, force
         stiffness[_HELD + axle] = held_spin_stiffness(v, omega, seen[at.N], brake, plant.v_eps)
         stiffness[_SIDE + axle] = side_stiffness(seen)

@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 from offroad_env.physics._jit import inline_kernel
 from offroad_env.physics.contact_angles import AngleShares
-from offroad_env.physics.numerics import fast_log
 from offroad_env.physics.pressure_sinkage import bekker_pressure, rebound_modulus
 from offroad_env.physics.record_operations import replace
 from offroad_env.physics.records import Structure, Tyre
@@ -19,11 +18,12 @@ from offroad_env.physics.tyre import (
     Belt,
     TyreLoad,
     belt_on_soil,
+    displacement_in_series,
     friction_limited_strength,
     mobilised_in_series,
 )
 
-__all__ = ["Rim", "flexed_rim", "mobilised_share", "shear_strength", "soil_displacement"]
+__all__ = ["Rim", "flexed_rim", "mobilised_stress", "shear_strength", "soil_displacement"]
 
 _TINY = 1e-150
 
@@ -54,14 +54,13 @@ def shear_strength(tyre: Tyre | None, rim: Rim, sigma: float) -> float:
 
 
 @inline_kernel
-def mobilised_share(tyre: Tyre | None, rim: Rim, strength: float, j: float) -> float:
-    """Share of a ``strength`` [Pa] that a shear displacement mobilises [-]."""
+def mobilised_stress(tyre: Tyre | None, rim: Rim, strength: float, j: float) -> float:
+    """What of a ``strength`` [Pa] a shear displacement mobilises [Pa]."""
     if tyre is None:
-        return janosi_hanamoto_mobilisation(j)
+        return strength * janosi_hanamoto_mobilisation(j)
     # Soil that has sheared before does not give way until its stress is back: the tread alone does.
-    tread = rim.belt.tread * strength
-    alone = (j - rim.belt.carried) / (tread + _TINY)
-    return min(alone, mobilised_in_series(j, rim.belt.soil, tread))
+    alone = (j - rim.belt.carried) * (1.0 / (rim.belt.tread + _TINY))
+    return min(alone, strength * mobilised_in_series(j, rim.belt.soil, rim.belt.tread * strength))
 
 
 @inline_kernel
@@ -69,8 +68,9 @@ def soil_displacement(tyre: Tyre | None, rim: Rim, peak: float, j: float) -> flo
     """What soil has of the shear displacement ``j`` at the exit of a strip [Janosi moduli]."""
     if tyre is None:
         return j
-    share = min(mobilised_share(tyre, rim, shear_strength(tyre, rim, peak), j), 1.0 - 1e-12)
-    return rim.belt.unit * max(-rim.belt.soil * fast_log(1.0 - share), rim.belt.carried)
+    tread = rim.belt.tread * shear_strength(tyre, rim, peak)
+    v, _ = displacement_in_series(j, rim.belt.soil, tread)
+    return rim.belt.unit * max(rim.belt.soil * v, rim.belt.carried)
 
 
 @inline_kernel

@@ -15,6 +15,7 @@ from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel, merged_kernel
 from offroad_env.physics.axle import Plant
 from offroad_env.physics.equations import full_derivative, solve_stages, spin_change, stiffnesses
+from offroad_env.physics.full_jacobian import Slope
 from offroad_env.physics.records import FloatArray
 
 __all__ = ["WORK_ROWS", "StepArrays", "StepReuse", "rosenbrock_step"]
@@ -88,13 +89,13 @@ def rosenbrock_step(
     part, left, worst = dt, dt, 0.0
     while True:
         if known < 0.5:
-            stiffnesses(plant, x, warm, seen, work[5])
+            stiffnesses(plant, x, warm, seen, Slope(work[0], part), work[5])
         while True:
             status, error = _stages(x, warm, command, plant, part, work)
             if not (error > _SPIN_ERROR * plant.v_eps and (known > 0.5 or part > _SHORTEST * dt)):
                 break
             if known > 0.5:
-                stiffnesses(plant, x, warm, seen, work[5])
+                stiffnesses(plant, x, warm, seen, Slope(work[0], part), work[5])
                 known = 0.0
             else:
                 part *= 0.5

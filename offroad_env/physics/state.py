@@ -39,11 +39,13 @@ FOUR_WHEEL_NAMES = (*STATE_NAMES, "roll", "roll_rate", "split_f", "split_r")
 # sigma points carry their own (sinkage [m], local exponent d ln F_z / d ln h [-], vertical force [N]).
 CONTACT_SIZE = 3
 # With a structure of its own (`records.Structure`) a wheel's row goes on: sinkage above the rut's bottom
-# [m], pressure at the bottom [Pa], shear displacement at the exit [Janosi moduli]; the rut it stands in
+# [m], pressure at the bottom [Pa], shear displacement at the exit [Janosi moduli]; share of its width in a
+# rut and that rut's depth [m] at the last solution, change of its force with either [N, N/m]; its rut now
 # (`records.RutSection`); cell of the leader's track nearest to it, number of cells that it has laid itself;
 # and the ring of these cells: x, y [m], depth of the unloaded rut [m], shear displacement.
 (SINKAGE_ROW, EXPONENT_OF_RISE, FORCE_ROW, RISE, PEAK, SHEAR) = range(6)
-(RUT_SHARE, RUT_DEPTH, RUT_SHEAR, NEAREST, LAID, TRACK) = range(6, 12)
+(MET_SHARE, MET_DEPTH, BY_SHARE, BY_DEPTH) = range(6, 10)
+(RUT_SHARE, RUT_DEPTH, RUT_SHEAR, NEAREST, LAID, TRACK) = range(10, 16)
 CELLS, CELL_SIZE = 64, 4
 STRUCTURED_CONTACT_SIZE = TRACK + CELLS * CELL_SIZE
 

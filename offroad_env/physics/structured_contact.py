@@ -47,6 +47,7 @@ from offroad_env.physics.tyre import (
     Belt,
     TyreLoad,
     TyreOnSoil,
+    eased_load,
     effective_rolling_radius,
     supported_load,
     tyre_on_soil,
@@ -63,11 +64,27 @@ __all__ = [
     "structured_reaction",
 ]
 
-_TOLERANCE, _SAME, _ITERATIONS = 1e-11, 5e-8, 80
+#: Product of the last two steps, and a first step, over the rise at which a solution counts as found. What
+#: step is left extrapolates the forces: the load is met, and they err by some 1e-7 of it, by 1e-5 times what
+#: the remembered exponent is wrong by.
+_TOLERANCE, _SAME, _ITERATIONS = 1e-8, 1e-5, 80
+#: The same for reference accuracy.
+_FINE_TOLERANCE, _FINE_SAME = 1e-11, 5e-8
+#: Change of sinkage over sinkage within which the load of a tyre follows its tangent.
+_NEAR = 0.003
 #: Chords before the interval is halved only; largest local exponent of the load over the rise.
 _CHORDS, _STEEPEST = 30, 1e3
 #: Rise that a quotient is formed with [m]; share of the load that is nothing.
 _SHALLOWEST, _NOTHING = 1e-100, 1e-9
+
+
+class _Start(NamedTuple):
+    """Where the search for a contact begins."""
+
+    depth: float  #: that the rise counts from: of the rut that most of the width runs in, or 0 [m]
+    rise: float  #: [m]
+    exponent: float  #: local one of the force [-]
+    known: bool  #: from the last solution
 
 
 class _Balance(NamedTuple):
@@ -154,7 +171,7 @@ def _directed(
     """Forces of a wheel at sinkage ``h`` [m], whichever way it travels; near standstill a blend."""
     forward = rolling_direction(motion, options.v_eps)
     slip = slip_ratio(motion.rim_speed, motion.v_l, options.v_eps)
-    F_x = F_y = F_z = torque = peak = shear = 0.0
+    F_x = F_y = F_z = torque = peak = shear = by_share = by_depth = 0.0
     share, way = forward, 1.0
     for _ in range(2):
         if share > 0.0:
@@ -168,8 +185,10 @@ def _directed(
             torque += way * share * part.torque
             peak += share * part.peak
             shear += share * part.shear
+            by_share += share * part.by_share
+            by_depth += share * part.by_depth
         share, way = 1.0 - forward, -1.0
-    return RimForces(F_x, F_y, F_z, torque, peak, shear)
+    return RimForces(F_x, F_y, F_z, torque, peak, shear, by_share, by_depth)
 
 
 @kernel
@@ -184,7 +203,7 @@ def structured_reaction(
     options: ContactOptions,
 ) -> WheelReaction:
     """Forces of a wheel at sinkage ``h`` [m]; its ``load`` [N] deflects a tyre."""
-    carried = supported_load(structure.tyre, tyre_on_soil(structure.tyre, soil, wheel), load, 0.0)
+    carried = supported_load(structure.tyre, tyre_on_soil(structure.tyre, soil, wheel), load, 0.0, load)
     found = _directed(structure, soil, wheel, motion, h, carried, rut, options)
     return WheelReaction(found.F_x, found.F_y, found.F_z, found.torque)
 
@@ -199,6 +218,8 @@ def _beyond(forces: RimForces, before: RimForces, share: float) -> RimForces:
         forces.torque + share * (forces.torque - before.torque),
         forces.peak,
         forces.shear,
+        forces.by_share,
+        forces.by_depth,
     )
 
 
@@ -212,19 +233,9 @@ def _scaled(forces: RimForces, factor: float) -> RimForces:
         factor * forces.torque,
         forces.peak,
         forces.shear,
+        forces.by_share,
+        forces.by_depth,
     )
-
-
-@inline_kernel
-def _load_line(
-    tyre: Tyre | None, on_soil: TyreOnSoil, support: Support, depth: float, rise: float
-) -> tuple[float, float]:
-    """(load of an axle whose wheels do not rise above ``depth`` [N], how much less it is per rise [N/m])."""
-    if tyre is None:
-        return support.N_0 - support.k * depth, support.k
-    N_0, k, wheels = support
-    carried = supported_load(tyre, on_soil, (N_0 - k * (depth + rise)) / wheels, k / wheels)
-    return wheels * (carried.load + carried.relief * rise), wheels * carried.relief
 
 
 @inline_kernel
@@ -259,7 +270,8 @@ def _held_share(tyre: Tyre | None, carried: TyreLoad, rise: float) -> float:
         return 1.0
     f = carried.deflection
     # Force grows like the root of the circle's radius: d ln R* / d ln f of `substitute_circle_ratio`.
-    return 1.0 - 0.5 * carried.growth * math.sqrt(f / (f + rise))
+    share: float = 1.0 - 0.5 * carried.growth * math.sqrt(f / (f + rise))
+    return share
 
 
 @inline_kernel
@@ -285,32 +297,52 @@ def _keep(
     tyre: Tyre | None, warm: FloatArray, h: float, exponent: float, now: _Balance, forces: RimForces
 ) -> None:
     """A solution into its row of the contact state."""
+    warm[at.MET_SHARE], warm[at.MET_DEPTH] = warm[at.RUT_SHARE], warm[at.RUT_DEPTH]
+    warm[at.BY_SHARE], warm[at.BY_DEPTH] = forces.by_share, forces.by_depth
     warm[at.EXPONENT_OF_RISE] = _remembered_exponent(tyre, exponent, warm, now)
     warm[at.SINKAGE_ROW], warm[at.FORCE_ROW], warm[at.RISE] = h, now.force, now.rise
     warm[at.PEAK], warm[at.SHEAR] = forces.peak, forces.shear
 
 
 @inline_kernel
-def _first_rise(
-    tyre: Tyre | None,
-    on_soil: TyreOnSoil,
-    n: float,
-    r: float,
-    rut: RutSection,
-    support: Support,
-    warm: FloatArray,
-) -> tuple[float, float, float]:
-    """(depth that the rise counts from [m], rise [m], local exponent) to begin with."""
+def _force_there(rut: RutSection, wheels: float, warm: FloatArray) -> float:
+    """The last solution's force [N], had the rut been what it is now."""
+    share, depth = rut.share - warm[at.MET_SHARE], rut.depth - warm[at.MET_DEPTH]
+    force = warm[at.FORCE_ROW]
+    change = wheels * (warm[at.BY_SHARE] * share + warm[at.BY_DEPTH] * depth)
+    there: float = force + min(max(change, -0.3 * force), 0.3 * force)
+    return there
+
+
+@inline_kernel
+def _support_of_tyre(tyre: Tyre | None, on_soil: TyreOnSoil, support: Support) -> Support:
+    """What presses an axle on ground that does not yield: tyres deflect, which relieves the spring."""
+    N_0, k, wheels = support
+    return Support(wheels * supported_load(tyre, on_soil, N_0 / wheels, k / wheels, 0.0).load, 0.0, wheels)
+
+
+@inline_kernel
+def _start(n: float, r: float, rut: RutSection, warm: FloatArray) -> _Start:
+    """Where the search for a contact begins: at the last one's rise, if it is like this one."""
     depth = rut.depth if rut.share > 0.5 else 0.0
     rise, exponent = warm[at.RISE], warm[at.EXPONENT_OF_RISE]
-    if warm[at.SINKAGE_ROW] > 0.0 and rise > 0.0 and (depth > 0.0) == (warm[at.SINKAGE_ROW] > rise):
-        left, relief = _load_line(tyre, on_soil, support, depth, rise)
-        rise = predicted_sinkage(rise, exponent, warm[at.FORCE_ROW], left, relief)
-    elif depth > 0.0:
-        rise, exponent = 2e-3 * r, 1.5
-    else:
-        rise, exponent = 0.1 * r, n + 0.5
-    return depth, min(rise, 0.999 * (deepest_sinkage(r) - depth)), exponent
+    known = warm[at.SINKAGE_ROW] > 0.0 and rise > 0.0 and (depth > 0.0) == (warm[at.SINKAGE_ROW] > rise)
+    if not known:
+        rise, exponent = (2e-3 * r, 1.5) if depth > 0.0 else (0.1 * r, n + 0.5)
+    return _Start(depth, min(rise, 0.999 * (deepest_sinkage(r) - depth)), exponent, known)
+
+
+@inline_kernel
+def _predicted_rise(
+    start: _Start, near: TyreLoad, rut: RutSection, wheels: float, r: float, warm: FloatArray
+) -> float:
+    """Rise [m] by the last solution; ``near``: the load at its rise."""
+    if not start.known:
+        return start.rise
+    left, relief = wheels * (near.load + near.relief * start.rise), wheels * near.relief
+    rise: float = predicted_sinkage(start.rise, start.exponent, _force_there(rut, wheels, warm), left, relief)
+    most: float = 0.999 * (deepest_sinkage(r) - start.depth)
+    return min(rise, most)
 
 
 @kernel
@@ -328,29 +360,33 @@ def solve_structured_contact(
 
     Chord iteration on a remembered exponent, as in `contact`, in the rise above the rut's bottom.
     """
-    if not support.N_0 > 0.0:
-        warm[at.SINKAGE_ROW] = 0.0
-        return ContactSolution(AIRBORNE if support.N_0 <= 0.0 else NO_ROOT, 0.0, 0.0, 0.0, 0.0, 0.0)
     N_0, k, wheels = support
+    if not N_0 > 0.0:
+        warm[at.SINKAGE_ROW] = 0.0
+        return ContactSolution(AIRBORNE if N_0 <= 0.0 else NO_ROOT, 0.0, 0.0, 0.0, 0.0, 0.0)
     on_soil = tyre_on_soil(structure.tyre, soil, wheel)
     if soil.rigid > 0.5:
-        load = wheels * supported_load(structure.tyre, on_soil, N_0 / wheels, k / wheels).load
-        return hard_ground_contact(soil, wheel.r, motion, options.v_eps, frame, Support(load, 0.0, wheels))
+        borne = _support_of_tyre(structure.tyre, on_soil, support)
+        return hard_ground_contact(soil, wheel.r, motion, options.v_eps, frame, borne)
+    small, same = (_FINE_TOLERANCE, _FINE_SAME) if options.fine else (_TOLERANCE, _SAME)
     rut = rut_section_of(structure, warm)
-    depth, e, exponent = _first_rise(structure.tyre, on_soil, soil.n, wheel.r, rut, support, warm)
-    h = depth + e
+    start = _start(soil.n, wheel.r, rut, warm)
+    depth, exponent, near_h = start.depth, start.exponent, start.depth + start.rise
+    pressing = (N_0 - k * near_h) / wheels
+    near = supported_load(structure.tyre, on_soil, pressing, k / wheels, warm[at.FORCE_ROW] / wheels)
+    h = depth + _predicted_rise(start, near, rut, wheels, wheel.r, warm)
     low, high = 0.0, deepest_sinkage(wheel.r)
-    e_old, V_old, before = 0.0, 0.0, RimForces(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    e_old, V_old, before = 0.0, 0.0, RimForces(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     status, held = NO_ROOT, 1.0
     for i in range(_ITERATIONS):
-        carried = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels)
+        if abs(h - near_h) > _NEAR * h:
+            near_h = h
+            near = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels, near.load)
+        carried = eased_load(structure.tyre, on_soil, near, h - near_h)
         forces = _directed(structure, soil, wheel, motion, h, carried, rut, options)
         V = wheels * (forces.F_x * frame.l_z + forces.F_y * frame.c_z + forces.F_z * frame.n_z)
         target, relief = wheels * carried.load, wheels * carried.relief
-        if target < V:
-            high = h
-        else:
-            low = h
+        low, high = (low, h) if target < V else (h, high)
         e = h - depth
         change = e - e_old
         measured = i > 0 and abs(change) > 1e-8 * abs(e) and e > 0.0 < e_old and V > 0.0 and V_old > 0.0
@@ -360,11 +396,11 @@ def solve_structured_contact(
         if measured:
             exponent = _steep_exponent(V / V_old, e / e_old)
         step = (target - V) / (exponent * abs(V) / max(e, _SHALLOWEST) + relief)
-        if measured and abs(step) * abs(change) <= _TOLERANCE * e * e and abs(step) <= 1e-4 * e:
+        if measured and abs(step) * abs(change) <= small * e * e and abs(step) <= 1e-4 * e:
             status, forces = CONTACT, _beyond(forces, before, step / change)
             h += step
             break
-        if e > 0.0 and abs(step) <= (_SAME if i == 0 else _TOLERANCE) * e:
+        if e > 0.0 and abs(step) <= (same if i == 0 else small) * e:
             status, forces = CONTACT, _scaled(forces, 1.0 + exponent * step / e)
             h += step
             break
@@ -372,13 +408,11 @@ def solve_structured_contact(
             status = _status_between(h, wheel.r, V, target, N_0)
             break
         e_old, V_old, before = e, V, forces
-        h = _middle(low, high)
-        if e > 0.0:
-            h = depth + next_sinkage(e, V, target, step, exponent, relief)
+        h = depth + next_sinkage(e, V, target, step, exponent, relief) if e > 0.0 else 0.0
         if i > _CHORDS or not low < h < high:
             h = _middle(low, high)
-    carried = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels)
-    _keep(structure.tyre, warm, h, exponent / held, _Balance(h - depth, wheels * carried.load), forces)
+    load = wheels * eased_load(structure.tyre, on_soil, near, h - near_h).load
+    _keep(structure.tyre, warm, h, exponent / held, _Balance(h - depth, load), forces)
     forces = _scaled(forces, wheels)
     return ContactSolution(status, forces.F_x, forces.F_y, forces.F_z, forces.torque, h)
 
@@ -386,7 +420,7 @@ def solve_structured_contact(
 @kernel
 def exit_angle(structure: Structure, soil: Soil, wheel: Wheel, h: float, load: float) -> float:
     """Angle behind the hub where soil leaves a wheel at sinkage ``h`` [m] and no slip [rad]."""
-    carried = supported_load(structure.tyre, tyre_on_soil(structure.tyre, soil, wheel), load, 0.0)
+    carried = supported_load(structure.tyre, tyre_on_soil(structure.tyre, soil, wheel), load, 0.0, load)
     angle = rebound_angle(_rim(structure, soil, wheel, h, carried, 0.0), structure, h)
     return _deflected_exit(structure.tyre, angle, wheel.r, carried.deflection)
 
@@ -405,7 +439,7 @@ def deflection_on_soil(structure: Structure | None, soil: Soil, wheel: Wheel, lo
     if structure is None:
         return 0.0
     on_soil = tyre_on_soil(structure.tyre, soil, wheel)
-    return supported_load(structure.tyre, on_soil, load, 0.0).deflection
+    return supported_load(structure.tyre, on_soil, load, 0.0, load).deflection
 
 
 @inline_kernel

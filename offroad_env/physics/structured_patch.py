@@ -17,7 +17,7 @@ from offroad_env.physics.numerics import LANES, half_angle, lane_block, lane_row
 from offroad_env.physics.pressure_sinkage import bekker_pressure, rebound_modulus, rebound_pressure
 from offroad_env.physics.quadrature import ENTRY, EXIT, HALVES, RUNNING, SMOOTH
 from offroad_env.physics.records import FloatArray, RutSection, Structure
-from offroad_env.physics.rim import Rim, flexed_rim, mobilised_share, shear_strength, soil_displacement
+from offroad_env.physics.rim import Rim, flexed_rim, mobilised_stress, shear_strength, soil_displacement
 
 __all__ = ["RimForces", "SlipSpeeds", "rebound_angle", "rim_forces"]
 
@@ -30,6 +30,8 @@ _SHORT = 1e-9
 _GENTLE, _GENTLE_RATIO = 1.5, 3.0
 #: Blocks of eight nodes at a time, and how many times at most.
 _AT_ONCE, _PASSES = 3, 100
+#: Smallest share of the width that counts.
+_SLIVER = 1e-9
 #: Slope of the elastic line of virgin soil, which has none.
 _STEEP = 1e30
 _TINY = 1e-150
@@ -58,6 +60,8 @@ class RimForces(NamedTuple):
     torque: float  #: against the rotation [N m]
     peak: float  #: pressure at the bottom, times the share of the width [Pa]
     shear: float  #: shear displacement at the exit, likewise, in Janosi moduli [-]
+    by_share: float  #: change of F_z with the share of the width that runs in the rut [N]
+    by_depth: float  #: change of F_z with the rut's depth, at the same rise from what most of it is on [N/m]
 
 
 class _Growths(NamedTuple):
@@ -210,11 +214,7 @@ def _sums(
             u_x = rates.along * rows[_COS, i] - rates.across
             size = math.sqrt(u_x * u_x + rates.side * rates.side) + _TINY
             strength = shear_strength(tyre, rim, rows[_SIGMA, i])
-            tau = (
-                strength
-                * mobilised_share(tyre, rim, strength, rows[_J_X, i] + _running(rate_x, rule, i))
-                / size
-            )
+            tau = mobilised_stress(tyre, rim, strength, rows[_J_X, i] + _running(rate_x, rule, i)) / size
             weight, tau_xy = RUNNING[rule, 1, i] * rows[_LENGTH, i], (tau * u_x, tau * rates.side)
             out[0, i], out[1, i], out[2, i], out[3, i] = _integrands(rows, i, sides, weight, tau_xy)
     else:
@@ -226,11 +226,11 @@ def _sums(
             u_x = rates.along * rows[_COS, i] - rates.across
             # The displacement's own direction along the rim, that of the slip in the soil.
             tau_x = math.copysign(
-                strength * mobilised_share(tyre, rim, strength, abs(j_x)), path * u_x + (1.0 - path) * j_x
+                mobilised_stress(tyre, rim, strength, abs(j_x)), path * u_x + (1.0 - path) * j_x
             )
-            tau_y = math.copysign(strength * mobilised_share(tyre, rim, strength, abs(j_y)), rates.side)
+            tau_y = math.copysign(mobilised_stress(tyre, rim, strength, abs(j_y)), rates.side)
             j = math.sqrt(j_x * j_x + j_y * j_y) + _TINY
-            both = strength * mobilised_share(tyre, rim, strength, j) / j
+            both = mobilised_stress(tyre, rim, strength, j) / j
             tau_xy = (
                 shared * both * j_x + (1.0 - shared) * tau_x,
                 shared * both * j_y + (1.0 - shared) * tau_y,
@@ -432,7 +432,7 @@ def _strip_forces(
         if d >= (1.0 - _SHORT) * strip.end:
             break
     area = rim.radius * rim.b
-    return RimForces(area * F_x, area * F_y, area * F_z, area * rim.arm * torque, strip.peak, j_x)
+    return RimForces(area * F_x, area * F_y, area * F_z, area * rim.arm * torque, strip.peak, j_x, 0.0, 0.0)
 
 
 @kernel
@@ -440,12 +440,12 @@ def rim_forces(
     rim: Rim, structure: Structure, speeds: SlipSpeeds, h: float, rut: RutSection, fine: bool
 ) -> RimForces:
     """Forces of a rim that travels forward at sinkage ``h`` [m], partly on a rut."""
-    F_x = F_y = F_z = torque = peak = shear = 0.0
+    F_x = F_y = F_z = torque = peak = shear = by_share = by_depth = 0.0
     # One call in a loop instead of two in a row: the integrals are most of what there is to compile.
     for i in range(2):
         share = 1.0 - rut.share if i == 0 else rut.share
         depth = 0.0 if i == 0 else rut.depth
-        if share <= 0.0 or h <= depth:
+        if share < _SLIVER or h <= depth:
             continue
         shear_before = structure.shear_carry * rut.shear if i == 1 else 0.0
         own = flexed_rim(structure.tyre, rim, structure, h, depth, shear_before)
@@ -457,4 +457,20 @@ def rim_forces(
         torque += share * part.torque
         peak += share * part.peak
         shear += share * soil_displacement(structure.tyre, own, strip.peak, part.shear)
-    return RimForces(F_x, F_y, F_z, torque, peak, shear)
+        if share < 1.0 - _SLIVER:
+            by_share += part.F_z if i == 1 else -part.F_z
+        if share < 0.5:
+            by_depth = share * _force_per_rise(rim.n, part.F_z, h, depth)
+    return RimForces(F_x, F_y, F_z, torque, peak, shear, by_share, by_depth)
+
+
+@inline_kernel
+def _force_per_rise(n: float, F_z: float, h: float, depth: float) -> float:
+    """How a lesser strip's force changes with the rut's depth while the other's rise stays [N/m], about.
+
+    Virgin soil beside a rut is met deeper, by a power n + 1/2 of the sinkage; a rut beside virgin soil
+    with less rise, by a power 3/2: elastic pressure over the root of the length.
+    """
+    if depth > 0.0:
+        return -1.5 * F_z / (h - depth)
+    return (n + 0.5) * F_z / h

@@ -14,7 +14,7 @@ import math
 from typing import NamedTuple
 
 from offroad_env.physics._jit import inline_kernel
-from offroad_env.physics.numerics import fast_exp, fast_log
+from offroad_env.physics.numerics import decay, fast_exp, fast_log
 from offroad_env.physics.pressure_sinkage import bekker_modulus
 from offroad_env.physics.records import Soil, Tyre, Wheel
 
@@ -24,6 +24,8 @@ __all__ = [
     "TyreOnSoil",
     "belt_on_soil",
     "critical_ground_pressure",
+    "displacement_in_series",
+    "eased_load",
     "effective_rolling_radius",
     "engaged_share",
     "flexible_share",
@@ -181,26 +183,39 @@ def friction_limited_strength(mu: float, sigma: float, strength: float) -> float
 
 
 @inline_kernel
-def mobilised_in_series(u: float, soil: float, tread: float) -> float:
-    """Share y of the strength at a shear displacement ``u`` of tread and soil in series [-].
+def displacement_in_series(u: float, soil: float, tread: float) -> tuple[float, float]:
+    """(v = -ln(1 - y), 1 - y) at a shear displacement ``u`` of tread and soil in series.
 
-    u = soil (-ln(1 - y)) + tread y: Janosi & Hanamoto's law of the soil and a linear tread under the same
-    stress. ``soil`` is the engaged Janosi modulus, ``tread`` the tread's displacement at full strength,
-    all in the same unit. For ``tread`` = 0 this is 1 - exp(-u/soil), for ``soil`` -> 0 the brush model's
-    min(u/tread, 1). Two steps of Halley's method in v = -ln(1 - y).
+    y is the share of the strength, u = soil v + tread y: Janosi & Hanamoto's law of the soil, whose
+    displacement is soil v, and a linear tread under the same stress. ``soil`` is the engaged Janosi modulus,
+    ``tread`` the tread's displacement at full strength, all in the same unit. Two steps of Halley's method
+    in v, with one exponential: how 1 - y changes in a step follows from the step. y errs by 5e-5 at most.
     """
-    both = soil + tread
     # Two starts below the root, one close for a small and one for a large displacement.
-    early = min(u / both, 0.95)
-    v = max((u / both * soil - fast_log(1.0 - early) * tread) / both, (u - tread) / soil)
+    per_both = 1.0 / (soil + tread)
+    early = min(u * per_both, 0.98)
+    square = early * early
+    logarithm = 3.0 * (2.0 * early - square) / (6.0 - 6.0 * early + square)  # Pade of -ln(1 - early)
+    v = max((early * soil + logarithm * tread) * per_both, (u - tread) * (1.0 / soil))
     v = min(v, 700.0)
+    left = fast_exp(-v)
     for _ in range(2):
-        left = tread * fast_exp(-v)
-        miss = soil * v + tread - left - u
-        slope = soil + left
-        v -= 2.0 * miss * slope / (2.0 * slope * slope + miss * left)
-        v = min(max(v, 0.0), 700.0)
-    return 1.0 - fast_exp(-v)
+        miss = soil * v + tread * (1.0 - left) - u
+        slope = soil + tread * left
+        step = 2.0 * miss * slope / (2.0 * slope * slope + miss * tread * left)
+        before = v
+        v = max(v - step, 0.0)
+        left *= decay(v - before)
+    return v, left
+
+
+@inline_kernel
+def mobilised_in_series(u: float, soil: float, tread: float) -> float:
+    """Share of the strength at a shear displacement ``u`` of tread and soil in series [-].
+
+    For ``tread`` = 0 this is 1 - exp(-u/soil), for ``soil`` -> 0 the brush model's min(u/tread, 1).
+    """
+    return 1.0 - displacement_in_series(u, soil, tread)[1]
 
 
 @inline_kernel
@@ -212,26 +227,33 @@ def tyre_on_soil(tyre: Tyre | None, soil: Soil, wheel: Wheel) -> TyreOnSoil:
     modulus, n = bekker_modulus(soil, b), soil.n
     if soil.rigid > 0.5:
         modulus, n = _UNYIELDING, 1.0
-    hard = hard_ground_deflection(tyre, 1.0)
-    ratio = ground_pressure(1.0, r, b, hard) / critical_ground_pressure(modulus, n, r, b, 1.0)
     growth = 1.0 / (1.0 + tyre.stiffening)
+    # Logarithms at a load of 1 N of `hard_ground_deflection`, `ground_pressure`, `critical_ground_pressure`.
+    f_0 = REFERENCE_DEFLECTION * tyre.r
+    hard = fast_log(f_0) - growth * fast_log(tyre_stiffness(tyre) * f_0)
+    mean = -fast_log(2.0 * b * math.sqrt(2.0 * r)) - 0.5 * hard
+    bearing = fast_log(3.0 / (max(3.0 - n, 0.5) * b * math.sqrt(2.0 * r)))
+    critical = (fast_log(modulus) + 2.0 * n * bearing) / (2.0 * n + 1.0)
     shift = 4.0 * (1.0 - 0.5 * growth - 2.0 * n / (2.0 * n + 1.0))
-    tread = hard * tread_stiffness(tyre, r, b, 1.0, hard)
-    return TyreOnSoil(fast_log(hard), growth, 4.0 * fast_log(ratio), shift, tread)
+    # `tread_stiffness` times the deflection.
+    tread = tyre.cornering / (4.0 * r * b)
+    return TyreOnSoil(hard, growth, 4.0 * (mean - critical), shift, tread)
 
 
 @inline_kernel
-def tyre_load(on_soil: TyreOnSoil, pressing: float, k: float) -> TyreLoad:
+def tyre_load(on_soil: TyreOnSoil, pressing: float, k: float, guess: float = 0.0) -> TyreLoad:
     """Load and deflection of a tyre whose sinkage is known, solved together.
 
     The hub comes down by sinkage and deflection, which relieves the spring: load + k f(load) = ``pressing``,
     the load [N] of the wheel had its tyre not deflected, ``k`` [N/m] of the spring for this wheel. f(load) is
-    `hard_ground_deflection` times `flexible_share`. Newton's method, two steps, to 1e-8.
+    `hard_ground_deflection` times `flexible_share`. Newton's method, to 1e-9, from a ``guess`` [N] if that is
+    near.
     """
-    load = max(pressing, _SMALLEST)
+    most = max(pressing, _SMALLEST)
+    load = guess if 0.5 * most < guess < most else most
+    log_load = fast_log(load)
     hard = f = growth = relief = 0.0
-    for _ in range(3):
-        log_load = fast_log(load)
+    for _ in range(4):
         hard = fast_exp(on_soil.hard + on_soil.growth * log_load)
         # (p_i + p_c)^4 over p_gcr^4 + (p_i + p_c)^4: the part of the deflection that soil takes away.
         lost = 1.0 - 1.0 / (1.0 + fast_exp(min(on_soil.criterion + on_soil.shift * log_load, 600.0)))
@@ -240,16 +262,34 @@ def tyre_load(on_soil: TyreOnSoil, pressing: float, k: float) -> TyreLoad:
         fall = 1.0 + max(k * f / load * growth, 0.0)
         relief = k / fall
         step = (load + k * f - pressing) / fall
-        load = min(max(load - step, 1e-3 * load), max(pressing, _SMALLEST))
+        if abs(step) <= 1e-9 * load:
+            break
+        before = load
+        load = min(max(load - step, 1e-3 * load), most)
+        log_load += fast_log(load / before)
     return TyreLoad(load, f, on_soil.tread * load / hard, relief, growth)
 
 
 @inline_kernel
-def supported_load(tyre: Tyre | None, on_soil: TyreOnSoil, pressing: float, k: float) -> TyreLoad:
+def supported_load(
+    tyre: Tyre | None, on_soil: TyreOnSoil, pressing: float, k: float, guess: float
+) -> TyreLoad:
     """`tyre_load` of a tyre; a rigid wheel (None) takes what presses it."""
     if tyre is None:
         return TyreLoad(pressing, 0.0, 0.0, k, 0.0)
-    return tyre_load(on_soil, pressing, k)
+    return tyre_load(on_soil, pressing, k, guess)
+
+
+@inline_kernel
+def eased_load(tyre: Tyre | None, on_soil: TyreOnSoil, near: TyreLoad, deeper: float) -> TyreLoad:
+    """The load where a wheel is a little ``deeper`` [m] than where it is ``near``: by the tangent."""
+    load = near.load - near.relief * deeper
+    if tyre is None:
+        return TyreLoad(load, 0.0, 0.0, near.relief, 0.0)
+    grown = load / near.load - 1.0
+    deflection = near.deflection * (1.0 + near.growth * grown)
+    tread = near.tread * (1.0 + (1.0 - on_soil.growth) * grown)
+    return TyreLoad(load, deflection, tread, near.relief, near.growth)
 
 
 @inline_kernel

@@ -18,6 +18,7 @@ from offroad_env.simulation.fleet import make_fleet, simulate_fleet_commands
 from offroad_env.simulation.simulator import FULL_STEP, make_plant, settled_state, simulate_commands
 from offroad_env.world.four_wheel import make_four_wheel
 from offroad_env.world.four_wheel_vehicles import FOUR_WHEEL_VEHICLES
+from offroad_env.world.natural_soil import SoilSpread, natural_soil
 from offroad_env.world.soils import SOILS, make_soil
 from offroad_env.world.terrain import flat, grade, paper_terrain
 from offroad_env.world.vehicles import VEHICLES, make_vehicle
@@ -279,6 +280,32 @@ def test_a_bump_stop_ends_the_travel():
         lowest.append((fall[:, at.Z] - CAR.l_r * np.sin(fall[:, at.PITCH])).min())
     assert lowest[0] < -0.1
     assert -0.07 < lowest[1] < -0.03
+
+
+def test_with_soft_soil_under_its_left_tyres_a_vehicle_leans_to_the_left():
+    """Four tyres on natural soil: each wheel has the soil of its place, and its tyre deflects by its load."""
+    firm, soft = SOILS["lete_sand"], make_soil("lete_sand", k_c=0.0, k_phi=0.2 * SOILS["lete_sand"].k_phi)
+    none = SoilSpread(pressure=0.0, n=0.0, c=0.0, tan_phi=0.0)
+    patches = [(x, 0.5 * CAR.track, 0.5, soft) for x in (CAR.l_f, -CAR.l_r)]
+    plants = [
+        make_plant(
+            CAR,
+            firm,
+            flat(),
+            vehicle_model="four_wheel",
+            structure="field",
+            tyre="mrzr",
+            soil_field=natural_soil(firm, 0, spread=none, patches=laid),
+        )
+        for laid in ((), patches)
+    ]
+    level, leaning = (settled_state(plant)[0][at.ROLL] for plant in plants)
+    assert level == pytest.approx(0.0, abs=1e-9)
+    assert leaning < -0.01, "roll is positive with the left side up"
+    state, warm = settled_state(plants[1], v_x=3.0)
+    row = simulate_commands(plants[1], state, warm, np.zeros((1, 3))).readings[0]
+    left, right = wheels(row)[::2], wheels(row)[1::2]
+    assert (left[:, at.SINKAGE] > 1.5 * right[:, at.SINKAGE]).all()
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -147,7 +147,7 @@ def test_a_warm_start_leaves_no_trace_and_the_fast_rule_errs_by_a_thousandth_of_
                 structure, soil, WHEEL, motion, frame, support, warm, options
             )
             fresh = solve_structured_contact(structure, soil, WHEEL, motion, frame, support, cold, options)
-            assert np.array(remembered) == pytest.approx(np.array(fresh), rel=1e-6)
+            assert np.array(remembered) == pytest.approx(np.array(fresh), rel=1e-6, abs=5e-7 * load)
         fine = solve_structured_contact(
             structure, soil, WHEEL, motion, frame, support, cold, ContactOptions(0.2, 1.0, True)
         )

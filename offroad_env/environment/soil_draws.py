@@ -1,0 +1,82 @@
+"""Whole soils for ``randomise``: drawn from the population of the catalogue's measured soils."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from offroad_env.errors import InvalidParameter, SolverFailure
+from offroad_env.physics.records import Soil, Vehicle, Wheel
+from offroad_env.simulation.wheel import wheel_forces
+from offroad_env.world.soil_prior import SoilPrior
+from offroad_env.world.soils import SOILS
+from offroad_env.world.vehicles import VEHICLES, static_loads
+
+__all__ = ["MeasuredSoils"]
+
+_TRIES = 1000
+#: Exponents around which natural soil can spread by its default [-].
+_LOWEST_N, _HIGHEST_N = 0.15, 2.4
+
+
+@dataclass(frozen=True)
+class MeasuredSoils:
+    """Soils of `SoilPrior` that carry a vehicle, for ``randomise={"soil": MeasuredSoils()}``.
+
+    What is drawn is a whole soil: pressure, n, cohesion, friction angle and shear modulus belong together. A
+    soil in which a rigid wheel at rest sinks deeper than ``deepest``, or with n outside 0.15 ... 2.4, is
+    drawn again.
+
+    Parameters
+    ----------
+    vehicle
+        Name in `VEHICLES` whose wheel loads the soil must carry.
+    deepest
+        Sinkage over the radius [-], 0.05 ... 0.9.
+    """
+
+    vehicle: str = "mrzr"
+    deepest: float = 0.5
+    _prior: SoilPrior = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if not 0.05 <= self.deepest <= 0.9:
+            raise InvalidParameter(f"deepest must be in [0.05, 0.9], got {self.deepest!r} - in metres?")
+        VEHICLES[self.vehicle]
+        object.__setattr__(self, "_prior", SoilPrior.fitted())
+
+    def draw(self, rng: np.random.Generator) -> Soil:
+        """A soil.
+
+        Raises
+        ------
+        SolverFailure
+            When 1000 soils in a row do not carry the vehicle.
+        """
+        vehicle = VEHICLES[self.vehicle]
+        for _ in range(_TRIES):
+            soil = self._prior.sample(rng)
+            if _LOWEST_N <= soil.n <= _HIGHEST_N and _sinkage(vehicle, soil) <= self.deepest * vehicle.r:
+                return soil
+        raise SolverFailure(f"{_TRIES} soils of the prior do not carry {self.vehicle}")
+
+    @property
+    def ends(self) -> tuple[Soil, ...]:
+        """A soil that must be possible: one that carries every vehicle of the catalogue."""
+        return (SOILS["lete_sand"],)
+
+    @property
+    def plain(self) -> Any:
+        """``{measured_soils: {vehicle: ..., deepest: ...}}``."""
+        return {"measured_soils": {"vehicle": self.vehicle, "deepest": self.deepest}}
+
+
+def _sinkage(vehicle: Vehicle, soil: Soil) -> float:
+    """Sinkage of the more heavily loaded wheel at rest [m]; infinite where the soil does not carry it."""
+    load = max(static_loads(vehicle)) / vehicle.wheels_per_axle
+    try:
+        return float(wheel_forces(soil, Wheel(vehicle.r, vehicle.b), load=load, slip=0.0).sinkage)
+    except SolverFailure:
+        return float("inf")
