@@ -72,7 +72,7 @@ def benchmark_sections(
 ) -> list[Section]:
     """The page: an overview, what the soil changes, then one section a task and form, then the policies."""
     tasks, forms = (" ".join(dict.fromkeys(key[i] for key in results)) for i in (0, 1))
-    whole = f"{command} --tasks {tasks} --forms {forms}"
+    whole = f"{command} --scenario {tasks} --forms {forms}"
     sections = [_overview(results, whole, seconds), _physics(physics, whole)]
     sections += [_section(result, command) for result in results.values()]
     if trained:
@@ -176,7 +176,7 @@ def _section(result: Benchmark, command: str) -> Section:
         name=f"{result.scenario}_{result.form}",
         title=f"{result.scenario}, {FORM_TITLES[result.form]}",
         sees=verdict(result),
-        command=f"{command} --tasks {result.scenario} --forms {result.form}",
+        command=f"{command} --scenario {result.scenario} --forms {result.form}",
         pictures=(figure_picture(arms_figure(result), "Every episode, and means with 95 % intervals."),),
         tables=(_scores(result), _differences(result)) if result.against else (_scores(result),),
         notes=(_plain(task.reason), f"Score: {result.measure} [{result.unit}]."),

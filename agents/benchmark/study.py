@@ -7,6 +7,7 @@ interrupted run goes on where it stopped, and `offroad compare` finds the arms' 
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -20,11 +21,11 @@ from agents.benchmark.summary import Benchmark, summarise
 from agents.controllers.arms import ARMS
 from agents.controllers.protocol import ArmResult, EpisodeResult
 from agents.controllers.tuned import SETTINGS
-from agents.driving.episode import AGENTS, agent_file, find_agent, is_agent, trained_name
+from agents.driving.episode import AGENTS, agent_file, agent_list, find_agent, is_agent, trained_name
 from agents.learning.policies import LEARNED, WEIGHTS, learned_folder, shipped_seeds
 from agents.studies.runner import Key, run_units, stamp_of
-from offroad_env.environment.scenario_descriptions import find_scenario
-from offroad_env.environment.scenarios import SCENARIOS
+from offroad_env.environment.scenario_descriptions import find_scenario, scenario_mapping
+from offroad_env.environment.scenarios import BUILT_IN
 from offroad_env.errors import InvalidParameter
 
 __all__ = ["EPISODES", "BenchmarkArgs", "drive_unit", "run_learned", "run_study"]
@@ -39,12 +40,13 @@ EPISODES = "episodes.jsonl"
 class BenchmarkArgs:
     """What is compared on what."""
 
-    tasks: tuple[str, ...] = tuple(SCENARIOS)
+    tasks: tuple[str, ...] = BUILT_IN
     agents: tuple[str, ...] = ("pure_pursuit", *ARMS)
     forms: tuple[str, ...] = FORMS
     episodes: int = 100  #: paired episodes of each agent, in each task and form
     seed: int = 0  #: of the episodes; never those of the tuning
     n_jobs: int = 2  #: local processes; the results do not depend on it
+    world: str = ""  #: further arguments of ``gym.make`` for all, as JSON
 
     def check(self) -> None:
         """Refuse what cannot be run, by name.
@@ -58,7 +60,8 @@ class BenchmarkArgs:
             find_scenario(task)
         for agent in self.agents:
             if not is_agent(agent):
-                raise InvalidParameter(f"agent must be one of {', '.join(AGENTS)}, got {agent!r}")
+                known = agent_list(self.tasks[0]) if len(self.tasks) == 1 else ", ".join(AGENTS)
+                raise InvalidParameter(f"agent must be one of {known}, or module:Class, got {agent!r}")
         for form in self.forms:
             if form not in FORMS:
                 raise InvalidParameter(f"form must be one of {', '.join(FORMS)}, got {form!r}")
@@ -67,12 +70,20 @@ class BenchmarkArgs:
 
 
 def drive_unit(
-    task: str, form: str, agent: str, episode: int, episodes: int, seed: int, terrain_info: str | None = None
+    task: str,
+    form: str,
+    agent: str,
+    episode: int,
+    episodes: int,
+    seed: int,
+    terrain_info: str | None = None,
+    world: str = "",
 ) -> dict[str, Any]:
     """Drive episode number ``episode`` of ``episodes``; a unit of `run_units`."""
     draw = draw_episodes(task, episodes, seed, form=form)[episode]
     driver, terrain_info = find_agent(agent, task, terrain_info)
-    env = gym.make(ENV_ID, scenario=task, terrain_info=terrain_info)
+    options = json.loads(world) if world else {}
+    env = gym.make(ENV_ID, scenario=task, terrain_info=terrain_info, **options)
     try:
         return asdict(run_episode(env, driver, draw.seed, options=draw.options))
     finally:
@@ -84,10 +95,18 @@ def _stamp(task: str, agent: str) -> str:
     if ":" in agent:
         own = agent_file(agent).read_bytes()
     elif (trained := trained_name(agent)) is not None:
-        own = (learned_folder(task, *trained) / WEIGHTS).read_bytes()
+        own = (learned_folder(find_scenario(task).task, *trained) / WEIGHTS).read_bytes()
     else:
-        own = repr(SETTINGS.get((task, agent.removeprefix("lqr_")))).encode()
+        own = repr(SETTINGS.get((find_scenario(task).task, agent.removeprefix("lqr_")))).encode()
+    if task not in BUILT_IN:
+        own += repr(scenario_mapping(find_scenario(task))).encode()
     return f"{stamp_of(*_SOURCES)}-{hashlib.sha256(own).hexdigest()[:10]}"
+
+
+def _key(args: BenchmarkArgs, unit: tuple[str, str, str, int], terrain_info: str | None) -> Key:
+    """Key of a unit: what is not given is left out, so that what was driven before is found."""
+    given = () if terrain_info is None and not args.world else (terrain_info,)
+    return (*unit, args.episodes, args.seed, *given, *((args.world,) if args.world else ()))
 
 
 def run_study(
@@ -106,8 +125,7 @@ def run_study(
     args.check()
 
     def key(task: str, form: str, agent: str, episode: int) -> Key:
-        given = (terrain_info or "none",) if ":" in agent else ()
-        return (task, form, agent, episode, args.episodes, args.seed, *given)
+        return _key(args, (task, form, agent, episode), terrain_info or "none" if ":" in agent else None)
 
     keys = [
         key(task, form, agent, episode)
@@ -132,11 +150,11 @@ def run_study(
 def run_learned(args: BenchmarkArgs, out: Path) -> dict[tuple[str, str], list[LearnedArm]]:
     """Drive the shipped policies on the same episodes: (task, form) -> arms, where there are any."""
     keys = [
-        (task, form, f"{arm}_{seed}", episode, args.episodes, args.seed)
+        _key(args, (task, form, f"{arm}_{seed}", episode), None)
         for task in args.tasks
         for form in args.forms
         for arm in LEARNED
-        for seed in shipped_seeds(task, arm)
+        for seed in shipped_seeds(find_scenario(task).task, arm)
         for episode in range(args.episodes)
     ]
     if not keys:
@@ -146,7 +164,7 @@ def run_learned(args: BenchmarkArgs, out: Path) -> dict[tuple[str, str], list[Le
     found: dict[tuple[str, str], list[LearnedArm]] = {}
     for task, form, arm in dict.fromkeys((key[0], key[1], key[2].rpartition("_")[0]) for key in keys):
         episodes = {}
-        for seed in shipped_seeds(task, arm):
+        for seed in shipped_seeds(find_scenario(task).task, arm):
             units = [done[key] for key in keys if key[:3] == (task, form, f"{arm}_{seed}")]
             episodes[seed] = [unit["score"] for unit in units], [unit["success"] for unit in units]
         found.setdefault((task, form), []).append(summarise_learned(task, arm, episodes))

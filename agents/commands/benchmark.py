@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from agents.commands.options import Jobs, Scenarios
+from agents.driving.world_options import WorldOptions, known_scenario
 from agents.reports.output import console, say, table, write_bytes, write_json
+from offroad_env.environment.scenarios import BUILT_IN
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -43,14 +46,15 @@ class BenchmarkRun:
 
     out: Path = Path("out/benchmark")  #: folder for the page, the numbers and the episodes
     quick: bool = False  #: 20 episodes each instead of 100, matched model only
-    tasks: tuple[str, ...] = ("track", "speed", "climb", "brake", "ride", "patches")  #: what is driven
+    tasks: Scenarios = BUILT_IN  #: what is driven: names, or files of your own
     agents: tuple[str, ...] = ("pure_pursuit", "nominal", "conservative", "aware", "oracle")  #: who drives
     policies: bool = True  #: also the policies that are shipped, trained with several seeds each
     forms: tuple[Form, ...] = ("matched", "mismatch")  #: vehicle as modelled; mass, k_phi and lag unlike it
     episodes: int = 100  #: paired episodes of each agent
     seed: int = 0  #: of the episodes
-    n_jobs: int = 2  #: local processes; the results do not depend on it
+    n_jobs: Jobs = 2  #: local processes; the results do not depend on it
     json: Path | None = None  #: write the numbers to this file instead of benchmark.json
+    world: WorldOptions = field(default_factory=WorldOptions)  #: what is driven on and with
 
     def run(self) -> None:
         """Drive what is missing, compare, write and print."""
@@ -63,6 +67,7 @@ class BenchmarkRun:
         seconds = time.perf_counter() - start
         command = (
             f"offroad benchmark --agents {' '.join(self.agents)}{'' if self.policies else ' --no-policies'}"
+            f"{self.world.words()}"
         )
         write_results(results, args, self.out, self.json, command=command, trained=trained, seconds=seconds)
 
@@ -71,12 +76,13 @@ class BenchmarkRun:
         from agents.benchmark.study import BenchmarkArgs
 
         args = BenchmarkArgs(
-            tasks=self.tasks,
+            tasks=tuple(map(known_scenario, self.tasks)),
             agents=self.agents,
             forms=known_forms(self.forms),
             episodes=self.episodes,
             seed=self.seed,
             n_jobs=self.n_jobs,
+            world=self.world.digest(),
         )
         return replace(args, episodes=_QUICK_EPISODES, forms=("matched",)) if self.quick else args
 

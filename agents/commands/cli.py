@@ -23,9 +23,11 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "demo": ("demo", "Demo", "run everything once, write one HTML page"),
     "drive": ("drive", "Drive", "drive one episode: plot, video, window or log"),
     "estimate": ("estimate", "Estimate", "estimate the soil from logs of drives"),
+    "log": ("log", "LogTools", "logs of a vehicle of your own: template, check, draw"),
     "replay": ("replay", "ReplayCommand", "predict logs open loop with several models, side by side"),
     "identify": ("identify", "Identify", "which soil parameters a drive can tell apart"),
     "soil": ("soil", "SoilPlot", "force and sinkage curves of a soil; --list shows the catalogue"),
+    "keys": ("keys", "Keys", "what the YAML of a soil, vehicle, scenario, ... of your own may hold"),
     "wheel-data": ("wheel_data", "WheelData", "measured against predicted forces of one wheel"),
     "reproduce": ("reproduce", "STUDIES", "repeat a study: the paper's table, ..."),
     "speed": ("speed", "SpeedCommand", "speed and memory, as ratios to other environments"),
@@ -118,6 +120,9 @@ def _parse(name: str, arguments: list[str]) -> Command:
     """The arguments of a subcommand; leaves by `SystemExit` where they are wrong."""
     import tyro
 
+    from agents.commands.options import present_spelling
+
+    arguments = present_spelling(arguments)
     module, kind, _ = COMMANDS[name]
     target: Any = getattr(importlib.import_module(f"agents.commands.{module}"), kind)
     if isinstance(target, dict):
@@ -127,8 +132,10 @@ def _parse(name: str, arguments: list[str]) -> Command:
         module, kind, _ = target[study]
         target = getattr(importlib.import_module(f"agents.studies.{module}.study"), kind)
         name = f"{name} {study}"
+    describe = getattr(target, "description", None)
     command: Command = tyro.cli(
         target,
+        description=None if describe is None else describe(arguments),
         prog=f"offroad {name}",
         args=arguments,
         config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import inspect
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from agents.commands.options import option_value
+from agents.driving.world_options import WorldOptions, known_scenario
 from agents.reports.output import OutputError, Results, console, say, table, write_bytes
 from offroad_env.errors import DataError, InvalidParameter, OffroadError
 
@@ -18,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Drive"]
 
+VehicleModel = Literal["half_car", "bicycle", "four_wheel"]
 _CONTROL_RATE = 50  # steps a second
 _LONGEST = 3600.0  # [s]
 _FPS = {".gif": 5, ".mp4": 25}  # pictures a second; few for GIF, which compresses badly
@@ -27,25 +31,33 @@ _FPS = {".gif": 5, ".mp4": 25}  # pictures a second; few for GIF, which compress
 class Drive(Results):
     """Drive one episode and plot it.
 
-    Writes the figure drive_SCENARIO_SEED.png. Agents: pure_pursuit and stanley hold a speed and know
-    nothing of the soil; nominal, conservative, aware and oracle plan their speed by what they hold the
-    soil to be.
+    Writes the figure drive_SCENARIO_SEED.png. pure_pursuit and stanley hold a speed and know nothing of the
+    soil; nominal, conservative, aware and oracle plan their speed by what they hold the soil to be.
     """
 
-    scenario: str = "track"  #: track, speed, climb, brake, ride or patches
-    agent: str = "pure_pursuit"  #: stanley, an arm (aware, ...), lqr_aware, mppi_truth, ppo_aware_0 ...
+    scenario: str = "track"  #: track, speed, climb, brake, ride, patches, a file *.yaml or inline YAML
+    agent: str = "pure_pursuit"  #: one of those above, or module:Class
     policy: Path | None = None  #: drive with the policy that offroad train wrote into this folder instead
     terrain_info: Literal["none", "estimate", "truth"] | None = None  #: default: what the agent needs
     n: float | None = None  #: true sinkage exponent; default: drawn from the scenario's range [-]
     seed: int = 0  #: of course, soil and noise
     model: Literal["full", "paper"] = "full"  #: full: wheel spin and slopes; paper: as published
-    vehicle_model: Literal["half_car", "bicycle"] = "half_car"  #: with or without heave and pitch
+    vehicle_model: VehicleModel = "half_car"  #: bicycle: without heave and pitch; four_wheel: with roll
+    world: WorldOptions = field(default_factory=WorldOptions)  #: what is driven on and with
     duration: float | None = None  #: end the episode after this time [s]
     picture: Path | None = None  #: also write a picture half way, .png (needs the extra view)
     video: Path | None = None  #: also write a video, .mp4 or .gif (needs the extra view)
     window: bool = False  #: watch it in a window (needs the extra view)
-    log: Path | None = None  #: also write the sensors' readings, .csv or .parquet with a .yaml beside it
+    log: Path | None = None  #: also write the sensors' readings, .csv, .parquet or .mcap with a .yaml
     log_ground: Literal["known", "unknown"] = "known"  #: whether that .yaml holds the ground
+
+    @classmethod
+    def description(cls, arguments: Sequence[str]) -> str:
+        """What the command does, with the agents that exist for the scenario among the arguments."""
+        from agents.driving.episode import agent_list
+
+        scenario = option_value(arguments, "--scenario", "track")
+        return f"{inspect.getdoc(cls)}\n\nAgents of {scenario}: {agent_list(scenario)}."
 
     def run(self) -> None:
         """Drive, then plot and print."""
@@ -55,8 +67,8 @@ class Drive(Results):
 
         if self.window and (self.video or self.picture):
             raise InvalidParameter("give --window, or --video and --picture, not both: a window shows itself")
-        if self.log is not None and self.log.suffix.lower() not in (".csv", ".parquet"):
-            raise InvalidParameter(f"log must end in .csv or .parquet, got {self.log}")
+        if self.log is not None and self.log.suffix.lower() not in (".csv", ".parquet", ".mcap"):
+            raise InvalidParameter(f"log must end in .csv, .parquet or .mcap, got {self.log}")
         if self.duration is not None and not 0.0 < self.duration <= _LONGEST:
             raise InvalidParameter(f"duration must be in (0, {_LONGEST:g}] s, got {self.duration:g}")
         try:
@@ -78,6 +90,7 @@ class Drive(Results):
         from agents.benchmark.runner import ENV_ID
         from agents.driving.episode import find_agent
 
+        self.scenario = known_scenario(self.scenario)
         if self.policy is None:
             agent, terrain_info = find_agent(self.agent, self.scenario, self.terrain_info)
         else:
@@ -92,6 +105,7 @@ class Drive(Results):
             vehicle_model=self.vehicle_model,
             render_mode=mode,
             max_episode_steps=steps,
+            **self.world.env_options(),
         )
         return env, agent
 

@@ -28,7 +28,7 @@ class Identify(Results):
 
     drives: Positional[tuple[str, ...]] = ("straight", "pulse", "sine", "circle", "slalom")  #: which
     pairs: tuple[Literal["phi", "k_phi", "c"], ...] = ("phi", "k_phi", "c")  #: partners of n
-    soil: str = "dry_sand"  #: of the menu's drives, a soil of the catalogue
+    soil: str = "dry_sand"  #: of the menu's drives: a name, a file *.yaml or inline YAML
     n: float | None = None  #: its sinkage exponent; default: the catalogue's [-]
     duration: float = 10.0  #: of the menu's drives and the rows [s]
     seeds: int = 40  #: noise seeds behind the clouds

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from tyro.conf import Positional
@@ -30,7 +31,7 @@ class SoilPlot(Results):
     it covers each soil when it is learnt without it.
     """
 
-    name: Positional[str] = "dry_sand"  #: a soil of the catalogue, see --list
+    name: Positional[str] = "dry_sand"  #: of the catalogue (--list), a file *.yaml, or "{base: clay, n: 1}"
     list: bool = False  #: show the catalogue with its sources instead
     prior: bool = False  #: show the prior of whole soils instead
     power: bool = False  #: show the power that soils take from a wheel instead, in soil_power.png
@@ -57,6 +58,19 @@ class SoilPlot(Results):
             self._draw_field()
         else:
             self._draw()
+
+    def _entry(self) -> Entry[Soil]:
+        """The soil of the catalogue, or one's own."""
+        from offroad_env.world.catalogue import Entry
+        from offroad_env.world.descriptions import read_soil
+        from offroad_env.world.documents import is_name
+        from offroad_env.world.soils import SOILS
+
+        if is_name(self.name) and self.name in SOILS:
+            return SOILS.entry(self.name)
+        soil = read_soil(self.name).record
+        name = Path(self.name).stem if self.name.endswith((".yaml", ".yml")) else "own"
+        return Entry(name=name, record=soil, title=f"Own soil {name}", source="", remark="")
 
     def _show_catalogue(self) -> None:
         from offroad_env.world.soils import SOILS
@@ -148,24 +162,24 @@ class SoilPlot(Results):
     def _draw_field(self) -> None:
         from agents.reports.figures.natural_soil import field_figure
         from offroad_env.world.natural_soil import SoilSpread, natural_soil
-        from offroad_env.world.soils import SOILS, make_soil
+        from offroad_env.world.soils import make_soil
 
-        entry = SOILS.entry(self.name)
+        entry = self._entry()
         soil = entry.record if self.n is None else make_soil(entry.record, n=self.n)
         length, spread = self.correlation_length, SoilSpread()
         field = natural_soil(soil, self.seed, correlation_length=length, spread=spread)
         title = f"Natural soil around {entry.title}: correlation length {length:g} m, seed {self.seed}"
         figure = field_figure(field, soil, title=title, width=12.0 * length, height=6.0 * length)
-        self.save_figure(figure, f"soil_field_{self.name}")
+        self.save_figure(figure, f"soil_field_{entry.name}")
         self.save_numbers({"correlation_length": length, "seed": self.seed, "spread": spread})
 
     def _draw(self) -> None:
         from agents.reports.figures.soil import soil_figure
         from agents.reports.soil_curves import soil_curves
-        from offroad_env.world.soils import SOILS, make_soil
+        from offroad_env.world.soils import make_soil
         from offroad_env.world.vehicles import make_wheel
 
-        entry = SOILS.entry(self.name)
+        entry = self._entry()
         soil = entry.record if self.n is None else make_soil(entry.record, n=self.n)
         wheel = make_wheel(r=self.radius, b=self.width)
         curves = soil_curves(
@@ -178,8 +192,9 @@ class SoilPlot(Results):
         )
         exponent = "" if soil.rigid else f", n = {soil.n:g}"
         title = f"{entry.title}{exponent}; wheel r = {wheel.r:g} m, b = {wheel.b:g} m"
-        self.save_figure(soil_figure(curves, title=title), f"soil_{self.name}")
-        say(f"source: {entry.source}")
+        self.save_figure(soil_figure(curves, title=title), f"soil_{entry.name}")
+        if entry.source:
+            say(f"source: {entry.source}")
         self.save_numbers({"source": entry.source, "remark": entry.remark, "curves": curves})
 
 

@@ -52,9 +52,9 @@ class WheelData(Results):
         from agents.reports.figures.wheel_rig import wheel_rig_figure
         from estimators.rig.cmu_soil_bin import CMU_WHEEL
         from estimators.rig.comparison import compare
-        from offroad_env.world.soils import SOILS
+        from offroad_env.world.descriptions import read_soil
 
-        comparison = compare(trials, SOILS[self.soil], CMU_WHEEL, shear=self.shear, seed=self.seed)
+        comparison = compare(trials, read_soil(self.soil).record, CMU_WHEEL, shear=self.shear, seed=self.seed)
         scores = score_table(comparison)
         title = f"{comparison.inside} of {comparison.trials} trials, brackets: 95 % intervals"
         console().print(table(title, scores.heading, scores.rows, texts=scores.texts))
@@ -68,10 +68,10 @@ class WheelData(Results):
         from agents.reports.figures.rig_structures import rig_structures_figure
         from estimators.rig.cmu_soil_bin import CMU_WHEEL
         from estimators.rig.structures import compare_structures, structure_names
-        from offroad_env.world.soils import SOILS
+        from offroad_env.world.descriptions import read_soil
 
         names = structure_names(self.structure)
-        found = compare_structures(trials, SOILS[self.soil], CMU_WHEEL, names, seed=self.seed)
+        found = compare_structures(trials, read_soil(self.soil).record, CMU_WHEEL, names, seed=self.seed)
         inside = next(iter(found.values())).trials
         title = f"{inside} of {len(trials)} trials that all can predict, RMSE, brackets: 95 % intervals"
         rows = [_structure_row(name, comparison) for name, comparison in found.items()]

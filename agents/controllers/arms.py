@@ -42,6 +42,7 @@ __all__ = [
     "believe_prior",
     "believe_truth",
     "believe_worst",
+    "is_tuned",
     "make_arm",
 ]
 
@@ -170,6 +171,13 @@ CONTROLLERS: dict[str, Callable[[BeliefSource, PlannerGains, ArmSettings], Agent
 }
 
 
+def is_tuned(name: str, task: str) -> bool:
+    """Whether there are settings of an arm for a task."""
+    from agents.controllers.tuned import SETTINGS
+
+    return (task, name) in SETTINGS
+
+
 def make_arm(
     name: str,
     *,
@@ -183,7 +191,7 @@ def make_arm(
     ----------
     name : {"nominal", "conservative", "aware", "oracle"}
     scenario : str
-        Whose tuned settings to take.
+        Whose tuned settings to take; for one of your own, those of the task that it is most like.
     settings : ArmSettings, optional
         Instead of the tuned ones.
     tracker : callable, optional
@@ -196,6 +204,8 @@ def make_arm(
     """
     if name not in ARMS:
         raise InvalidParameter(f"arm must be one of {', '.join(ARMS)}, got {name!r}")
+    driven = find_scenario(scenario)
+    scenario = driven.task
     if settings is None:
         # Here and not above: who asks what sources stand behind a result adds the settings of its arm.
         from agents.controllers.tuned import SETTINGS
@@ -208,7 +218,7 @@ def make_arm(
         settings = ArmSettings(**SETTINGS[scenario, name])
     terrain_info, informed, belief = ARMS[name]
     # An integral learns a bend's drive, which is wrong on another soil: a feed-forward takes its place.
-    changing = find_scenario(scenario).changing
+    changing = driven.changing
     gains = PlannerGains(
         margin=settings.margin,
         slip_angle=settings.slip_angle,

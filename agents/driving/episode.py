@@ -19,6 +19,7 @@ from agents.controllers.arms import (
     believe_estimate,
     believe_prior,
     believe_truth,
+    is_tuned,
     make_arm,
 )
 from agents.controllers.lqr import LqrTracker
@@ -30,9 +31,20 @@ from agents.controllers.stanley import StanleyAgent
 from agents.driving.recording import EpisodeLog
 from agents.driving.unwrapped import bekker_env
 from agents.learning.policies import LEARNED, learned_folder, load_policy, shipped_seeds
+from offroad_env.environment.scenario_descriptions import find_scenario
 from offroad_env.errors import InvalidParameter
 
-__all__ = ["AGENTS", "Drive", "HalfWayPicture", "agent_file", "find_agent", "is_agent", "trained_name"]
+__all__ = [
+    "AGENTS",
+    "Drive",
+    "HalfWayPicture",
+    "agent_file",
+    "agent_list",
+    "agents_of",
+    "find_agent",
+    "is_agent",
+    "trained_name",
+]
 
 #: Agents without a model of the soil, for every scenario.
 _TRACKERS: dict[str, Callable[[], Agent]] = {"pure_pursuit": PurePursuitAgent, "stanley": StanleyAgent}
@@ -51,6 +63,26 @@ _ONLY_STEERED = {"track"}
 
 #: Names that `find_agent` accepts. Those of trained policies end in the number of the training seed.
 AGENTS = (*_TRACKERS, *ARMS, *_STEERED, *_SAMPLERS, *(f"{arm}_SEED" for arm in LEARNED))
+
+
+def agents_of(scenario: str) -> tuple[str, ...]:
+    """Agents that exist for a scenario; policies with the numbers of their training seeds."""
+    task = find_scenario(scenario).task
+    steered = () if task in CONTROLLERS.keys() - _ONLY_STEERED else tuple(_STEERED)
+    arms = tuple(arm for arm in ARMS if is_tuned(arm, task))
+    policies = tuple(f"{arm}_{seed}" for arm in LEARNED for seed in shipped_seeds(task, arm))
+    return (*_TRACKERS, *arms, *steered, *_SAMPLERS, *policies)
+
+
+def agent_list(scenario: str) -> str:
+    """The same in words: of the seeds of a policy the first and the last."""
+    words, seeds = [], dict[str, list[str]]()
+    for name in agents_of(scenario):
+        if (trained := trained_name(name)) is None:
+            words.append(name)
+        else:
+            seeds.setdefault(trained[0], []).append(name)
+    return ", ".join([*words, *(f"{names[0]} ... {names[-1]}" for names in seeds.values())])
 
 
 def is_agent(name: str) -> bool:
@@ -84,20 +116,21 @@ def find_agent(name: str, scenario: str, terrain_info: str | None) -> tuple[Agen
     """
     if ":" in name:
         return _own_agent(name), terrain_info or "none"
+    task = find_scenario(scenario).task
     if name in _TRACKERS:
         return _TRACKERS[name](), terrain_info or "none"
     if name in _SAMPLERS:
         needs, believe = _SAMPLERS[name]
         return MppiAgent(believe), _checked_info(name, needs, terrain_info)
     if (trained := trained_name(name)) is not None:
-        return _shipped(*trained, scenario), _checked_info(name, LEARNED[trained[0]], terrain_info)
+        return _shipped(*trained, task), _checked_info(name, LEARNED[trained[0]], terrain_info)
     if name in _STEERED:
-        if scenario in CONTROLLERS.keys() - _ONLY_STEERED:
+        if task in CONTROLLERS.keys() - _ONLY_STEERED:
             raise InvalidParameter(f"{name} steers only, and {scenario!r} asks for more: an arm can do it")
         arm = make_arm(_STEERED[name], scenario=scenario, tracker=LqrTracker)
         return arm.agent, _checked_info(name, arm.terrain_info, terrain_info)
     if name not in ARMS:
-        raise InvalidParameter(f"agent must be one of {', '.join(AGENTS)}, got {name!r}")
+        raise InvalidParameter(f"agent must be one of {agent_list(scenario)}, or module:Class, got {name!r}")
     arm = make_arm(name, scenario=scenario)
     return arm.agent, _checked_info(name, arm.terrain_info, terrain_info)
 

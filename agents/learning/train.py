@@ -27,6 +27,7 @@ import tyro
 
 from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
 from agents.controllers.protocol import EpisodeResult
+from agents.driving.world_options import WorldOptions
 from agents.learning.action_interface import find_interface
 from agents.learning.checkpoint import Environments, read_checkpoint, restore_random_state, write_checkpoint
 from agents.learning.policies import (
@@ -42,7 +43,8 @@ from agents.learning.policies import (
     load_policy,
 )
 from agents.reports.output import write_bytes
-from offroad_env.environment.scenario_descriptions import find_scenario
+from offroad_env.environment.scenario_descriptions import find_scenario, scenario_mapping
+from offroad_env.environment.scenarios import BUILT_IN
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv, make_vec
 
 __all__ = [
@@ -60,7 +62,7 @@ _REPORT, _BOARD = "training.json", "tensorboard"
 #: Fewest steps between two points of a learning curve.
 _CURVE_STEPS = 64
 #: Arguments that do not decide what is learnt.
-_INDIFFERENT = {"out", "resume", "checkpoint_steps", "tensorboard", "threads"}
+_INDIFFERENT = {"out", "resume", "checkpoint_steps", "tensorboard", "threads", "world"}
 
 
 #: With the option's former spelling.
@@ -71,7 +73,7 @@ ActionInterfaceName = Annotated[str, tyro.conf.arg(aliases=["--guide"])]  # alia
 class TrainArgs:
     """Arguments of one training run. A step is an action of the policy."""
 
-    scenario: str = "speed"  #: what to learn
+    scenario: str = "speed"  #: what to learn: a name, a file *.yaml or inline YAML
     algorithm: str = "ppo"  #: ppo, recurrent_ppo (memory) or sac
     terrain_info: str = "estimate"  #: terrain information in the policy's observation
     seed: int = 0  #: of network, actions and episodes
@@ -102,6 +104,7 @@ class TrainArgs:
     check_steps: int = 7_500  #: steps between two drives of the tuning episodes; the best policy is kept
     check_episodes: int = 16  #: of such a drive; 0 = none, the last policy is kept
     eval_episodes: int = 3  #: test episodes that the reloaded policy drives at the end
+    world: WorldOptions = field(default_factory=WorldOptions)  #: what is driven on and with
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +145,10 @@ def configuration_hash(args: TrainArgs) -> str:
 
 def _decisive(args: TrainArgs) -> dict[str, Any]:
     names = [entry.name for entry in fields(TrainArgs) if entry.name not in _INDIFFERENT]
-    return {name: getattr(args, name) for name in names}
+    found = {name: getattr(args, name) for name in names}
+    if args.scenario not in BUILT_IN:
+        found["course"] = scenario_mapping(find_scenario(args.scenario))
+    return {**found, "world": args.world.env_options()} if args.world.digest() else found
 
 
 def failure_charge(args: TrainArgs, steps: int) -> float:
@@ -165,6 +171,7 @@ def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> Environments:
             scenario=args.scenario,
             terrain_info=args.terrain_info,
             threads=args.threads,
+            **args.world.env_options(),
         )
         assert isinstance(envs, OffroadBekkerVectorEnv)
         episodes = LearningVecEnv(
@@ -362,11 +369,17 @@ def _callback(watch: _Watch) -> Any:
     return Callback()
 
 
+def _test_env(args: TrainArgs) -> gym.Env[Any, Any]:
+    """One episode at a time, for drives without noise."""
+    options = args.world.env_options()
+    return gym.make(ENV_ID, scenario=args.scenario, terrain_info=args.terrain_info, **options)
+
+
 def _check(model: Any, scaler: Any, args: TrainArgs) -> float:
     """Mean score of the tuning episodes, driven without noise."""
     network = Network.of(model) if args.algorithm == "ppo" else model
     agent = PolicyAgent(network, _scaling(scaler), frames=args.frames, action_interface=args.action_interface)
-    env = gym.make(ENV_ID, scenario=args.scenario, terrain_info=args.terrain_info)
+    env = _test_env(args)
     draws = draw_episodes(args.scenario, args.check_episodes, 0, training=True)
     scores = [run_episode(env, agent, draw.seed, n=draw.n).score for draw in draws]
     env.close()
@@ -428,7 +441,7 @@ def _result(args: TrainArgs, steps: int, wall_time: float, curve: tuple[CurvePoi
 def _evaluate(args: TrainArgs) -> tuple[EpisodeResult, ...]:
     """Episodes of the policy as it was saved."""
     agent = load_policy(args.out)
-    env = gym.make(ENV_ID, scenario=args.scenario, terrain_info=args.terrain_info)
+    env = _test_env(args)
     draws = draw_episodes(args.scenario, args.eval_episodes, args.seed)
     episodes = tuple(run_episode(env, agent, draw.seed, n=draw.n) for draw in draws)
     env.close()

@@ -44,6 +44,7 @@ __all__ = [
     "apply_context",
     "checked_context",
     "plain_value",
+    "random_meaning",
 ]
 
 
@@ -228,6 +229,14 @@ def _numbers() -> dict[str, Quantity]:
 
 #: Keys of ``randomise`` and ``context`` with numbers -> allowed range. "n" means "soil.n".
 RANDOM_KEYS: Mapping[str, Quantity] = MappingProxyType({"n": SOIL_RANGES["n"], **_numbers()})
+
+
+def random_meaning(key: str) -> list[tuple[str, str]]:
+    """[(unit, meaning)] of a key that is no field of a record; empty for the others."""
+    if key not in _EXTRA:
+        return []
+    words, _, unit = _EXTRA[key][1].partition(" [")
+    return [(unit.rstrip("]"), words)]
 
 
 def _known(key: object) -> str:

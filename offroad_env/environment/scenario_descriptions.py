@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, replace
 from typing import Annotated, Any
@@ -149,8 +150,8 @@ def _made(start: Scenario | None, stated: dict[str, Any], document: Document) ->
         weights = document.beside(stated["weights"])
         stated["weights"] = read_weights(weights, RewardWeights() if start is None else start.weights)
     if start is not None:
-        return replace(start, **{"name": "own", "like": start.task, **stated})
-    return Scenario(**{"name": "own", "draw": CourseRecipe(), **stated})
+        return replace(start, **{"name": document.name, "like": start.task, **stated})
+    return Scenario(**{"name": document.name, "draw": CourseRecipe(), **stated})
 
 
 def _course(given: Any, document: Document) -> Draw:
@@ -226,7 +227,7 @@ def register_scenario(scenario: Scenario | Description, *, name: str | None = No
         For a name that a built-in scenario has.
     """
     made = find_scenario(scenario)
-    name = made.name if name is None else name
+    name = re.sub(r"\W", "_", made.name) if name is None else name
     if name in BUILT_IN or not name.isidentifier():
         raise InvalidParameter(f"name must be a new one of letters, digits and underscores, got {name!r}")
     made = replace(made, name=name, like=made.task)

@@ -60,7 +60,7 @@ class Scenario:
     soil: str | Soil = "dry_sand"  #: soil or its name; its n is replaced by the drawn one
     vehicle: str | Vehicle = "mrzr"  #: vehicle or its name
     n_range: tuple[float, float] = (0.3, 1.1)  #: sinkage exponent, drawn uniformly [-]
-    time_limit: float = 120.0  #: [s]
+    time_limit: float = 120.0  #: after which an episode is truncated [s]
     stop_zone: float = 0.0  #: > 0: the task is to stand within this distance before the end [m]
     shake_limit: float = math.inf  #: largest running r.m.s. of the vertical acceleration [m/s^2]
     changing: bool = False  #: whether n changes on the way; the online filter is set for it

@@ -29,6 +29,7 @@ class Document:
     where: str  #: begins an error's message
     folder: Path | None = None  #: of the file that it stands in
     lines: Mapping[str, int] = field(default_factory=dict)  #: key -> line of the file
+    name: str = "own"  #: of what is described, where it states none: that of the file
 
     def check(self, schema: SectionSchema) -> dict[str, Any]:
         """The checked keys of a section; see `SectionSchema.check`."""
@@ -97,7 +98,9 @@ def open_document(given: Any, section: str) -> Document:
         prefix = f"{section}."
         lines = {key.removeprefix(prefix): line for key, line in lines.items() if key.startswith(prefix)}
         content = dict(inner)
-    return Document(content=content, where=f"{path}: {section}", folder=path.parent, lines=lines)
+    return Document(
+        content=content, where=f"{path}: {section}", folder=path.parent, lines=lines, name=path.stem
+    )
 
 
 def remember(kind: str, name: str, content: Mapping[str, Any]) -> None:

@@ -19,6 +19,7 @@ import numpy as np
 
 from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
 from agents.benchmark.statistics import mean_interval
+from agents.commands.options import Jobs
 from agents.controllers.arms import make_arm
 from agents.controllers.protocol import Agent, Observation
 from agents.controllers.speed_control import SpeedGains
@@ -199,7 +200,7 @@ class DetectionDelay(Results):
     quick: bool = False  #: 10 episodes
     episodes: int = 100  #: test episodes of each way of knowing n
     seed: int = 0  #: of the episodes
-    n_jobs: int = 2  #: local processes
+    n_jobs: Jobs = 2  #: local processes
 
     def run(self) -> None:
         """Drive what is missing, then print, draw and write."""

@@ -17,6 +17,7 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
+from agents.commands.options import Jobs
 from agents.reports.output import Results, console, say, table
 from agents.studies.fault_detection.one_log import Numbers, limits_of, run_unit
 from agents.studies.fault_detection.results import MULTIPLES, counted
@@ -53,7 +54,7 @@ class FaultDetection(Results):
     unmodelled_seeds: Annotated[int, arg(aliases=_FORMER)] = 8  #: logs for each fault outside the library
     same: int = 3  #: logs that are diagnosed again with everything in another order
     effects: tuple[str, ...] = tuple(FAULTS)  #: faults to inject
-    n_jobs: int = 2  #: local processes
+    n_jobs: Jobs = 2  #: local processes
 
     def run(self) -> None:
         """Run what is missing, then count, draw and print."""

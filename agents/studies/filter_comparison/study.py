@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.commands.options import Jobs
 from agents.reports.output import Results, console, say, table
 from agents.studies.runner import Key, checked_rows, checked_seeds, run_units, stamp_of
 from estimators.analysis.consistency import Band, chi_square_band
@@ -201,7 +202,7 @@ class Filters(Results):
     seeds: int = 20  #: noise seeds a row, of those set aside for reporting
     only: tuple[str, ...] = ()  #: these filters: ids, or propagated known joint ekf particle bank smoother
     duration: float = 100.0  #: of a run [s]
-    n_jobs: int = 2  #: local processes
+    n_jobs: Jobs = 2  #: local processes
 
     def run(self) -> None:
         """Run what is missing, then print, draw and write."""

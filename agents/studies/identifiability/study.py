@@ -20,7 +20,8 @@ from estimators.experiments.simulated_estimates import estimation_errors
 from estimators.logs import read_log
 from offroad_env.errors import InvalidParameter
 from offroad_env.simulation.simulator import make_plant
-from offroad_env.world.soils import SOILS, make_soil
+from offroad_env.world.descriptions import read_soil
+from offroad_env.world.soils import make_soil
 from offroad_env.world.terrain import flat
 from offroad_env.world.vehicles import VEHICLES
 
@@ -69,7 +70,7 @@ class Finding:
 def _drive(source: str, soil: str, n: float | None, duration: float) -> Manoeuvre:
     """A drive of the menu, a row of the paper's table, or that of a log."""
     if source in MANOEUVRES:
-        plant = make_plant(VEHICLES["mrzr"], make_soil(SOILS[soil], n=n), flat())
+        plant = make_plant(VEHICLES["mrzr"], make_soil(read_soil(soil).record, n=n), flat())
         return manoeuvre(source, plant, duration=duration)
     if source in _ROW_NAMES:
         return row_manoeuvre(_ROW_NAMES.index(source) + 1, duration=duration)

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.commands.options import Jobs
 from agents.reports.output import Results, console, say, table
 from agents.studies.recorded_drives import record, run_online
 from agents.studies.runner import Key, checked_seeds, run_units, stamp_of
@@ -203,7 +204,7 @@ class Gate(Results):
 
     quick: bool = False  #: one seed
     seeds: int = 10  #: noise seeds, of those set aside for reporting
-    n_jobs: int = 2  #: local processes
+    n_jobs: Jobs = 2  #: local processes
 
     def run(self) -> None:
         """Run what is missing, then print, draw and write."""

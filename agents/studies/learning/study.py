@@ -19,6 +19,7 @@ import gymnasium as gym
 
 from agents.benchmark.learned import LearnedArm, learned_verdict, summarise_learned
 from agents.benchmark.runner import ENV_ID, Draw, draw_episodes, run_episode
+from agents.commands.options import Jobs, Scenarios
 from agents.controllers.protocol import Agent
 from agents.controllers.pure_pursuit import PurePursuitAgent
 from agents.learning.action_interface import ZeroAction
@@ -127,14 +128,14 @@ class Learning(Results):
     on from the last checkpoint of the policy it was at.
     """
 
-    tasks: tuple[str, ...] = ("speed", "brake")  #: what is learnt
+    tasks: Scenarios = ("speed", "brake")  #: what is learnt
     arms: tuple[str, ...] = tuple(_RECIPES)  #: ppo_aware, ppo_oblivious, ppo_memory
     seeds: int = 5  #: trainings of each
     steps: int = 16_000  #: of the policy in each training; one lasts 10 control periods
     episodes: int = 20  #: test episodes of each policy
     test_seed: int = 1  #: of these episodes
     ship: Path | None = None  #: also copy weights and settings of the policies into this folder
-    n_jobs: int = 2  #: local processes
+    n_jobs: Jobs = 2  #: local processes
 
     def run(self) -> None:
         """Train and drive what is missing, then plot and print."""

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.commands.options import Jobs
 from agents.reports.output import Results, console, say, table
 from agents.studies.runner import Key, checked_rows, checked_seeds, run_units, stamp_of
 from estimators.analysis.scores import Score
@@ -151,7 +152,7 @@ class Mismatches(Results):
     only: tuple[str, ...] = ()  #: these filters: ids, or robust bank embedded propagated
     under: tuple[str, ...] = ()  #: these mismatches
     duration: float = 60.0  #: of a run [s]
-    n_jobs: int = 2  #: local processes
+    n_jobs: Jobs = 2  #: local processes
 
     def run(self) -> None:
         """Run what is missing, then print, draw and write."""

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from agents.commands.options import Jobs
 from agents.reports.output import Results, console, say, table
 from agents.studies.runner import Key, run_units, stamp_of
 from offroad_env.errors import InvalidParameter
@@ -58,7 +59,7 @@ class OnlineFilters(Results):
     quick: bool = False  #: two episodes of 5 s each: to see that it works
     seeds: int = 10  #: episodes of each scenario
     duration: float = 15.0  #: of an episode [s]
-    n_jobs: int = 1  #: local processes; more disturb the timing
+    n_jobs: Jobs = 1  #: local processes; more disturb the timing
 
     def run(self) -> None:
         """Drive what is missing, then print and write."""

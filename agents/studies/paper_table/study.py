@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from agents.benchmark.statistics import bootstrap_interval
+from agents.commands.options import Jobs
 from agents.reports.output import Results, console, say, table
 from agents.studies.paper_table.results import BANK, SweepPoint, TableLine, gain_over_paper_filter
 from agents.studies.runner import Key, checked_rows, checked_seeds, run_units, stamp_of
@@ -239,7 +240,7 @@ class Table1(Results):
     reference: bool = False  #: run the paper's filter by its filterpy reference: the same table, slowly
     sweep: bool = False  #: repeat the choice of alpha and R_n on the tuning seeds instead, draw its map
     sweep_seeds: int = 4  #: tuning seeds of the sweep
-    n_jobs: int = 2  #: local processes
+    n_jobs: Jobs = 2  #: local processes
 
     def run(self) -> None:
         """Run what is missing, then print, draw and write."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from agents.commands.options import Jobs
 from agents.reports.output import Results, console, say, table
 from agents.studies.fault_detection.one_log import Numbers
 from agents.studies.fault_detection.results import MIMICRY, MULTIPLES, QUIET, share_of
@@ -121,7 +122,7 @@ class RigFaultDetection(Results):
     nulls: int = 300  #: rigs without a fault
     whites: int = 100  #: of these, so many again with what repeats share taken for noise of each trial
     seeds: int = 8  #: rigs for each effect and size
-    n_jobs: int = 2  #: local processes
+    n_jobs: Jobs = 2  #: local processes
 
     def run(self) -> None:
         """Run what is missing, then count and print."""

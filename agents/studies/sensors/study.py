@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.commands.options import Jobs
 from agents.reports.output import Results, console, say, table
 from agents.studies.runner import Key, checked_rows, checked_seeds, run_units, stamp_of
 from estimators.analysis.cramer_rao import mean_bound
@@ -82,7 +83,7 @@ class Sensors(Results):
     quick: bool = False  #: one seed and 30 s
     rows: tuple[int, ...] = (1, 2, 3, 4, 5, 6, 7, 8)  #: rows of the table
     seeds: int = 10  #: noise seeds a row, of those set aside for reporting
-    n_jobs: int = 2  #: local processes
+    n_jobs: Jobs = 2  #: local processes
 
     def run(self) -> None:
         """Run what is missing, then print, draw and write."""

@@ -15,13 +15,14 @@ import numpy as np
 
 from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
 from agents.benchmark.statistics import headroom
+from agents.commands.options import Jobs, Scenarios
 from agents.controllers.arms import ArmSettings, make_arm
 from agents.controllers.tuned import SETTINGS
 from agents.reports.output import Results, console, say, table
 from agents.studies.runner import Key, Result, run_units, stamp_of
 from agents.studies.value_of_n.results import Cell
 from offroad_env.environment.scenario_descriptions import find_scenario
-from offroad_env.environment.scenarios import MEASURES, SCENARIOS
+from offroad_env.environment.scenarios import BUILT_IN, MEASURES, SCENARIOS
 from offroad_env.errors import InvalidParameter, SolverFailure
 
 __all__ = ["ValueOfN", "cell_range", "run_unit"]
@@ -65,12 +66,12 @@ class ValueOfN(Results):
     Writes the figure headroom.png and the episodes, which an interrupted run goes on from.
     """
 
-    tasks: tuple[str, ...] = tuple(SCENARIOS)  #: what is driven
+    tasks: Scenarios = BUILT_IN  #: what is driven
     soils: tuple[str, ...] = ("dry_sand", "sandy_loam", "lete_sand")  #: names of the catalogue
     widths: tuple[float, ...] = (0.2, 0.4, 0.8)  #: of the prior of n [-]
     episodes: int = 30  #: test episodes of each belief
     training: int = 10  #: training episodes of each fixed belief
-    n_jobs: int = 2  #: local processes
+    n_jobs: Jobs = 2  #: local processes
 
     def run(self) -> None:
         """Drive what is missing, then plot and print."""

@@ -1,0 +1,24 @@
+"""The example of a laboratory of one's own runs to its end: it learns, films, compares, logs, diagnoses."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from helpers import REPOSITORY
+
+EXAMPLE = REPOSITORY / "examples" / "own_laboratory.py"
+
+
+@pytest.mark.check
+def test_the_example_runs_from_an_empty_folder(tmp_path):
+    pytest.importorskip("moviepy")
+    command = [sys.executable, str(EXAMPLE), "512", "2"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "drawn: {'soil.phi': 0.4" in done.stdout or "drawn: {'soil.phi': 0.5" in done.stdout
+    for place in ("video", "compared/benchmark.html", "run.csv", "out/diagnosis.html"):
+        assert (tmp_path / place).exists(), place
+    assert "cruise:Cruise" in done.stdout
