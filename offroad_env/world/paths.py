@@ -221,7 +221,8 @@ class _Bends:
     def pieces(self, s: np.ndarray) -> np.ndarray:
         """Which piece the arc lengths ``s`` [m] fall into."""
         found: np.ndarray = np.searchsorted(self.breaks, s, side="right") - 1
-        return np.clip(found, 0, len(self.slopes) - 1)
+        clipped: np.ndarray = np.clip(found, 0, len(self.slopes) - 1)
+        return clipped
 
     def curvature(self, piece: np.ndarray, travelled: np.ndarray) -> np.ndarray:
         """Curvature [1/m] so far into pieces [m]."""
