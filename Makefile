@@ -48,7 +48,7 @@ lint: $(VENV)/.installed-test  ## check style, format, the floors of imports and
 study-wheel: $(VENV)/.installed-test  ## long: wheel forces against an independent evaluation, 2,000 inputs
 	$(BIN)/python benchmarks/accuracy_wheel.py
 
-study-soak: $(VENV)/.installed-test  ## long: a million random steps
+study-soak: $(VENV)/.installed-test  ## long: a million random steps of vehicles, and a million of the environment
 	$(BIN)/python -m pytest -m study -k soak $(PYTEST_ARGS)
 
 speed: $(VENV)/.installed-test  ## speed, as ratios to other environments in the same run

@@ -28,6 +28,7 @@ from estimators.filters.whole_run import FilterRun, run_filter, with_course
 from estimators.logs import Log, commands_at, plant_of
 from estimators.logs.config import ImuSpec
 from estimators.logs.schema import IMU
+from estimators.logs.substitutes import substituted
 from estimators.models.half_car_on_map import CHANNELS, JointSettings
 from estimators.numerics.bounded import belief_of
 from offroad_env.errors import DataError, SolverFailure
@@ -58,6 +59,7 @@ _ROOM = 0.15
 #: A stamp may be this share of a period away from an even grid.
 _JITTER = 0.25
 _RATES = (50.0, 1000.0)  # [Hz]
+_MENDED = " - imu.rate: 100 Hz in the YAML brings it to one"
 #: Standard deviation of a satellite's velocity where the log does not state it [m/s].
 _VELOCITY_SD = 0.05
 #: Step of the model evidence [s]: its wheels follow the torque by a rule of the first order.
@@ -100,6 +102,7 @@ class LogEstimate:
     stated: BeliefHistory  #: as stated by the filter, given its model
     robust: RobustEstimate
     n_range: tuple[float, float]  #: where n was looked for [-]
+    notes: tuple[str, ...] = ()  #: what stood in for channels that were not measured
 
     def csv(self) -> str:
         """A line a sample under its heading; an empty nis = no update."""
@@ -137,28 +140,13 @@ def log_samples(log: Log) -> LogSamples:
         raise DataError(
             f"{log.name}: model {config.model} is driven by {drive}, but drivetrain is {config.drivetrain}"
         )
-    present = np.all([~np.isnan(log.channels[name]) for name in IMU], axis=0)
-    stamps = log.t[present]
-    if len(stamps) < 3:
-        raise DataError(f"{log.name}: has {len(stamps)} rows with all of {', '.join(IMU)}")
-    dt = float(np.median(np.diff(stamps)))
-    if not _RATES[0] - 1e-6 <= 1.0 / dt <= _RATES[1]:
-        raise DataError(f"{log.name}: the inertial unit has {1.0 / dt:.3g} Hz, a filter needs 50 to 1000 Hz")
-    # The steps' mean, not their median, so that stamps rounded to milliseconds do not drift off.
-    steps = np.round(np.diff(stamps) / dt)
-    dt = float((stamps[-1] - stamps[0]) / steps.sum())
-    row = np.round((stamps - stamps[0]) / dt).astype(int)
-    off = np.abs(stamps - stamps[0] - row * dt)
-    if off.max() > _JITTER * dt or len(np.unique(row)) < len(row):
-        worst = int(np.argmax(off))
-        raise DataError(
-            f"{log.name}: the inertial unit samples unevenly (at t = {stamps[worst]:.3f} s by "
-            f"{1e3 * off[worst]:.2g} ms of {1e3 * dt:.3g} ms): a filter steps at one rate"
-        )
+    stamps, row, dt = _even_stamps(log, log.times)
     T = int(row[-1]) + 1
     t = stamps[0] + dt * np.arange(T)
     place = _Placing(log, t[0], dt, T)
     radius = config.vehicle.r
+    # A sensor on one axle stands for both: only their mean is used.
+    axles = [name for name in ("omega_f", "omega_r") if name in log.channels] or ["omega_f"]
     imu = np.column_stack([place(name) for name in IMU])
     gnss, slide = _satellite(place)
     # A little late, so that rounding does not give a row the command that ends there.
@@ -169,11 +157,41 @@ def log_samples(log: Log) -> LogSamples:
         commands=np.vstack([inputs[:1], inputs[1::2]]),
         inputs=inputs,
         imu=imu,
-        rims=radius * np.column_stack([place("omega_f"), place("omega_r")]),
+        rims=radius * np.column_stack([place(axles[0]), place(axles[-1])]),
         gnss=gnss,
         slide=slide,
         missing=T - len(row),
     )
+
+
+def _even_stamps(log: Log, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """(stamps of the IMU [s], their rows on its even grid, step of the grid [s])."""
+    measured = [name for name in IMU if name in log.channels]
+    present = np.all([~np.isnan(log.channels[name]) for name in measured], axis=0)
+    stamps = t[present]
+    if len(stamps) < 3:
+        raise DataError(
+            f"{log.name}: has {len(stamps)} rows with all of {', '.join(measured)} - imu.rate: 100 Hz "
+            "in the YAML brings them to common rows"
+        )
+    dt = float(np.median(np.diff(stamps)))
+    if not _RATES[0] - 1e-6 <= 1.0 / dt <= _RATES[1]:
+        raise DataError(
+            f"{log.name}: the inertial unit has {1.0 / dt:.3g} Hz, a filter needs 50 to 1000 Hz{_MENDED}"
+        )
+    # The steps' mean, not their median, so that stamps rounded to milliseconds do not drift off.
+    steps = np.round(np.diff(stamps) / dt)
+    dt = float((stamps[-1] - stamps[0]) / steps.sum())
+    dt = min(dt, 1.0 / _RATES[0]) if dt < 1.0 / _RATES[0] + 1e-9 else dt  # rounded stamps
+    row = np.round((stamps - stamps[0]) / dt).astype(int)
+    off = np.abs(stamps - stamps[0] - row * dt)
+    if off.max() > _JITTER * dt or len(np.unique(row)) < len(row):
+        worst = int(np.argmax(off))
+        raise DataError(
+            f"{log.name}: the inertial unit samples unevenly (at t = {stamps[worst]:.3f} s by "
+            f"{1e3 * off[worst]:.2g} ms of {1e3 * dt:.3g} ms): a filter steps at one rate{_MENDED}"
+        )
+    return stamps, row, dt
 
 
 class _Placing:
@@ -294,7 +312,8 @@ def estimate_log(
     known = filter_id(name, LOG_FILTERS)
     if log.config.soil.rigid > 0.5:
         raise DataError(f"{log.name}: stands on hard ground, which has no sinkage exponent to estimate")
-    samples, plant = log_samples(log), plant_of(log)
+    complete, notes = substituted(log)
+    samples, plant = log_samples(complete), plant_of(log)
     around = plant.soil.n if n_prior is None else n_prior
     n_range = usable_range(plant, around)
     belief_of(around, sd, n_range[0] - _STEP, n_range[1] + _STEP)  # refuses a prior that is too wide
@@ -309,7 +328,7 @@ def estimate_log(
         history = replace(history, valid=innovations_consistent(history.nis, history.channels, run.dt))
     stated = replace(history, t=samples.t)
     robust = _robust(log, samples, plant, n_range, stated)
-    return LogEstimate(log=log.name, filter=known, stated=stated, robust=robust, n_range=n_range)
+    return LogEstimate(log=log.name, filter=known, stated=stated, robust=robust, n_range=n_range, notes=notes)
 
 
 def _pose(log: Log) -> Pose:
@@ -379,6 +398,9 @@ def _map_run(
         raise DataError(f"{log.name}: {name} needs a map, the ground is unknown - use one of the others")
     z = np.full((len(samples.t), len(CHANNELS)), math.nan)
     z[:, :5] = samples.imu
+    for i, name in enumerate(IMU):
+        if name not in log.channels:  # these filters need no substitute
+            z[:, i] = math.nan
     return FilterRun(
         plant=plant,
         dt=samples.dt,

@@ -23,6 +23,7 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "demo": ("demo", "Demo", "run everything once, write one HTML page"),
     "drive": ("drive", "Drive", "drive one episode: plot, video, window or log"),
     "estimate": ("estimate", "Estimate", "estimate the soil from logs of drives"),
+    "log": ("log", "LogTools", "logs of a vehicle of your own: template, check, draw"),
     "replay": ("replay", "ReplayCommand", "predict logs open loop with several models, side by side"),
     "identify": ("identify", "Identify", "which soil parameters a drive can tell apart"),
     "soil": ("soil", "SoilPlot", "force and sinkage curves of a soil; --list shows the catalogue"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -48,7 +49,7 @@ class List:
     def run(self) -> None:
         """Print every entry of the registry."""
         from offroad_env.errors import DataError
-        from offroad_env.world.datasets import DATASETS, locate
+        from offroad_env.world.datasets import DATASETS, UNPUBLISHED, locate
 
         found: dict[str, Path | None] = {}
         for name, dataset in DATASETS.items():
@@ -65,6 +66,11 @@ class List:
                 f"  file     {where}",
             ):
                 say(line)
+        own = os.environ.get("OFFROAD_DATA")
+        for name, title in UNPUBLISHED.items():
+            place = None if own is None else Path(own) / name
+            where = place if place is not None and place.is_dir() else "not on this machine (OFFROAD_DATA)"
+            say(f"{name}: {title}\n  published by nobody; logs as they are\n  file     {where}")
         if self.json is not None:
             content = {name: {"file": found[name], "dataset": dataset} for name, dataset in DATASETS.items()}
             write_json(self.json, content)
@@ -74,12 +80,13 @@ class List:
 class LogOf:
     """Write a measured data set in the log format of this project: data and description side by side.
 
-    The soil-bin trials are looked for where the other commands look for them; a drive of the 1:10 car
-    (data set f1tenth_indoor, github.com/AhmadAmine998/FrictionMaps) is given by its file.
+    The files are looked for where `offroad data get` puts them, and in OFFROAD_DATA. The drives of the 1:10
+    car
+    are written as published, with the mistakes that offroad log check finds, or with --corrected put right.
     """
 
     name: Positional[Literal["cmu_single_wheel", "f1tenth_indoor"]]  #: which data set
-    path: Positional[Path | None] = None  #: the published file; needed for f1tenth_indoor
+    path: Positional[Path | None] = None  #: a published file, or a drive: DS1, DS2, DS3; default: all
     corrected: bool = False  #: f1tenth_indoor: with the units and the mounting that the data show
     out: Path = Path("out")  #: folder for the log
 
@@ -87,21 +94,23 @@ class LogOf:
         """Read, write, say where."""
         from estimators.logs import write_log
 
-        log = self._read()
-        self.out.mkdir(parents=True, exist_ok=True)
-        say(f"log: {write_log(self.out / f'{log.name}.csv', log)}")
+        for log in self._read():
+            self.out.mkdir(parents=True, exist_ok=True)
+            say(f"log: {write_log(self.out / f'{log.name}.csv', log)}")
 
-    def _read(self) -> Log:
+    def _read(self) -> list[Log]:
         from estimators.logs import f1tenth_log
         from estimators.rig.cmu_soil_bin import cmu_rig_log
-        from offroad_env.errors import DataError
-        from offroad_env.world.datasets import locate
+        from offroad_env.world.datasets import DATASETS, locate
 
         if self.name == "cmu_single_wheel":
-            return cmu_rig_log(locate(self.name) if self.path is None else self.path)
-        if self.path is None:
-            raise DataError(f"{self.name}: name the file of the drive, DS1.csv, DS2.csv or DS3.csv")
-        return f1tenth_log(self.path, corrected=self.corrected)
+            return [cmu_rig_log(locate(self.name) if self.path is None else self.path)]
+        drives = DATASETS[self.name].drives
+        if self.path is not None and (self.path.is_file() or self.path.name not in drives):
+            return [f1tenth_log(self.path, corrected=self.corrected)]
+        folder = locate(self.name).parent
+        wanted = drives if self.path is None else (self.path.name,)
+        return [f1tenth_log(folder / f"{drive}.csv", corrected=self.corrected) for drive in wanted]
 
 
 #: What tyro parses for ``offroad data``.

@@ -48,7 +48,7 @@ class Drive(Results):
     picture: Path | None = None  #: also write a picture half way, .png (needs the extra view)
     video: Path | None = None  #: also write a video, .mp4 or .gif (needs the extra view)
     window: bool = False  #: watch it in a window (needs the extra view)
-    log: Path | None = None  #: also write the sensors' readings, .csv or .parquet with a .yaml beside it
+    log: Path | None = None  #: also write the sensors' readings, .csv, .parquet or .mcap with a .yaml
     log_ground: Literal["known", "unknown"] = "known"  #: whether that .yaml holds the ground
 
     @classmethod
@@ -67,8 +67,8 @@ class Drive(Results):
 
         if self.window and (self.video or self.picture):
             raise InvalidParameter("give --window, or --video and --picture, not both: a window shows itself")
-        if self.log is not None and self.log.suffix.lower() not in (".csv", ".parquet"):
-            raise InvalidParameter(f"log must end in .csv or .parquet, got {self.log}")
+        if self.log is not None and self.log.suffix.lower() not in (".csv", ".parquet", ".mcap"):
+            raise InvalidParameter(f"log must end in .csv, .parquet or .mcap, got {self.log}")
         if self.duration is not None and not 0.0 < self.duration <= _LONGEST:
             raise InvalidParameter(f"duration must be in (0, {_LONGEST:g}] s, got {self.duration:g}")
         try:

@@ -57,6 +57,8 @@ class Estimate(Results):
             report = quality(log)
             self._show_quality(report)
             result, reference = self._filter(log), _reference(log)
+            for note in result.notes:
+                say(f"note: {note}")
             rows.append((name, *_row(result, reference)))
             numbers.append(_numbers(result, reference) | {"quality": report.to_dict(), "hash": log.hash})
             self._write(result, reference, f"estimate_{name}_{self.filter}")
@@ -85,7 +87,8 @@ class Estimate(Results):
             say(f"{finding.severity}: {finding.sentence}")
         if report.problems and not self.accept:
             raise DataError(
-                f"{report.name}: {report.problems[0].sentence} - mend the log, or go on with --accept"
+                f"{report.name}: {report.problems[0].sentence} - offroad log check prints the line that "
+                "mends it; or go on with --accept"
             )
 
     def _filter(self, log: Log) -> LogEstimate:

@@ -15,7 +15,8 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
@@ -23,12 +24,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from estimators.logs.schema import REFERENCE, VEHICLE_COLUMNS, nearest
+from estimators.logs.file_keys import TimeKeys
+from estimators.logs.schema import REFERENCE, VEHICLE_INPUTS, nearest
 from estimators.logs.tables import Table, read_bytes
 from estimators.logs.yaml_sections import Section
 from offroad_env.errors import DataError
 
-__all__ = ["BAG_EXTRA", "Topics", "is_ros2_bag", "parse_topics", "read_bag"]
+__all__ = ["BAG_EXTRA", "Topics", "is_bag", "is_ros2_bag", "parse_topics", "read_bag", "topics_of"]
 
 BAG_EXTRA = 'reading ROS bags needs rosbags: pip install "offroad-bekker[data]"'
 
@@ -88,6 +90,11 @@ def is_ros2_bag(path: Path) -> bool:
     return (path / "metadata.yaml").is_file()
 
 
+def is_bag(path: Path) -> bool:
+    """Whether a file or folder holds messages of topics, not a table."""
+    return path.is_dir() or path.suffix.lower() in (".bag", ".mcap")
+
+
 def parse_topics(top: Section) -> Topics:
     """Take the keys that only a bag has, ``topics`` and ``clock``, out of the YAML.
 
@@ -113,8 +120,8 @@ def _sources(section: Section, key: str, value: Any) -> Iterable[_Source]:
         if not isinstance(value, str) or not value.startswith("/"):
             raise section.error(f"topics.{key} must be a topic such as /{key}, got {value!r}", key)
         return [_Source(column=c, topic=value, field=f, factor=k) for c, f, k in _SENSORS[key]]
-    if key == "t" or (key not in VEHICLE_COLUMNS and not key.startswith(REFERENCE)):
-        near = nearest(key, (*VEHICLE_COLUMNS, *_SENSORS))
+    if key == "t" or (key not in VEHICLE_INPUTS and not key.startswith(REFERENCE)):
+        near = nearest(key, (*VEHICLE_INPUTS, *_SENSORS))
         hint = f" - did you mean {near!r}?" if near else ""
         raise section.error(f"topics.{key}: a bag fills no such column{hint}", key)
     if isinstance(value, str) and len(value.split()) == 2:
@@ -131,8 +138,10 @@ def _sources(section: Section, key: str, value: Any) -> Iterable[_Source]:
     )
 
 
-def read_bag(path: Path, topics: Topics) -> tuple[Table, Digest]:
+def read_bag(path: Path, topics: Topics, time: TimeKeys) -> tuple[Table, Digest]:
     """All mapped columns of a bag, and the hash of its files so far.
+
+    ``time`` states whether messages of a topic may be out of order, or have one stamp.
 
     Raises
     ------
@@ -143,7 +152,9 @@ def read_bag(path: Path, topics: Topics) -> tuple[Table, Digest]:
     digest = hashlib.sha256()
     for file in sorted(path.iterdir()) if path.is_dir() else [path]:
         digest.update(read_bytes(file))
-    stamps = _messages(path, topics)
+    stamps = {
+        topic: _in_order(path, topic, messages, time) for topic, messages in _messages(path, topics).items()
+    }
     times = np.array(sorted(set().union(*(times for times, _ in stamps.values()))), dtype=np.int64)
     columns = {"t": (times - times[0]) * 1e-9}
     for source in topics.sources:
@@ -154,32 +165,51 @@ def read_bag(path: Path, topics: Topics) -> tuple[Table, Digest]:
     return Table(file=str(path), columns=columns, rows=np.arange(1, len(times) + 1)), digest
 
 
-def _messages(path: Path, topics: Topics) -> dict[str, tuple[list[int], dict[str, list[float]]]]:
-    """Per topic: stamps [ns] and values by column."""
+def topics_of(path: Path) -> dict[str, str]:
+    """Topics of a bag with the types of their messages.
+
+    Raises
+    ------
+    DataError
+        If rosbags is missing, or the bag is damaged.
+    """
+    with _opened(path) as reader:
+        return {topic: info.msgtype or "several types" for topic, info in reader.topics.items()}
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """A reader of the bag; whatever fails inside is said in one sentence."""
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise DataError(BAG_EXTRA) from None
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+            yield reader
+    except DataError:
+        raise
+    except Exception as error:  # a damaged bag fails anywhere inside the reader, in many ways
+        reason = " ".join(str(error).split())[:120]
+        raise DataError(f"{path}: cannot be read as a ROS bag: {reason or type(error).__name__}") from None
+
+
+def _messages(path: Path, topics: Topics) -> dict[str, tuple[list[int], dict[str, list[float]]]]:
+    """Per topic: stamps [ns] and values by column."""
     wanted = {
         source.topic: [s for s in topics.sources if s.topic == source.topic] for source in topics.sources
     }
     found: dict[str, tuple[list[int], dict[str, list[float]]]] = {
         topic: ([], {source.column: [] for source in sources}) for topic, sources in wanted.items()
     }
-    try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
-            _check_topics(reader, wanted, path, topics.section)
-            connections = [c for c in reader.connections if c.topic in wanted]
-            for connection, received, raw in reader.messages(connections=connections):
-                message = reader.deserialize(raw, connection.msgtype)
-                stamp = _stamp(message, received, topics.clock)
-                _store(path, message, stamp, wanted[connection.topic], found[connection.topic])
-    except DataError:
-        raise
-    except Exception as error:  # a damaged bag fails anywhere inside the reader, in many ways
-        reason = " ".join(str(error).split())[:120]
-        raise DataError(f"{path}: cannot be read as a ROS bag: {reason or type(error).__name__}") from None
+    with _opened(path) as reader:
+        _check_topics(reader, wanted, path, topics.section)
+        connections = [c for c in reader.connections if c.topic in wanted]
+        for connection, received, raw in reader.messages(connections=connections):
+            message = reader.deserialize(raw, connection.msgtype)
+            stamp = _stamp(message, received, topics.clock)
+            _store(path, message, stamp, wanted[connection.topic], found[connection.topic])
     for topic, (times, _) in found.items():
         if not times:
             raise DataError(f"{path}: topic {topic} holds no message")
@@ -215,12 +245,35 @@ def _store(
     times, columns = found
     for source in sources:
         where = f"{path}, topic {source.topic}, message {len(times) + 1}"
-        if times and stamp <= times[-1]:
-            how = "stands twice" if stamp == times[-1] else f"follows {times[-1] * 1e-9:.6f} s"
-            raise DataError(f"{where}: time must increase, but {stamp * 1e-9:.6f} s {how}")
         value = _value(message, source.field, where)
         columns[source.column].append(value * source.factor)
     times.append(stamp)
+
+
+def _in_order(
+    path: Path, topic: str, messages: tuple[list[int], dict[str, list[float]]], time: TimeKeys
+) -> tuple[list[int], dict[str, list[float]]]:
+    """Messages of a topic in the order of their stamps, one for each, as far as ``time`` allows."""
+    times, columns = messages
+    rows = list(range(len(times)))
+    if time.order != "refuse":
+        rows.sort(key=times.__getitem__)
+    kept = rows[:1]
+    for row in rows[1:]:
+        stamp, before = times[row], times[kept[-1]]
+        if stamp == before and time.repeated == "merge":
+            continue
+        if stamp <= before:
+            how = "stands twice" if stamp == before else f"follows {before * 1e-9:.6f} s"
+            mend = "time.repeated: merge" if stamp == before else "time.order: sort"
+            raise DataError(
+                f"{path}, topic {topic}, message {row + 1}: time must increase, but {stamp * 1e-9:.6f} s "
+                f"{how} ({mend} in the YAML mends it)"
+            )
+        kept.append(row)
+    return [times[row] for row in kept], {
+        name: [values[row] for row in kept] for name, values in columns.items()
+    }
 
 
 def _value(message: Any, field: str, where: str) -> float:

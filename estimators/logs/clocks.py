@@ -34,7 +34,7 @@ def pose_age(log: Log) -> float:
 
 def _turns(log: Log) -> tuple[_Series, _Series] | None:
     """The yaw rate by the gyro and by the change of the heading."""
-    if "yaw" not in log.channels:
+    if not {"yaw", "yaw_rate"} <= set(log.channels):
         return None
     t, yaw = log.samples("yaw")
     return log.samples("yaw_rate"), (0.5 * (t[1:] + t[:-1]), np.diff(unwrapped(yaw)) / np.diff(t))
@@ -70,20 +70,20 @@ def clock_findings(log: Log, untrusted: set[str]) -> list[Finding]:
 
 def _clock_pairs(log: Log, untrusted: set[str]) -> list[tuple[str, str, tuple[_Series, _Series]]]:
     """(first, second, series): two channels with the same motion, each as times and values."""
-    turns, rate = _turns(log), log.samples("yaw_rate")
+    turns = _turns(log)
     pairs = [] if turns is None else [("yaw_rate", "yaw", turns)]
     speed = next((name for name in ("v_x", "speed") if name in log.channels), None)
-    if speed is not None and "a_x" not in untrusted:
+    if speed is not None and "a_x" in log.channels and "a_x" not in untrusted:
         t, values = log.samples(speed)
         pairs.append(
             (speed, "a_x", ((0.5 * (t[1:] + t[:-1]), np.diff(values) / np.diff(t)), log.samples("a_x")))
         )
     # Wheel speed is accurate enough for the rate of turn, but not for a_x: a wheel spins up before it pulls.
     wheel = next((name for name in ("omega_r", "omega_f") if name in log.channels), None)
-    if wheel is None:
+    if wheel is None or "yaw_rate" not in log.channels:
         return pairs
     (t, omega), (steer_t, steer) = log.samples(wheel), log.samples("steer")
     steered = np.interp(steer_t, t, omega) * np.tan(steer)
     if np.ptp(steered) > 0.0 and len(steer_t) >= 4:
-        pairs.append(("steer", "yaw_rate", ((steer_t, steered), rate)))
+        pairs.append(("steer", "yaw_rate", ((steer_t, steered), log.samples("yaw_rate"))))
     return pairs

@@ -46,6 +46,9 @@ class ImuSpec:
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: from the CG: forward, left, up [m]
     sd_a: float  #: standard deviation of an acceleration sample [m/s^2]
     sd_rate: float  #: standard deviation of a rate sample [rad/s]
+    #: Rows: the vehicle's axes (forward, left, up) in the axes of the IMU as it was read; None: they agree.
+    orientation: tuple[tuple[float, float, float], ...] | None = None
+    rate: float | None = None  #: even rate to which the samples were brought [Hz]; None: as they are
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,3 +112,5 @@ class LogConfig:
     start: StartSpec = field(default_factory=StartSpec)
     unknown: tuple[str, ...] = ()  #: of `UNKNOWN`: what nobody has measured; a diagnosis does not judge it
     units: tuple[tuple[str, str], ...] = ()  #: (column, unit) that the file was read with
+    start_from_data: bool = False  #: whether the start is read off the first samples
+    notes: tuple[str, ...] = ()  #: what was taken in place of something else when the file was read

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import cast
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar, cast
 
 from estimators.logs.config import (
     RIGID_KEYS,
@@ -17,6 +17,7 @@ from estimators.logs.config import (
     TerrainSpec,
     Wave,
 )
+from estimators.logs.mounting import parse_orientation
 from estimators.logs.schema import nearest
 from estimators.logs.yaml_sections import Section
 from offroad_env.errors import DataError, InvalidParameter
@@ -24,6 +25,7 @@ from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.records import FourWheel, Soil, Vehicle, Wheel
 from offroad_env.simulation.simulator import MODELS
 from offroad_env.world.catalogue import Quantity
+from offroad_env.world.descriptions import read_soil, read_vehicle
 from offroad_env.world.four_wheel import FOUR_WHEEL_FIELDS, FourWheelFields, make_four_wheel
 from offroad_env.world.soils import make_soil
 from offroad_env.world.structures import read_structure
@@ -32,8 +34,12 @@ from offroad_env.world.yaml_text import shown
 
 __all__ = ["parse_config"]
 
+_Described = TypeVar("_Described")
+
 _DRIVETRAINS = ("force", "torque")
 _HOLDS = ("zoh", "linear")
+#: In place of the section ``start``: position, heading and speed of the first samples.
+_FROM_DATA = "log"
 _TERRAINS = ("paper", "flat", "unknown", "waves", "grid")
 _NEEDED_VEHICLE = ("m", "I_z", "I_y", "l_f", "l_r", "k_f", "k_r", "c_f", "c_r", "m_w", "r", "b")
 _NEEDED_SOIL = ("k_phi", "n", "c", "phi")
@@ -43,6 +49,7 @@ _SLIP = Quantity("in (-1, 1)", -1.0, 1.0, True, True, mistakes=((1.0, 100.0, "pe
 _ACCELERATION_SD = Quantity("in (0, 50] m/s^2", 0.0, 50.0, low_open=True)
 _RATE_SD = Quantity("in (0, 5] rad/s", 0.0, 5.0, low_open=True, mistakes=((5.0000001, 300.0, "deg/s"),))
 _POSITION_SD = Quantity("in (0, 100] m", 0.0, 100.0, low_open=True, mistakes=((100.0000001, 1e5, "mm"),))
+_IMU_RATE = Quantity("in [1, 1000] Hz", 1.0, 1000.0)
 _SPEED_SD = Quantity("in (0, 20] m/s", 0.0, 20.0, low_open=True)
 _ARM = Quantity("in [-10, 10] m", -10.0, 10.0, mistakes=((10.0000001, 1e4, "mm or cm given as m"),))
 _HEIGHT = Quantity("in [-2, 2] m", -2.0, 2.0, mistakes=((2.0000001, 2e3, "mm or cm given as m"),))
@@ -73,7 +80,8 @@ def parse_config(top: Section, *, rig: bool) -> LogConfig:
     if rig:
         config = _rig_config(top, units)
     else:
-        vehicle, four_wheel = _vehicle(top.section("vehicle"))
+        vehicle, four_wheel = _vehicle_of(top)
+        from_data = top.peek("start") == _FROM_DATA
         config = LogConfig(
             model=top.choice("model", MODELS),
             structure=_structure(top),
@@ -81,25 +89,18 @@ def parse_config(top: Section, *, rig: bool) -> LogConfig:
             slip=top.number("slip", _SLIP, 0.0),
             vehicle=vehicle,
             four_wheel=four_wheel,
-            soil=_soil(top.section("soil")),
+            soil=_soil_of(top),
             terrain=_terrain(top.section("terrain")),
             imu=_imu(top.section("imu")),
             gnss=_gnss(top),
             hold=_hold(top),
-            start=_start(top.section("start")),
+            start=_start(top),
+            start_from_data=from_data,
             unknown=_unknown(top),
             units=units,
         )
     top.finish()
     return config
-
-
-def _optional_section(top: Section, key: str) -> Section | None:
-    """A mapping that may be left out; asking makes the key known to the check of spellings."""
-    if key in top:
-        return top.section(key)
-    top.take(key, None)
-    return None
 
 
 def _structure(top: Section) -> str:
@@ -115,7 +116,7 @@ def _structure(top: Section) -> str:
 
 
 def _units(top: Section) -> tuple[tuple[str, str], ...]:
-    section = _optional_section(top, "units")
+    section = top.optional("units")
     if section is None:
         return ()
     pairs = section.rest()
@@ -148,7 +149,7 @@ def _rig_config(top: Section, units: tuple[tuple[str, str], ...]) -> LogConfig:
         body = top.section("vehicle")
         wheel = _wheel(body)
         body.rest()
-    soil = _soil(top.section("soil"))
+    soil = _soil_of(top)
     for name in ("drivetrain", "slip", "terrain", "imu", "gnss", "inputs", "start", "unknown"):
         top.take(name, None)  # harmless beside a wheel: the same YAML may serve a vehicle
     return LogConfig(model=model, structure=_structure(top), wheel=wheel, soil=soil, units=units)
@@ -167,6 +168,39 @@ def _wheel(section: Section) -> Wheel:
         return make_wheel(r=section.take("r"), b=section.take("b"))
     except InvalidParameter as error:
         raise _refused(section, error) from None
+
+
+def _vehicle_of(top: Section) -> tuple[Vehicle, FourWheel | None]:
+    """The vehicle: all keys, or a name of the catalogue, or a ``base`` with changes, or a file."""
+    given = top.peek("vehicle")
+    if isinstance(given, dict) and "base" not in given:
+        return _vehicle(top.section("vehicle"))
+    found = _described(top, "vehicle", read_vehicle)
+    return found.record, found.four_wheel
+
+
+def _soil_of(top: Section) -> Soil:
+    """The soil, in the same ways."""
+    given = top.peek("soil")
+    if isinstance(given, dict) and "base" not in given:
+        return _soil(top.section("soil"))
+    return _described(top, "soil", read_soil).record
+
+
+def _described(top: Section, key: str, read: Callable[[Any], _Described]) -> _Described:
+    """What a name, a file or a mapping with ``base`` describes, as everywhere in the project."""
+    value = top.take(key)
+    if isinstance(value, str) and value.lower().endswith((".yaml", ".yml")):
+        value = top.beside(value)
+    elif not isinstance(value, (str, dict)):
+        raise top.error(
+            f"{key} must be a name of the catalogue, or hold keys with values, got {shown(value)}", key
+        )
+    try:
+        return read(value)
+    except (InvalidParameter, DataError) as error:
+        sentence = str(error)
+        raise top.error(sentence if sentence.startswith(key) else f"{key}: {sentence}", key) from None
 
 
 def _vehicle(section: Section) -> tuple[Vehicle, FourWheel | None]:
@@ -272,20 +306,43 @@ def _wave(row: list[float]) -> Wave:
 def _imu(section: Section) -> ImuSpec:
     kinematic = section.flag("kinematic")
     position = section.triple("position", _ARM, (0.0, 0.0, 0.0))
+    orientation = parse_orientation(section)
     sd = section.section("sd")
     spec = ImuSpec(
         kinematic=kinematic,
         position=position,
         sd_a=sd.number("a", _ACCELERATION_SD),
         sd_rate=sd.number("rate", _RATE_SD),
+        orientation=orientation,
+        rate=_rate(section),
     )
     sd.finish()
     section.finish()
     return spec
 
 
+def _rate(section: Section) -> float | None:
+    """``imu.rate``: a number [Hz], or text with the unit."""
+    given = section.take("rate", None)
+    if given is None:
+        return None
+    number: Any = given
+    words = given.split() if isinstance(given, str) else []
+    if len(words) == 2 and words[1].lower() == "hz":
+        try:
+            number = float(words[0])
+        except ValueError:
+            number = given
+    if isinstance(number, str):
+        raise section.error(f"imu.rate must be a rate such as 100 Hz, got {shown(given)}", "rate")
+    try:
+        return _IMU_RATE.check("imu.rate", number)
+    except InvalidParameter as error:
+        raise section.error(str(error), "rate") from None
+
+
 def _gnss(top: Section) -> GnssSpec | None:
-    section = _optional_section(top, "gnss")
+    section = top.optional("gnss")
     if section is None:
         return None
     sd = section.section("sd")
@@ -298,7 +355,7 @@ def _gnss(top: Section) -> GnssSpec | None:
 
 
 def _hold(top: Section) -> str:
-    section = _optional_section(top, "inputs")
+    section = top.optional("inputs")
     if section is None:
         return "zoh"
     hold = section.choice("hold", _HOLDS, "zoh")
@@ -306,7 +363,11 @@ def _hold(top: Section) -> str:
     return hold
 
 
-def _start(section: Section) -> StartSpec:
+def _start(top: Section) -> StartSpec:
+    if top.peek("start") == _FROM_DATA:
+        top.take("start")
+        return StartSpec()
+    section = top.section("start")
     if "settled" in section and not section.flag("settled"):
         raise section.error("start.settled must be true, or left out where start.state is given", "settled")
     x = section.number("x", _PLACE, 0.0)

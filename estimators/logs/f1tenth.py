@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from estimators.logs.config import GnssSpec, ImuSpec, LogConfig, StartSpec, TerrainSpec
+from estimators.logs.csv_tables import parse_csv
 from estimators.logs.log import Log
 from estimators.logs.schema import unit_factor
-from estimators.logs.tables import parse_csv, read_bytes
+from estimators.logs.tables import read_bytes
 from estimators.logs.writing import content_hash
 from offroad_env.physics.records import Vehicle
 from offroad_env.world.soils import make_soil

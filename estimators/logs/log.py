@@ -10,7 +10,10 @@ from estimators.logs.config import ImuSpec, LogConfig
 from offroad_env.errors import DataError
 from offroad_env.physics.records import Vehicle, Wheel
 
-__all__ = ["Log"]
+__all__ = ["IMU_FIRST", "Log"]
+
+#: Channels of which the first one there is gives the rate of the IMU.
+IMU_FIRST = ("a_x", "a_y", "yaw_rate", "a_z", "pitch_rate")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,6 +63,20 @@ class Log:
         if self.config.wheel is None:
             raise DataError(f"{self.name}: is a vehicle log: it has no single wheel")
         return self.config.wheel
+
+    @property
+    def imu_times(self) -> np.ndarray:
+        """Times of the samples of the IMU [s]: of that of its channels which comes first in `IMU_FIRST`.
+
+        Raises
+        ------
+        DataError
+            If the log has none of them.
+        """
+        name = next((name for name in IMU_FIRST if name in self.channels), None)
+        if name is None:
+            raise DataError(f"{self.name}: has no channel of an IMU")
+        return self.samples(name)[0]
 
     @property
     def duration(self) -> float:

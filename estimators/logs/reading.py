@@ -11,33 +11,50 @@ from pathlib import Path
 import numpy as np
 
 from estimators.logs import bags
-from estimators.logs.config import LogConfig
+from estimators.logs.config import LogConfig, StartSpec
 from estimators.logs.config_parsing import parse_config
+from estimators.logs.csv_tables import numbers_of, parse_csv
+from estimators.logs.file_keys import FileKeys, parse_file_keys
 from estimators.logs.log import Log
+from estimators.logs.mounting import IMU_CHANNELS, at_even_rate, turned
+from estimators.logs.raw import derived
+from estimators.logs.row_order import blanked, check_time, named_columns, ordered
 from estimators.logs.schema import (
     DRIVE,
-    IMU,
+    RAW_COLUMNS,
     REFERENCE,
     RIG_COLUMNS,
-    UNITS,
-    VEHICLE_COLUMNS,
+    VEHICLE_INPUTS,
     Column,
-    find_unit,
     nearest,
-    unit_factor,
 )
-from estimators.logs.tables import Table, parse_csv, parse_parquet, read_bytes
+from estimators.logs.tables import Table, read_bytes, read_parquet
+from estimators.logs.unit_conversion import Conversion, conversion
 from estimators.logs.yaml_sections import Section
-from offroad_env.errors import DataError
+from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.world.yaml_text import parse_yaml
 
-__all__ = ["read_log", "read_logs"]
+__all__ = [
+    "assemble",
+    "check_path",
+    "find_description",
+    "parse_description",
+    "read_described",
+    "read_log",
+    "read_logs",
+    "read_table",
+]
 
-_FORMATS = (".csv", ".parquet", ".bag")
+_FORMATS = (".csv", ".parquet", ".bag", ".mcap")
 _ABOUT = "vehicle, soil, terrain, IMU and start"
 _RIG_RESULTS = ("drawbar", "side_force", "torque", "sinkage")
-#: Steps between rows that a vehicle log can have [s]; outside, time is in another unit.
-_STEP_RANGE = (1e-5, 1.0)
+#: A drive is commanded by a steering angle, or shows it in the speeds of its sides.
+_STEERED = ("steer",)
+#: Of these an IMU has at least one.
+_SENSED = ("a_x", "a_y", "yaw_rate", "gyro_x", "gyro_y", "gyro_z")
+_DRIVEN = (*DRIVE, *(name for name in RAW_COLUMNS if name.startswith(("omega", "torque"))))
+#: A stamp later than this counts from an epoch, not from the start of the log [s].
+_EPOCH = 1e7
 
 
 def read_log(path: str | PathLike[str]) -> Log:
@@ -46,12 +63,13 @@ def read_log(path: str | PathLike[str]) -> Log:
     Parameters
     ----------
     path
-        ``run.csv``, ``run.parquet``, a ROS 1 bag ``run.bag`` or the folder of a ROS 2 bag.
+        ``run.csv``, ``run.parquet``, ``run.mcap``, a ROS 1 bag ``run.bag`` or the folder of a ROS 2 bag.
 
     Returns
     -------
     Log
-        In SI units, ``units`` of the YAML applied; ``ref_*`` columns apart from the channels.
+        In SI units and the axes of the vehicle, as the YAML states those of the file; ``ref_*`` columns apart
+        from the channels.
 
     Raises
     ------
@@ -60,26 +78,56 @@ def read_log(path: str | PathLike[str]) -> Log:
         file, line and key of the YAML.
     """
     path = Path(path)
-    _check_path(path)
-    settings = _find_yaml(path)
-    file = str(settings)
-    digest: bags.Digest
-    description = read_bytes(settings)
+    check_path(path)
+    settings = find_description(path)
+    return read_described(path, read_bytes(settings), str(settings))
+
+
+def read_described(path: Path, description: bytes, file: str) -> Log:
+    """Read one run with the content of its YAML, whose name is ``file``.
+
+    Raises
+    ------
+    DataError
+        As `read_log`.
+    """
+    top = parse_description(description, file)
+    keys = parse_file_keys(top)
+    table, digest = read_table(path, top, keys)
+    digest.update(b"\0" + description)
+    return assemble(table, top, keys, path.stem, digest.hexdigest())
+
+
+def parse_description(description: bytes, file: str) -> Section:
+    """The YAML's top mapping.
+
+    Raises
+    ------
+    DataError
+        For what is no YAML, with the line.
+    """
     try:
         text = description.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise DataError(f"{file}: is not UTF-8 text") from None
-    if path.is_dir() or path.suffix.lower() == ".bag":
-        top = Section(*parse_yaml(text, file, about=_ABOUT), file)
-        table, digest = bags.read_bag(path, bags.parse_topics(top))
-    else:
-        content = read_bytes(path)
-        parse = parse_parquet if path.suffix.lower() == ".parquet" else parse_csv
-        table = parse(content, str(path))
-        digest = hashlib.sha256(content)
-        top = Section(*parse_yaml(text, file, about=_ABOUT), file)
-    digest.update(b"\0" + description)
-    return _assemble(table, top, path.stem, digest.hexdigest())
+    return Section(*parse_yaml(text, file, about=_ABOUT, dotted=True), file)
+
+
+def read_table(path: Path, top: Section, keys: FileKeys) -> tuple[Table, bags.Digest]:
+    """Columns of the file under its own names, and the hash of its content.
+
+    Raises
+    ------
+    DataError
+        With file, column and row.
+    """
+    if bags.is_bag(path):
+        return bags.read_bag(path, bags.parse_topics(top), keys.time)
+    content = read_bytes(path)
+    digest: bags.Digest = hashlib.sha256(content)
+    if path.suffix.lower() == ".parquet":
+        return read_parquet(content, str(path), numbers_of, keys.unread), digest
+    return parse_csv(content, str(path), keys.csv, unread=keys.unread, time=keys.time_column), digest
 
 
 def read_logs(paths: Iterable[str | PathLike[str]]) -> list[Log]:
@@ -111,7 +159,13 @@ def read_logs(paths: Iterable[str | PathLike[str]]) -> list[Log]:
 # ------------------------------------------------------------------ files
 
 
-def _check_path(path: Path) -> None:
+def check_path(path: Path) -> None:
+    """Refuse what cannot be the data of a log.
+
+    Raises
+    ------
+    DataError
+    """
     if not path.exists():
         folder = path.parent
         others = [p.name for p in folder.iterdir() if p.suffix in _FORMATS] if folder.is_dir() else []
@@ -126,10 +180,19 @@ def _check_path(path: Path) -> None:
     if suffix in (".yaml", ".yml"):
         raise DataError(f"{path}: is the description of a log: give the CSV, Parquet or bag file beside it")
     if suffix not in _FORMATS:
-        raise DataError(f"{path}: a log is named .csv, .parquet or .bag, got {suffix or 'no ending'!r}")
+        raise DataError(
+            f"{path}: a log is named .csv, .parquet, .bag or .mcap, got {suffix or 'no ending'!r}"
+        )
 
 
-def _find_yaml(path: Path) -> Path:
+def find_description(path: Path) -> Path:
+    """The YAML beside the data.
+
+    Raises
+    ------
+    DataError
+        If there is none, or two.
+    """
     base = path if path.is_dir() else path.with_suffix("")
     candidates = [base.with_name(base.name + ending) for ending in (".yaml", ".yml")]
     present = [candidate for candidate in candidates if candidate.is_file()]
@@ -138,7 +201,7 @@ def _find_yaml(path: Path) -> Path:
     if not present:
         raise DataError(
             f"{path}: its description {candidates[0].name} is missing: a log needs a YAML of the same name "
-            "(vehicle, soil, terrain, imu, start)"
+            "(vehicle, soil, terrain, imu, start): offroad log template VEHICLE writes one"
         )
     return present[0]
 
@@ -146,41 +209,105 @@ def _find_yaml(path: Path) -> Path:
 # ------------------------------------------------------------------ columns
 
 
-def _assemble(table: Table, top: Section, name: str, digest: str) -> Log:
-    """Check columns and description against each other and make the log."""
-    rig = _is_rig(table)
-    known = RIG_COLUMNS if rig else VEHICLE_COLUMNS
-    _check_names(table, known, rig)
+def assemble(table: Table, top: Section, keys: FileKeys, name: str, digest: str) -> Log:
+    """Check columns and description against each other and make the log.
+
+    Raises
+    ------
+    DataError
+        As `read_log`.
+    """
+    named = named_columns(table, keys)
+    rig = _is_rig(named)
+    known = RIG_COLUMNS if rig else VEHICLE_INPUTS
+    _check_names(named, known, rig)
     config = parse_config(top, rig=rig)
-    factors = _factors(table, known, config, top)
+    named = ordered(named, keys.time)
+    channels, references = _converted(named, known, config, keys, top)
+    t = channels.pop("t", None)
+    if t is None:
+        _check_loads(named, channels)
+    else:
+        check_time(named, t)
+        channels = blanked(named, t, channels, keys.blank)
+        channels, notes = derived(named, t, channels, config.vehicle)
+        config = replace(config, notes=notes)
+        config = _with_drive_share(config, channels, top)
+        t, channels, references = _mounted(t, channels, references, config)
+        _check_drive(named, channels, config)
+        config = _started(config, channels)
+    for values in (*channels.values(), *references.values(), *(() if t is None else (t,))):
+        values.flags.writeable = False
+    return Log(name=name, t=t, channels=channels, references=references, config=config, hash=digest)
+
+
+def _converted(
+    table: Table, known: Mapping[str, Column], config: LogConfig, keys: FileKeys, top: Section
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """(channels, references) in SI, with the signs of a log; impossible values are refused."""
+    conversions = _conversions(table, known, config, top)
+    for column in keys.signs:
+        if column not in table.columns:
+            raise top.error(f"signs.{column}: the log has no such column", f"signs.{column}")
     channels: dict[str, np.ndarray] = {}
     references: dict[str, np.ndarray] = {}
     for column, values in table.columns.items():
-        if column in factors:
-            with np.errstate(over="ignore"):  # infinity is refused below, with its row
-                values = values * factors[column]
-        values.flags.writeable = False
+        with np.errstate(over="ignore"):  # infinity is refused below, with its row
+            if (found := conversions.get(column)) is not None:
+                values = values * found.factor + found.shift
+            if column in keys.signs:
+                values = keys.signs[column] * values
         if column.startswith(REFERENCE):
             references[column] = values
         else:
             _check_values(table, known[column], values)
             channels[column] = values
-    t = channels.pop("t", None)
-    if t is not None:
-        _check_time(table, t)
-        _check_drive(table, channels, config)
-        config = _with_drive_share(config, channels, top)
-    elif not (channels["load"][~np.isnan(channels["load"])] > 0.0).all():
-        first = int(np.argmax(channels["load"] <= 0.0))
-        raise table.error(
-            f"a wheel load is positive, got {channels['load'][first]:g} N", column="load", index=first
-        )
-    return Log(name=name, t=t, channels=channels, references=references, config=config, hash=digest)
+    return channels, references
+
+
+def _mounted(
+    t: np.ndarray, channels: dict[str, np.ndarray], references: dict[str, np.ndarray], config: LogConfig
+) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Time from about zero, and the IMU in the axes of the vehicle and at the rate that the YAML asks for."""
+    if abs(t[0]) > _EPOCH:
+        t = t - t[0]
+    imu = config.imu
+    if imu is None:
+        return t, channels, references
+    if imu.orientation is not None:
+        channels = turned(channels, imu.orientation)
+    if imu.rate is not None and any(name in channels for name in IMU_CHANNELS):
+        t, both = at_even_rate(t, {**channels, **references}, imu.rate)
+        channels, references = ({name: both[name] for name in part} for part in (channels, references))
+    return t, channels, references
+
+
+def _started(config: LogConfig, channels: Mapping[str, np.ndarray]) -> LogConfig:
+    """The description with a start from the first samples, where it asks for one."""
+    if not config.start_from_data or config.vehicle is None:
+        return config
+    first = {name: float(values[~np.isnan(values)][0]) for name, values in channels.items()}
+    rims = [config.vehicle.r * first[name] for name in ("omega_r", "omega_f") if name in first]
+    speed = next((first[name] for name in ("v_x", "speed") if name in first), rims[0] if rims else 0.0)
+    start = StartSpec(
+        x=first.get("x", 0.0),
+        y=first.get("y", 0.0),
+        yaw=first.get("yaw", first.get("course", 0.0)),
+        v_x=speed,
+    )
+    return replace(config, start=start)
+
+
+def _check_loads(table: Table, channels: Mapping[str, np.ndarray]) -> None:
+    load = channels["load"]
+    if not (load[~np.isnan(load)] > 0.0).all():
+        first = int(np.argmax(load <= 0.0))
+        raise table.error(f"a wheel load is positive, got {load[first]:g} N", column="load", index=first)
 
 
 def _is_rig(table: Table) -> bool:
     names = set(table.columns)
-    rig, vehicle = names & set(RIG_COLUMNS), names & set(VEHICLE_COLUMNS)
+    rig, vehicle = names & set(RIG_COLUMNS), names & set(VEHICLE_INPUTS)
     if rig and vehicle:
         raise table.error(
             f"mixes columns of a wheel rig ({', '.join(sorted(rig))}) and of a vehicle "
@@ -197,25 +324,36 @@ def _is_rig(table: Table) -> bool:
 def _check_names(table: Table, known: Mapping[str, Column], rig: bool) -> None:
     names = [name for name in table.columns if not name.startswith(REFERENCE)]
     unknown = [name for name in names if name not in known]
-    for wanted in ("slip", "load") if rig else ("t", "steer", *IMU):
-        if wanted not in names:
+    for wanted in ("slip", "load") if rig else ("t", *_STEERED):
+        given = names if wanted != "steer" or "omega_left" not in names else [*names, "steer"]
+        if wanted not in given:
             near = next((name for name in unknown if nearest(name, [wanted])), None)
-            hint = f" - is it {near!r}?" if near else ""
+            hint = f" - is it {near!r}? Then columns: {{{wanted}: {near}}} in the YAML" if near else ""
+            if wanted == "t":
+                hint = hint or " - columns.t: 100 Hz in the YAML numbers the rows at a rate"
             raise table.error(f"the column is missing{hint}", column=wanted)
-    group, title = (_RIG_RESULTS, "results") if rig else (DRIVE, "drive inputs")
-    if not set(group) & set(names):
-        raise table.error(f"needs one of the columns {', '.join(group)} ({title}), has none")
     if unknown:
         near = nearest(unknown[0], known)
         hint = (
             f"did you mean {near!r}?" if near else f"name it {REFERENCE}{unknown[0]} to keep it for looking"
         )
-        raise table.error(f"a log has no such column - {hint}", column=unknown[0])
+        raise table.error(
+            f"a log has no such column - {hint} (or list it under columns.ignore in the YAML)",
+            column=unknown[0],
+        )
+    if not rig and not set(_SENSED) & set(names):
+        raise table.error("the column is missing, and so are a_y and yaw_rate: no IMU at all", column="a_x")
+    group, title = (_RIG_RESULTS, "results") if rig else (_DRIVEN, "drive inputs")
+    if not set(group) & set(names):
+        shown = _RIG_RESULTS if rig else DRIVE
+        raise table.error(f"needs one of the columns {', '.join(shown)} ({title}), has none")
 
 
-def _factors(table: Table, known: Mapping[str, Column], config: LogConfig, top: Section) -> dict[str, float]:
-    """What each column named under ``units`` is multiplied by; SI columns stay bit for bit."""
-    factors = {}
+def _conversions(
+    table: Table, known: Mapping[str, Column], config: LogConfig, top: Section
+) -> dict[str, Conversion]:
+    """How each column named under ``units`` is converted; SI columns stay bit for bit."""
+    found = {}
     for column, unit in config.units:
         if column not in table.columns:
             near = nearest(column, table.columns)
@@ -224,16 +362,15 @@ def _factors(table: Table, known: Mapping[str, Column], config: LogConfig, top: 
         plain = column.removeprefix(REFERENCE)
         if plain not in known:
             raise top.error(f"units.{column}: reference columns stay as they are", f"units.{column}")
-        dimension = known[plain].dimension
-        found = find_unit(unit, dimension)
-        if found is None:
-            allowed = ", ".join(UNITS[dimension])
-            raise top.error(
-                f"units.{column} must be a unit of {dimension} ({allowed}), got {unit!r}", f"units.{column}"
-            )
-        if (factor := unit_factor(found, dimension)) != 1.0:
-            factors[column] = factor
-    return factors
+        try:
+            own = conversion(unit, known[plain])
+        except InvalidParameter as error:
+            raise top.error(f"units.{column} {error}", f"units.{column}") from None
+        if own.over_radius and config.vehicle is not None:
+            own = own._replace(factor=own.factor / config.vehicle.r)
+        if own.factor != 1.0 or own.shift != 0.0:
+            found[column] = own
+    return found
 
 
 def _check_values(table: Table, column: Column, values: np.ndarray) -> None:
@@ -253,28 +390,6 @@ def _check_values(table: Table, column: Column, values: np.ndarray) -> None:
         likely = f" - {column.mistake}? Name the unit under units in the YAML" if column.mistake else ""
         unit = "" if column.unit == "-" else f" {column.unit}"
         raise table.error(f"{values[i]:g}{unit} is impossible{likely}", column=name, index=i)
-
-
-def _check_time(table: Table, t: np.ndarray) -> None:
-    missing = np.isnan(t)
-    if missing.any():
-        raise table.error("a row without time", column="t", index=int(np.argmax(missing)))
-    if len(t) < 2:
-        raise table.error("is one row only: a run needs at least two", column="t", index=0)
-    step = np.diff(t)
-    if not (step > 0.0).all():
-        i = int(np.argmax(step <= 0.0)) + 1
-        how = "stands twice" if t[i] == t[i - 1] else f"follows {t[i - 1]:g} s"
-        raise table.error(f"time must increase, but {t[i]:g} s {how}", column="t", index=i)
-    low, high = _STEP_RANGE
-    typical = float(np.median(step))
-    if not low <= typical < high:
-        unit = "another unit (ms, us, ns)" if typical >= high else "another unit (min)"
-        raise table.error(
-            f"rows are {typical:g} s apart: {unit} given as s? Name it under units in the YAML",
-            column="t",
-            index=1,
-        )
 
 
 def _check_drive(table: Table, channels: dict[str, np.ndarray], config: LogConfig) -> None:

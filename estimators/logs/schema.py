@@ -9,15 +9,19 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 __all__ = [
+    "ALL_COLUMNS",
     "DRIVE",
     "IMU",
+    "RAW_COLUMNS",
     "REFERENCE",
     "RIG_COLUMNS",
     "UNITS",
     "VEHICLE_COLUMNS",
+    "VEHICLE_INPUTS",
     "Column",
     "find_unit",
     "nearest",
+    "plain_unit",
     "unit_factor",
 ]
 
@@ -62,13 +66,15 @@ UNITS = MappingProxyType(
             "mm/s": 1e-3, "ft/s": 0.3048,
         },
         "ratio": {"-": 1.0, "%": 1e-2},
+        "latitude": {"deg": 1.0, "rad": 1.0 / _TURN, "1e-7 deg": 1e-7},
     }
 )  # fmt: skip
 
 _SPELLINGS = MappingProxyType(
     {
         "degrees": "deg", "degree": "deg", "dps": "deg/s", "radians": "rad", "radian": "rad",
-        "kph": "km/h", "km/hr": "km/h", "mps": "m/s", "hz": "rev/s", "1/min": "rpm", "rev/min": "rpm",
+        "kph": "km/h", "km/hr": "km/h", "kmh": "km/h", "nm": "n m", "mps": "m/s", "hz": "rev/s",
+        "1/min": "rpm", "rev/min": "rpm",
         "gs": "g", "g0": "g", "milli-g": "mg", "sec": "s", "seconds": "s", "m/s2": "m/s^2", "m/s/s": "m/s^2",
         "m/s**2": "m/s^2", "cm/s2": "cm/s^2", "ft/s2": "ft/s^2", "percent": "%", "knots": "kn", "inch": "in",
         "meter": "m", "metre": "m", "meters": "m", "metres": "m", "newton": "n", "usec": "us", "msec": "ms",
@@ -115,6 +121,38 @@ VEHICLE_COLUMNS = _table(
     )
 )
 
+_WHEEL, _GYRO = "wheel speed, {}", "rate about the {} axis of the IMU by the right hand"
+
+#: Columns that a file may have in place of those of a log, which are computed from them
+#: (`estimators.logs.raw`).
+RAW_COLUMNS = _table(
+    (
+        ("gyro_x", "angular rate", 1e3, "deg/s given as rad/s, or " + _COUNTS, _GYRO.format("x")),
+        ("gyro_y", "angular rate", 1e3, "deg/s given as rad/s, or " + _COUNTS, _GYRO.format("y")),
+        ("gyro_z", "angular rate", 1e3, "deg/s given as rad/s, or " + _COUNTS, _GYRO.format("z")),
+        ("q_w", "ratio", 1.1, "", "attitude as a quaternion, real part"),
+        ("q_x", "ratio", 1.1, "", "attitude as a quaternion, x"),
+        ("q_y", "ratio", 1.1, "", "attitude as a quaternion, y"),
+        ("q_z", "ratio", 1.1, "", "attitude as a quaternion, z"),
+        ("latitude", "latitude", 90.0, "degrees and minutes given as degrees", "north positive"),
+        ("longitude", "latitude", 360.0, "degrees and minutes given as degrees", "east positive"),
+        ("omega", "angular rate", 1e4, _COUNTS, _WHEEL.format("mean of all")),
+        ("omega_fl", "angular rate", 1e4, _COUNTS, _WHEEL.format("front left")),
+        ("omega_fr", "angular rate", 1e4, _COUNTS, _WHEEL.format("front right")),
+        ("omega_rl", "angular rate", 1e4, _COUNTS, _WHEEL.format("rear left")),
+        ("omega_rr", "angular rate", 1e4, _COUNTS, _WHEEL.format("rear right")),
+        ("omega_left", "angular rate", 1e4, _COUNTS, _WHEEL.format("mean of the left side")),
+        ("omega_right", "angular rate", 1e4, _COUNTS, _WHEEL.format("mean of the right side")),
+        ("torque_total", "torque", 1e6, "", "torque at all wheels"),
+        ("torque_fl", "torque", 1e6, "", "torque at the front left wheel"),
+        ("torque_fr", "torque", 1e6, "", "torque at the front right wheel"),
+        ("torque_rl", "torque", 1e6, "", "torque at the rear left wheel"),
+        ("torque_rr", "torque", 1e6, "", "torque at the rear right wheel"),
+    )
+)
+#: All columns that the file of a vehicle may have.
+VEHICLE_INPUTS = MappingProxyType({**VEHICLE_COLUMNS, **RAW_COLUMNS})
+
 #: Columns of a wheel-rig log, one row a steady trial. `condition` labels repeats of one setting.
 RIG_COLUMNS = _table(
     (
@@ -129,8 +167,13 @@ RIG_COLUMNS = _table(
     )
 )
 
-IMU = ("a_x", "a_y", "a_z", "pitch_rate", "yaw_rate")  #: a vehicle log has these; roll_rate if it can
-DRIVE = ("omega_f", "omega_r", "drive_force", "torque_f", "torque_r")  #: and at least one of these
+#: All columns that a file may have.
+ALL_COLUMNS = MappingProxyType({**VEHICLE_INPUTS, **RIG_COLUMNS})
+
+#: Channels of a complete IMU, besides roll_rate. A log may lack some of them.
+IMU = ("a_x", "a_y", "a_z", "pitch_rate", "yaw_rate")
+#: A vehicle log has at least one of these.
+DRIVE = ("omega_f", "omega_r", "drive_force", "torque_f", "torque_r")
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
@@ -141,7 +184,7 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
     return table[found[0]] if found else None
 
 
-def _plain(unit: str) -> str:
+def plain_unit(unit: str) -> str:
     """One spelling of a unit: no spaces or dots, lower case, ASCII."""
     text = unit.strip().lower().replace("²", "^2").replace("°", "deg").replace("µ", "u").replace("μ", "u")
     for sign in (" ", "·", "*", "."):
@@ -151,8 +194,8 @@ def _plain(unit: str) -> str:
 
 def find_unit(unit: str, dimension: str) -> str | None:
     """The name in `UNITS` that ``unit`` is a spelling of, or None if it measures something else."""
-    wanted = _plain(unit)
-    return next((name for name in UNITS[dimension] if _plain(name) == _plain(wanted)), None)
+    wanted = plain_unit(unit)
+    return next((name for name in UNITS[dimension] if plain_unit(name) == wanted), None)
 
 
 def unit_factor(unit: str, dimension: str) -> float:

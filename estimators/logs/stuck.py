@@ -68,6 +68,8 @@ def _changes(log: Log, name: str, value: float, span: tuple[float, float], outsi
 
 def _within(log: Log, name: str, span: tuple[float, float]) -> np.ndarray:
     """Samples of a channel over a span [s]; one zero where it has none."""
+    if name not in log.channels:
+        return np.zeros(1)
     t, values = log.samples(name)
     inside = values[(t >= span[0]) & (t <= span[1])]
     return inside if len(inside) else np.zeros(1)

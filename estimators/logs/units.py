@@ -20,6 +20,8 @@ from offroad_env.physics.numerics import GRAVITY
 __all__ = ["Check", "Finding", "suspicions"]
 
 _DEGREES = math.degrees(1.0)
+#: Units of an acceleration by the factor that they give.
+_ACCELERATIONS = {"g": 1.0 / GRAVITY, "mg": 1000.0 / GRAVITY}
 _CLEAR = 0.8  # correlation from which two signals count as the same motion
 
 
@@ -196,6 +198,14 @@ def _heading_laws(windows: Windows, speed: np.ndarray | None, judge: _Judge) -> 
             (fast,),
         ),
     ]
+    laws.append(
+        _Law(
+            "yaw_rate against the change of course",
+            "course",
+            _compare(rate, windows.slope("course", angle=True)),
+            (_Candidate(1.0 / _DEGREES, "course", "deg"),),
+        )
+    )
     if speed is not None and steer is not None:
         vehicle = windows.log.vehicle
         steered = speed * steer / (vehicle.l_f + vehicle.l_r)
@@ -285,6 +295,8 @@ def _speed_laws(windows: Windows, judge: _Judge) -> None:
 
 def _gravity(log: Log, judge: _Judge) -> str | None:
     """Mean of a_z against what an accelerometer must feel; returns the unit that it points to."""
+    if "a_z" not in log.channels:
+        return None
     _, values = log.samples("a_z")
     mean = float(np.median(values))
     kinematic = log.imu.kinematic
@@ -351,9 +363,10 @@ def _acceleration_laws(
         seen = _compare(a_x if name == "a_x" else a_y, signal, centred=True)
         if turned and seen is not None:
             seen = seen._replace(factor=abs(seen.factor), correlation=abs(seen.correlation))
-        judge.weigh(_Law(f"{name} against {title}", name, seen, (_Candidate(1.0 / GRAVITY, name, "g"),)))
+        units = [_Candidate(factor, name, unit) for unit, factor in _ACCELERATIONS.items()]
+        judge.weigh(_Law(f"{name} against {title}", name, seen, tuple(units)))
     for name in ("a_x", "a_y"):
-        if gravity_unit is not None and not judge.suspects(name):
+        if gravity_unit is not None and name in windows.log.channels and not judge.suspects(name):
             judge.add(
                 Finding(
                     kind="unit",

@@ -9,22 +9,26 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from estimators.logs.config_writing import config_yaml
+from estimators.logs.csv_tables import csv_text
 from estimators.logs.log import Log
-from estimators.logs.tables import csv_text, parquet_bytes
+from estimators.logs.mcap import mcap_bytes, mcap_topics
+from estimators.logs.tables import parquet_bytes
 from offroad_env.errors import DataError
 
 __all__ = ["content_hash", "write_log"]
 
 
 def write_log(path: str | PathLike[str], log: Log) -> Path:
-    """Write a log and its YAML; reading them back gives the same numbers bit for bit.
+    """Write a log and its YAML; reading them back gives the same numbers bit for bit
+    (stamps of an MCAP file to the nanosecond, from zero).
 
     Parameters
     ----------
     path
-        ``run.csv`` or ``run.parquet``; ``run.yaml`` comes beside it. Existing files are replaced.
+        ``run.csv``, ``run.parquet`` or ``run.mcap``; ``run.yaml`` comes beside it. Files are replaced.
 
     Returns
     -------
@@ -37,8 +41,12 @@ def write_log(path: str | PathLike[str], log: Log) -> Path:
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix not in (".csv", ".parquet"):
-        raise DataError(f"{path}: a log is written as .csv or .parquet, got {suffix or 'no ending'!r}")
+    if suffix not in (".csv", ".parquet", ".mcap"):
+        raise DataError(f"{path}: a log is written as .csv, .parquet or .mcap, got {suffix or 'no ending'!r}")
+    if suffix == ".mcap":
+        text = config_yaml(log.config) + yaml.safe_dump({"topics": mcap_topics(log)}, sort_keys=False)
+        _replace_both(((path.with_suffix(".yaml"), text.encode()), (path, mcap_bytes(log))))
+        return path
     columns = _columns(log)
     content = parquet_bytes(columns) if suffix == ".parquet" else csv_text(columns).encode()
     # The description first: whoever sees the data file sees a whole log.

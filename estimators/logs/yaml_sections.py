@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, TypeVar, overload
 
 from estimators.logs.schema import nearest
@@ -9,7 +10,16 @@ from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.world.catalogue import Quantity
 from offroad_env.world.yaml_text import shown
 
-__all__ = ["Section"]
+__all__ = ["KeyedError", "Section"]
+
+
+class KeyedError(DataError):
+    """A refusal of a value in the YAML, with the path of its key (``"vehicle.m"``)."""
+
+    def __init__(self, sentence: str, path: str) -> None:
+        super().__init__(sentence)
+        self.path = path
+
 
 _REQUIRED = object()
 _Default = TypeVar("_Default")
@@ -34,7 +44,12 @@ class Section:
         full = ".".join(part for part in (self._path, key) if part)
         line = self._lines.get(full, self._lines.get(self._path))
         where = self._file if line is None else f"{self._file}, line {line}"
-        return DataError(f"{where}: {sentence}")
+        return KeyedError(f"{where}: {sentence}", full)
+
+    def beside(self, file: str) -> str:
+        """The path of a file that is named relative to this one's folder."""
+        path = Path(self._file).parent / file
+        return str(path) if path.is_file() else file
 
     def name(self, key: str) -> str:
         """The key with the sections that contain it."""
@@ -54,12 +69,23 @@ class Section:
             raise self.error(f"{self.name(key)} has no value", key)
         return value
 
+    def peek(self, key: str) -> Any:
+        """Value of a key without taking it; None where it is not there."""
+        return self._rest.get(key)
+
     def section(self, key: str) -> Section:
         """A mapping below this one; must be there."""
         value = self.take(key)
         if not isinstance(value, dict):
             raise self.error(f"{self.name(key)} must hold keys with values, got {shown(value)}", key)
         return Section(value, self._lines, self._file, self.name(key))
+
+    def optional(self, key: str) -> Section | None:
+        """A mapping that may be left out; asking makes the key known to the check of spellings."""
+        if key in self:
+            return self.section(key)
+        self.take(key, None)
+        return None
 
     @overload
     def number(self, key: str, quantity: Quantity) -> float: ...
@@ -102,9 +128,9 @@ class Section:
             raise self.error(f"{self.name(key)} must be one of {names}, got {shown(value)}{hint}", key)
         return value
 
-    def flag(self, key: str) -> bool:
+    def flag(self, key: str, default: object = _REQUIRED) -> bool:
         """True or false."""
-        value = self.take(key)
+        value = self.take(key, default)
         if not isinstance(value, bool):
             raise self.error(f"{self.name(key)} must be true or false, got {shown(value)}", key)
         return value

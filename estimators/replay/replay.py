@@ -16,6 +16,7 @@ from estimators.discrepancy.model.windows import stretches_of
 from estimators.logs.log import Log
 from estimators.logs.schema import REFERENCE
 from estimators.logs.signals import uninterrupted
+from estimators.logs.substitutes import substituted
 from estimators.replay.inputs import input_rows
 from estimators.replay.planar_smoother import V_X, V_Y, YAW, PlanarMotion, X, Y, smooth_motion
 from estimators.replay.prediction import Predicted, predict_windows
@@ -91,9 +92,9 @@ def grid_of(log: Log) -> np.ndarray:
     DataError
         For a log of fewer than two samples.
     """
-    times = log.samples("a_x")[0]
+    times = log.imu_times
     if len(times) < 2:
-        raise DataError(f"{log.name}: has {len(times)} samples of a_x; a replay needs a drive")
+        raise DataError(f"{log.name}: has {len(times)} samples of its IMU; a replay needs a drive")
     step = round(float(np.clip(np.median(np.diff(times)), _FINEST, _COARSEST)), 6)
     count = math.floor((times[-1] - times[0]) / step + 1e-6)
     return np.asarray(times[0] + step * np.arange(count + 1))
@@ -140,6 +141,9 @@ def _reality(log: Log, motion: PlanarMotion) -> Reality:
             found[name] = np.array(kept) if name == "position" else kept[0]
     values = {name: motion.states[:, i] for name, i in _SMOOTHED.items()}
     values |= {name: getattr(motion, name) for name in ("yaw_rate", "omega_f", "omega_r", "a_y")}
+    for name in ("yaw_rate", "a_y"):
+        if name not in log.channels:
+            values[name] = np.full(len(motion.t), math.nan)
     values["position"] = motion.states[:, [X, Y]].T
     return Reality(values=values | found, references=tuple(found))
 
@@ -188,7 +192,9 @@ def replay_log(
     """
     t = grid_of(log)
     firsts = windows_of(log, t, window)
-    motion = smooth_motion(log, t)
+    # Channels that were not measured are substituted to smooth the motion, and are not compared.
+    complete, _ = substituted(log)
+    motion = smooth_motion(complete, t)
     steps = max(math.ceil(motion.step / step - 1e-6), 1)
     inputs, reality = input_rows(log, t, steps, hold), _reality(log, motion)
     lengths = round(LEAD_IN / motion.step), round(window / motion.step)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -19,8 +20,9 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from offroad_env.errors import DataError, InvalidParameter
+from offroad_env.world.published_drives import DRIVES, TABLES, is_drive, join_drive
 
-__all__ = ["DATASETS", "Dataset", "cache_folder", "describe", "fetch", "locate", "verify"]
+__all__ = ["DATASETS", "UNPUBLISHED", "Dataset", "cache_folder", "describe", "fetch", "locate", "verify"]
 
 #: Seconds without an answer or a byte after which a download is given up.
 _TIMEOUT = 30.0
@@ -55,8 +57,13 @@ class Dataset:
     licence: str  #: short name of the licence
     licence_text: str  #: copyright notice and licence, to be kept with the file
     citation: str  #: how to cite it
+    #: Tables below ``url`` from which the files are joined (`published_drives`); empty: one file as
+    #: published.
+    tables: tuple[str, ...] = ()
+    drives: tuple[str, ...] = ()  #: names of the joined files
 
 
+_F1TENTH_COMMIT = "6a1b907d68999067960553bcec18fbf70b30bf4e"
 _CMU_COMMIT = "55a6e92b35cb7a94530e47311fd7c4767fafb835"
 
 #: Datasets that `fetch` and `locate` know.
@@ -75,7 +82,29 @@ DATASETS: Mapping[str, Dataset] = MappingProxyType(
             citation="C. Pavlov, 3d-terramechanics: data and model of wheels at high slip angle in sand, "
             "Robomechanics Lab, Carnegie Mellon University, 2022, "
             f"github.com/robomechanics/3d-terramechanics, commit {_CMU_COMMIT[:7]}",
-        )
+        ),
+        "f1tenth_indoor": Dataset(
+            name="f1tenth_indoor",
+            title="three manual drives of a 1:10 car on a hard indoor floor, joined from their tables",
+            url=f"https://raw.githubusercontent.com/AhmadAmine998/FrictionMaps/{_F1TENTH_COMMIT}/DataSets/",
+            file_name="DS1.csv",
+            sha256="074b31d8e1fbef27bd0d094973380ffebbc11fae1166443dbc96c6ed0d59f77d",
+            size=991247,
+            licence="MIT",
+            licence_text=f"Copyright (c) 2022 AhmadAmine998\n\n{_MIT}",
+            citation="A. Amine, FrictionMaps: data sets DS1 to DS3, 2022, "
+            f"github.com/AhmadAmine998/FrictionMaps, commit {_F1TENTH_COMMIT[:7]}",
+            tables=tuple(TABLES.values()),
+            drives=tuple(DRIVES),
+        ),
+    }
+)
+
+#: Data of the pages that nobody publishes: name -> what they are and how they were made.
+UNPUBLISHED: Mapping[str, str] = MappingProxyType(
+    {
+        "chrono_scm": "five drives of a multibody vehicle on a soil grid, by Project Chrono, commit 7689fbc",
+        "scm_drives": "46 drives of two such vehicles, and 384 trials of single wheels, by the same commit",
     }
 )
 
@@ -118,6 +147,8 @@ def fetch(
     dataset = _known(name, registry)
     target = (cache_folder() if folder is None else Path(folder)) / dataset.name
     path = target / dataset.file_name
+    if dataset.tables:
+        return _fetch_drives(dataset, target, progress)
     if path.is_file() and _digest(path) == dataset.sha256:
         return path
     fresh = not target.exists()
@@ -142,6 +173,60 @@ def fetch(
         if isinstance(bar, _Bar):
             bar.close()
     return path
+
+
+def _fetch_drives(dataset: Dataset, target: Path, progress: Any) -> Path:
+    """Download the tables of every drive, join them, and keep the joined files."""
+    import pooch
+
+    paths = [target / f"{drive}.csv" for drive in dataset.drives]
+    if all(_is_joined(path) for path in paths):
+        return paths[0]
+    texts: dict[Path, str] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for path in paths:
+            tables = {}
+            for key, name in TABLES.items():
+                bar = _Bar(f"{path.stem}/{name}") if progress is True else progress
+                try:
+                    with _quiet(pooch.get_logger()):
+                        file = pooch.retrieve(
+                            f"{dataset.url}{path.stem}/{name}",
+                            known_hash=None,  # the joined table is checked
+                            fname=f"{path.stem}_{name}",
+                            path=folder,
+                            downloader=pooch.HTTPDownloader(progressbar=bar, timeout=_TIMEOUT),
+                        )
+                    tables[key] = Path(file).read_text(encoding="utf-8")
+                except (OSError, ValueError) as error:
+                    raise DataError(_failure(dataset, error)) from error
+                finally:
+                    if isinstance(bar, _Bar):
+                        bar.close()
+            texts[path] = join_drive(tables)
+            if not is_drive(path.stem, texts[path]):
+                raise DataError(
+                    f"{dataset.name}: what the publisher sent does not join to the registered "
+                    f"{path.name}; nothing "
+                    "was kept - damaged on the way, or an intercepting proxy?"
+                )
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        for path, text in texts.items():
+            path.write_text(text, encoding="utf-8")
+        (target / "LICENSE.txt").write_text(dataset.licence_text + "\n", encoding="utf-8")
+        (target / "CITATION.txt").write_text(dataset.citation + "\n", encoding="utf-8")
+    except OSError as error:
+        raise DataError(_failure(dataset, error)) from error
+    return paths[0]
+
+
+def _is_joined(path: Path) -> bool:
+    """Whether a file is the joined drive of its name."""
+    try:
+        return is_drive(path.stem, path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def locate(name: str, *, registry: Mapping[str, Dataset] = DATASETS, folder: Path | None = None) -> Path:
@@ -196,7 +281,8 @@ def verify(name: str, path: Path, *, registry: Mapping[str, Dataset] = DATASETS)
     dataset = _known(name, registry)
     if not path.is_file():
         raise DataError(f"{path}: no such file - get it with: offroad data get {name}")
-    if _digest(path) != dataset.sha256:
+    joined = bool(dataset.tables) and path.stem in dataset.drives and _is_joined(path)
+    if not joined and _digest(path) != dataset.sha256:
         raise DataError(
             f"{path} is not the published {dataset.file_name} ({path.stat().st_size} bytes, expected "
             f"{dataset.size}; its SHA-256 differs) - damaged, or another version? Delete it and run: "
@@ -226,6 +312,11 @@ def cache_folder() -> Path:
 def _known(name: str, registry: Mapping[str, Dataset]) -> Dataset:
     if name in registry:
         return registry[name]
+    if name in UNPUBLISHED:
+        raise InvalidParameter(
+            f"name={name!r}: nobody publishes these ({UNPUBLISHED[name]}); put them into OFFROAD_DATA, where "
+            "commands take them as logs"
+        )
     near = get_close_matches(str(name), registry, n=1, cutoff=0.4)
     hint = f" - did you mean {near[0]!r}?" if near else ""
     raise InvalidParameter(f"name must be one of {', '.join(registry)}, got {name!r}{hint}")

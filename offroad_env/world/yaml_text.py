@@ -21,10 +21,14 @@ _Loader.add_implicit_resolver(
 )
 
 
-def parse_yaml(text: str, file: str, *, about: str) -> tuple[dict[str, Any], dict[str, int]]:
+def parse_yaml(
+    text: str, file: str, *, about: str, dotted: bool = False
+) -> tuple[dict[str, Any], dict[str, int]]:
     """Content of a YAML file, and the line of every key path (``"vehicle.m"``).
 
-    ``about`` completes the sentence "it must describe ...".
+    ``about`` completes the sentence "it must describe ...". With ``dotted``, a dotted key
+    (``imu.kinematic: false``) sets one value inside a section and replaces what stands there or in an earlier
+    such line, so that a line at the end of a file changes it.
 
     Raises
     ------
@@ -36,8 +40,14 @@ def parse_yaml(text: str, file: str, *, about: str) -> tuple[dict[str, Any], dic
         loader = _Loader(text)
         node = loader.get_single_node()
         lines: dict[str, int] = {}
+        apart = _take_dotted(node) if dotted else []
         _note_lines(node, "", lines, file)
         data = None if node is None else loader.construct_document(node)
+        for key, value in apart:
+            own: dict[str, int] = {}
+            _note_lines(value, key.value, own, file)
+            _set_dotted(data, key.value, loader.construct_document(value), file, key.start_mark.line + 1)
+            lines.update(own | {key.value: key.start_mark.line + 1})
     except DataError:
         raise
     except yaml.YAMLError as error:
@@ -75,6 +85,34 @@ def _note_lines(node: yaml.Node | None, path: str, lines: dict[str, int], file: 
             raise DataError(f"{file}, line {line}: {name} is given twice, first in line {lines[name]}")
         lines[name] = line
         _note_lines(value, name, lines, file)
+
+
+def _take_dotted(node: yaml.Node | None) -> list[tuple[yaml.ScalarNode, yaml.Node]]:
+    """Take the dotted keys of the top mapping out of it, in their order."""
+    if not isinstance(node, yaml.MappingNode):
+        return []
+    taken = [
+        (key, value)
+        for key, value in node.value
+        if isinstance(key, yaml.ScalarNode) and "." in key.value.strip(".") and " " not in key.value
+    ]
+    node.value = [pair for pair in node.value if not any(pair[0] is key for key, _ in taken)]
+    return taken
+
+
+def _set_dotted(data: Any, path: str, value: Any, file: str, line: int) -> None:
+    """Set the value at a dotted path; sections that are missing are made."""
+    *sections, last = path.split(".")
+    inner = data
+    for name in sections:
+        if not isinstance(inner, dict):
+            break
+        inner = inner.setdefault(name, {})
+    if not isinstance(inner, dict):
+        raise DataError(
+            f"{file}, line {line}: {path} sets a value inside {shown(inner)}, which is no section"
+        )
+    inner[last] = value
 
 
 def shown(value: object) -> str:

@@ -107,7 +107,7 @@ class RunModel:
             kind="kinematic" if log.imu.kinematic else "specific_force",
             body_axes=full,
         )
-        times = log.samples("a_x")[0]
+        times = log.imu_times
         self.t_0 = float(times[0])
         sample = float(np.median(np.diff(times)))
         self.step = round(float(np.clip(sample, _FINEST, _COARSEST)), 6)

@@ -88,8 +88,11 @@ def test_version_is_that_of_the_package(capsys):
     assert capsys.readouterr().out == f"offroad {version('offroad-bekker')}\n"
 
 
+#: Commands of several subcommands.
+_SEVERAL = ("data", "log", "reproduce")
 ARGUMENT_CLASSES = [
-    *(("commands", *entry[:2]) for name, entry in COMMANDS.items() if name not in ("data", "reproduce")),
+    *(("commands", *entry[:2]) for name, entry in COMMANDS.items() if name not in _SEVERAL),
+    *(("commands", "log", kind) for kind in ("Template", "Check", "Draw")),
     *(("studies", f"{module}.study", kind) for module, kind, _ in STUDIES.values()),
 ]
 

@@ -112,7 +112,7 @@ def test_an_episode_that_breaks_off_ends_its_log():
 @pytest.mark.parametrize("name", ["run.txt", "run"])
 def test_a_log_of_another_kind_is_refused(name, tmp_path, capsys):
     assert offroad("drive", "--log", tmp_path / name, "--out", tmp_path) == 1
-    assert "log must end in .csv or .parquet" in capsys.readouterr().err
+    assert "log must end in .csv, .parquet or .mcap" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 

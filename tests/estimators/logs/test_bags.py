@@ -9,8 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from foreign_logs import Foreign, drive
+from foreign_logs import write as write_foreign
 
-from estimators.logs import quality, read_log
+from estimators.logs import quality, read_log, write_log
+from estimators.logs.checking.check import check_log, with_lines
 from offroad_env.errors import DataError
 
 pytest.importorskip("rosbags")
@@ -232,6 +235,53 @@ def test_a_clock_that_jumps_back_is_refused_with_topic_and_number(tmp_path):
     recording.writer.close()
     describe(path, topics={"steer": "/steer vector.x"})
     with pytest.raises(DataError, match=r"jump\.bag, topic /steer, message 4: time must increase"):
+        read_log(path)
+
+
+def test_messages_out_of_order_are_sorted_where_the_yaml_says_so(tmp_path):
+    path = tmp_path / "run.bag"
+    recording = Recording(path, 1)
+    vector = recording.store.types["geometry_msgs/msg/Vector3"]
+    stamped = recording.store.types["geometry_msgs/msg/Vector3Stamped"]
+    for i, stamp in enumerate((0, 10, 30, 20, 20, 40)):
+        header = recording.header(START + stamp * 1_000_000)
+        message = stamped(header=header, vector=vector(x=0.01 * i, y=0.3, z=9.81))
+        recording.add("/mixed", "geometry_msgs/msg/Vector3Stamped", message, START + 10_000_000 * i)
+    recording.writer.close()
+    topics = {
+        name: f"/mixed vector.{axis}" for name, axis in (("steer", "x"), ("yaw_rate", "y"), ("omega_r", "z"))
+    }
+    describe(path, topics=topics, time={"order": "sort", "repeated": "merge"})
+    assert read_log(path).channels["steer"].tolist() == [0.0, 0.01, 0.03, 0.02, 0.05]
+
+
+def test_a_log_goes_through_an_mcap_file_unchanged(tmp_path):
+    names = {name: name for name in drive() if name not in ("yaw", "omega_left", "omega_right")}
+    log = read_log(write_foreign(tmp_path, Foreign(names=names)))
+    back = read_log(write_log(tmp_path / "copy.mcap", log))
+    assert set(back.channels) == set(log.channels)
+    assert all(np.array_equal(back.channels[name], values) for name, values in log.channels.items())
+    assert np.allclose(back.t, log.t, atol=1e-9)
+
+
+def test_the_topics_of_an_mcap_file_are_proposed(tmp_path):
+    names = {name: name for name in drive() if name not in ("yaw", "omega_left", "omega_right")}
+    path = write_log(tmp_path / "copy.mcap", read_log(write_foreign(tmp_path, Foreign(names=names))))
+    settings = path.with_suffix(".yaml")
+    text = settings.read_text().partition("topics:")[0]
+    settings.write_text(text)
+    report = check_log(path)
+    assert {"topics.imu", "topics.steer", "topics.torque_f"} <= {line.key for line in report.lines}
+    settings.write_text(with_lines(text, report.lines))
+    assert np.allclose(read_log(path).channels["steer"], drive()["steer"], atol=1e-8)
+    assert not quality(read_log(path)).problems
+
+
+def test_what_is_no_mcap_file_gets_one_sentence(tmp_path):
+    path = tmp_path / "bad.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + bytes(range(200)))
+    describe(path)
+    with pytest.raises(DataError, match=r"bad\.mcap: cannot be read as a ROS bag"):
         read_log(path)
 
 
