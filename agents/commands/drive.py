@@ -185,7 +185,7 @@ class Drive(Results):
             "reached the goal": bool(info["success"]),
             "failure": info["failure"] or None,
             "true n [-]": float(info["n"]),
-            **{f"drawn: {key}": value for key, value in info.get("context", {}).items()},
+            **{f"drawn: {key}": _brief(value) for key, value in info.get("context", {}).items()},
             "time [s]": float(info["time"]),
             "progress [m]": float(info["progress"]),
             "length of the course [m]": float(info["path_length"]),
@@ -201,6 +201,11 @@ class Drive(Results):
             summary["estimate of n at the end [-]"] = float(info["n_estimate"])
             summary["its standard deviation [-]"] = float(info["n_estimate_sd"])
         return summary
+
+
+def _brief(value: Any) -> Any:
+    """A drawn value; what has no name is called its own."""
+    return "own" if isinstance(value, str) and value.startswith("{") else value
 
 
 def _text(value: Any) -> str:
