@@ -14,6 +14,8 @@ from estimators.log_estimation import estimate_log
 from estimators.logs import Log, f1tenth_log, quality, read_log, write_log
 from estimators.logs.checking.check import check_description, check_log, with_lines
 from estimators.logs.checking.naming import column_of
+from estimators.logs.key_table import column_rows, log_rows
+from estimators.logs.schema import ALL_COLUMNS
 from estimators.logs.template import log_template
 from helpers import measured_data
 from offroad_env.errors import DataError
@@ -456,3 +458,16 @@ def test_what_was_read_through_all_keys_is_written_as_a_plain_log(tmp_path):
     assert all(
         np.array_equal(back.channels[name], log.channels[name], equal_nan=True) for name in log.channels
     )
+
+
+def test_the_reference_table_has_every_key_of_a_log(tmp_path):
+    path = write(tmp_path, Foreign(names=PLAIN | IMU))
+    with path.with_suffix(".yaml").open("a") as file:
+        file.write("zzz: 1\n")
+    with pytest.raises(DataError) as refused:
+        read_log(path)
+    known = {name.strip() for name in str(refused.value).partition("known: ")[2].split(",")}
+    listed = {row.key.partition(".")[0] for row in log_rows()}
+    assert known <= listed
+    assert listed - known == {"topics", "clock", "wheel"}  # of bags and rigs
+    assert {row.key for row in column_rows()} == set(ALL_COLUMNS)
