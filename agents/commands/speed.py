@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from agents.reports.output import Results, console, say, table
 
 if TYPE_CHECKING:
-    from agents.studies.speed.study import Fresh, Ratio, Speed
+    from agents.studies.speed.fresh import Fresh
+    from agents.studies.speed.study import Ratio, Speed
 
 __all__ = ["SpeedCommand"]
 

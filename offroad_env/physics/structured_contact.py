@@ -72,6 +72,8 @@ _TOLERANCE, _SAME, _ITERATIONS = 1e-8, 1e-5, 80
 _FINE_TOLERANCE, _FINE_SAME = 1e-11, 5e-8
 #: Change of sinkage over sinkage within which the load of a tyre follows its tangent.
 _NEAR = 0.003
+#: Change of the load for which its tangent does [-].
+_EASED = 0.05
 #: Chords before the interval is halved only; largest local exponent of the load over the rise.
 _CHORDS, _STEEPEST = 30, 1e3
 #: Rise that a quotient is formed with [m]; share of the load that is nothing.
@@ -322,6 +324,12 @@ def _support_of_tyre(tyre: Tyre | None, on_soil: TyreOnSoil, support: Support) -
 
 
 @inline_kernel
+def _is_far(near: TyreLoad, deeper: float, h: float) -> bool:
+    """Whether the tangent of the load does not do any more: also where a wheel all but lifts off."""
+    return abs(deeper) > _NEAR * h or near.relief * abs(deeper) > _EASED * near.load
+
+
+@inline_kernel
 def _start(n: float, r: float, rut: RutSection, warm: FloatArray) -> _Start:
     """Where the search for a contact begins: at the last one's rise, if it is like this one."""
     depth = rut.depth if rut.share > 0.5 else 0.0
@@ -379,7 +387,7 @@ def solve_structured_contact(
     e_old, V_old, before = 0.0, 0.0, RimForces(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     status, held = NO_ROOT, 1.0
     for i in range(_ITERATIONS):
-        if abs(h - near_h) > _NEAR * h:
+        if _is_far(near, h - near_h, h):
             near_h = h
             near = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels, near.load)
         carried = eased_load(structure.tyre, on_soil, near, h - near_h)

@@ -209,28 +209,49 @@ def from_waypoints(points: ArrayLike) -> PathTable:
     return path
 
 
-def _bend(breaks: np.ndarray, values: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(curvature, yaw) at arc length ``s`` of a curvature that is linear between breaks; yaw 0 at s = 0."""
-    steps = np.diff(breaks)
-    yaw_at = np.concatenate([[0.0], np.cumsum(0.5 * steps * (values[:-1] + values[1:]))])
-    piece = np.clip(np.searchsorted(breaks, s, side="right") - 1, 0, len(steps) - 1)
-    travelled = s - breaks[piece]
-    slope = (values[piece + 1] - values[piece]) / steps[piece]
-    curvature = values[piece] + slope * travelled
-    return curvature, yaw_at[piece] + travelled * (values[piece] + 0.5 * slope * travelled)
+class _Bends:
+    """A curvature that is linear between breaks, and the yaw that it turns to from 0."""
+
+    def __init__(self, breaks: np.ndarray, values: np.ndarray) -> None:
+        steps = np.diff(breaks)
+        self.breaks, self.values = breaks, values
+        self.yaw_at = np.concatenate([[0.0], np.cumsum(0.5 * steps * (values[:-1] + values[1:]))])
+        self.slopes = np.diff(values) / steps
+
+    def pieces(self, s: np.ndarray) -> np.ndarray:
+        """Which piece the arc lengths ``s`` [m] fall into."""
+        found: np.ndarray = np.searchsorted(self.breaks, s, side="right") - 1
+        clipped: np.ndarray = np.clip(found, 0, len(self.slopes) - 1)
+        return clipped
+
+    def curvature(self, piece: np.ndarray, travelled: np.ndarray) -> np.ndarray:
+        """Curvature [1/m] so far into pieces [m]."""
+        curvature: np.ndarray = self.values[piece] + self.slopes[piece] * travelled
+        return curvature
+
+    def yaw(self, piece: np.ndarray, travelled: np.ndarray) -> np.ndarray:
+        """Yaw [rad] so far into pieces [m]."""
+        half = 0.5 * self.slopes
+        yaw: np.ndarray = self.yaw_at[piece] + travelled * (self.values[piece] + half[piece] * travelled)
+        return yaw
 
 
 def _integrate(breaks: np.ndarray, values: np.ndarray, length: float) -> PathTable:
     """The path of a piecewise linear curvature (straights, clothoids, arcs) from the origin along X."""
-    s = _stations(length)
-    curvature, yaw = _bend(breaks, values, s)
+    s, bends = _stations(length), _Bends(breaks, values)
+    piece = bends.pieces(s)
+    travelled = s - breaks[piece]
     inner = s[:-1, None] + np.diff(s)[:, None] * _GAUSS
-    _, direction = _bend(breaks, values, inner)
+    # Few stations have a break between them: for all others one search does for all nodes.
+    between = np.broadcast_to(piece[:-1, None], inner.shape).copy()
+    broken = piece[1:] != piece[:-1]
+    between[broken] = bends.pieces(inner[broken])
+    direction = bends.yaw(between, inner - breaks[between])
     X, Y = (
         np.concatenate([[0.0], np.cumsum(np.diff(s) * (component(direction) @ _WEIGHT))])
         for component in (np.cos, np.sin)
     )
-    return _table(length, X, Y, yaw, curvature)
+    return _table(length, X, Y, bends.yaw(piece, travelled), bends.curvature(piece, travelled))
 
 
 def winding_corridor(

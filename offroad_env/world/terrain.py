@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -156,6 +157,7 @@ def _variance_beyond(frequency: np.ndarray, high: float) -> np.ndarray:
     return variance
 
 
+@lru_cache(maxsize=64)
 def _bin_edges(low: float, high: float, count: int) -> np.ndarray:
     """Rising frequencies [cycles/m], ``low`` ... ``high``, that share the spectrum out evenly.
 
@@ -166,7 +168,27 @@ def _bin_edges(low: float, high: float, count: int) -> np.ndarray:
     progress = np.log(np.cos(angle)) - 2.0 * angle
     chosen = np.interp(np.linspace(progress[0], progress[-1], count + 1), progress, angle)
     edges: np.ndarray = high * np.cos(chosen)
+    edges.flags.writeable = False  # kept for the next ground
     return edges
+
+
+def _narrowed(
+    low: np.ndarray, high: np.ndarray, top: float, wanted: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """A close interval within ``low`` ... ``high`` around where the variance beyond is ``wanted``.
+
+    Newton's method, from the middle, of variance = arccos(k / top) / k; where its ends do not enclose the
+    root, the interval stays as it was.
+    """
+    guess = 0.5 * (low + high)
+    for _ in range(4):
+        variance = _variance_beyond(guess, top)
+        slope = -variance / guess - 1.0 / (guess * np.sqrt(np.maximum(top * top - guess * guess, 1e-300)))
+        guess = np.clip(guess - (variance - wanted) / slope, low, high)
+    below, above = guess * (1.0 - 4e-15), guess * (1.0 + 4e-15)
+    low = np.where((below > low) & (_variance_beyond(below, top) > wanted), below, low)
+    high = np.where((above < high) & (_variance_beyond(above, top) <= wanted), above, high)
+    return low, high
 
 
 def _draw_frequencies(edges: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -174,8 +196,11 @@ def _draw_frequencies(edges: np.ndarray, rng: np.random.Generator) -> np.ndarray
     low, high, top = edges[:-1].copy(), edges[1:].copy(), edges[-1]
     share = rng.random(len(low))
     wanted = (1.0 - share) * _variance_beyond(low, top) + share * _variance_beyond(high, top)
+    low, high = _narrowed(low, high, top, wanted)
     for _ in range(60):  # bisection: the variance beyond a frequency falls with it
         middle = 0.5 * (low + high)
+        if np.all((middle == low) | (middle == high)):
+            break
         beyond = _variance_beyond(middle, top) > wanted
         low, high = np.where(beyond, middle, low), np.where(beyond, high, middle)
     drawn: np.ndarray = 0.5 * (low + high)

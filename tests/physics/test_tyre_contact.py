@@ -175,6 +175,25 @@ def test_a_tyre_on_clay_that_hardly_yields_carries_its_load_however_little_it_si
     assert smallest < 1e-8
 
 
+def test_a_tyre_that_all_but_lifts_off_snow_carries_what_is_left() -> None:
+    """Its spring lets go within the sinkage: the load falls to nothing from one chord to the next."""
+    rng = np.random.default_rng(1)
+    frame, options = slope_frame(0.01, -0.02), ContactOptions(0.2, 1.0, False)
+    structure = with_tyre(make_structure("field"), MRZR)
+    row = np.zeros(at.STRUCTURED_CONTACT_SIZE)
+    for i in range(300):
+        if i % 3 == 0:
+            row[:] = 0.0
+        support, v = Support(rng.uniform(30.0, 110.0), 3e4, 2.0), rng.uniform(-5.0, 5.0)
+        motion = WheelMotion(1.02 * v, v, 0.05)
+        found = solve_structured_contact(
+            structure, SOILS["snow"], WHEEL, motion, frame, support, row, options
+        )
+        borne = found.F_l * frame.l_z + found.F_c * frame.c_z + found.F_n * frame.n_z
+        assert found.status == CONTACT, support
+        assert 0.0 < borne <= support.N_0 - support.k * found.sinkage
+
+
 def test_a_wheel_and_its_mirror_image_feel_mirrored_forces() -> None:
     left, right = (
         wheel_forces(SOILS["clay"], WHEEL, load=LOAD, slip=0.05, slip_angle=a, structure="grid", tyre=MRZR)

@@ -9,9 +9,7 @@ the vector environment need the clock as well; actions are drawn beforehand, res
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
-import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping
@@ -22,6 +20,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from agents.studies.speed.drives import DRIVES, structured_drive
+from agents.studies.speed.fresh import Fresh, measure_fresh
 from estimators.discrepancy.diagnosis import diagnose
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
@@ -29,7 +29,6 @@ from estimators.filters.joint_ukf import joint_step
 from estimators.filters.online_parameter_ukf import OnlineParameterUKF
 from estimators.filters.protocol import Pose
 from estimators.models.half_car_on_map import CHANNELS, JointSettings, joint_model, only_imu, prior
-from offroad_env.environment.env import OffroadBekkerEnv
 from offroad_env.environment.vector_env import make_vec
 from offroad_env.physics import state as at
 from offroad_env.physics.paper_vehicle import simulate_paper
@@ -38,7 +37,7 @@ from offroad_env.world.soils import SOILS
 from offroad_env.world.terrain import flat, paper_terrain
 from offroad_env.world.vehicles import VEHICLES
 
-__all__ = ["BARS", "SIZES", "Bar", "Fresh", "Ratio", "Speed", "compare", "measure_speed"]
+__all__ = ["BARS", "SIZES", "Bar", "Ratio", "Speed", "compare", "measure_speed"]
 
 #: Episodes of the vector environment.
 SIZES = (1, 4, 16, 64)
@@ -76,6 +75,11 @@ BARS = (
     Bar("vector of 64, parameter UKF", "env.step, parameter UKF", clock=True),
     Bar("update of the parameter UKF", "env.step", rate=False),
     Bar("update of the joint UKF", "env.step", rate=False),
+    Bar("half-car, grid", "half-car, full", rate=False, bar=2.0),
+    Bar("four wheels, full", "half-car, full", rate=False, bar=5.0),
+    Bar("four wheels, grid", "half-car, full", rate=False, bar=5.0),
+    Bar("half-car, grid, tyre", "half-car, grid", rate=False, bar=1.5),
+    Bar("env.reset", "env.step", rate=False),
 )
 
 
@@ -100,20 +104,6 @@ class Ratio:
         if self.bar is None:
             return None
         return self.value >= self.bar if self.kind == "rate" else self.value <= self.bar
-
-
-@dataclass(frozen=True, kw_only=True)
-class Fresh:
-    """What an interpreter says that has imported nothing yet."""
-
-    import_s: float  #: import offroad_env [s]
-    import_others_s: float  #: import gymnasium, numba, scipy [s]
-    first_step_s: float  #: make, reset and first step, everything compiled before [s]
-    compile_s: tuple[float, float] | None  #: CPU and clock, with nothing compiled [s]; None when left out
-    compile_filter_s: tuple[float, float] | None  #: the same of an environment with the parameter UKF
-    peak_mb: float  #: memory of one environment after 300 steps [MB]
-    per_environment_kb: float  #: by how much that grows with each environment of a vector [kB]
-    state_kb: float  #: of it the record of an episode [kB]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,6 +186,18 @@ def _environment(name: str, actions: np.ndarray, **options: Any) -> Run:
         return tuple((spent / steps).tolist())
 
     return run
+
+
+def _resets(**options: Any) -> Run:
+    """Resets of an environment as ``gym.make`` returns it."""
+    env = gym.make(_BEKKER, **options)
+    env.reset(seed=0)
+
+    def work(steps: int) -> None:
+        for _ in range(steps):
+            env.reset()
+
+    return _timed(work)
 
 
 def _vector(count: int, actions: np.ndarray, **options: object) -> Run:
@@ -317,67 +319,13 @@ def _our_sides(actions: Mapping[str, np.ndarray]) -> dict[str, tuple[Run, int]]:
         "env.step, joint filter": (_environment(_BEKKER, drive, **filtered, estimator="joint"), 200),
         "update of the parameter UKF": (_parameter_update(), 1000),
         "update of the joint UKF": (_joint_update(), 300),
+        "env.reset": (_resets(**speed), 200),
+        **{name: (structured_drive(**options), 4000) for name, options in DRIVES.items()},
     }
     for count in SIZES:
         sides[f"vector of {count}"] = (_vector(count, drive, **speed), 4000)
         sides[f"vector of {count}, parameter UKF"] = (_vector(count, drive, **filtered), 2000)
     return sides
-
-
-# ---------------------------------------------------------------------- fresh interpreters
-
-_PEAK = """
-def peak():
-    try:
-        return next(int(l.split()[1]) for l in open("/proc/self/status") if l.startswith("VmHWM")) / 1024
-    except OSError:
-        import resource, sys
-        unit = 2**20 if sys.platform == "darwin" else 2**10
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
-"""
-_IMPORT = "import time; t = time.process_time(); import {}; print(time.process_time() - t)"
-_STEP = """
-import time; clock, cpu = time.perf_counter(), time.process_time()
-import gymnasium as gym, numpy as np
-env = gym.make("offroad_env:OffroadBekker-v0", scenario="speed", terrain_info="{terrain_info}")
-env.reset(seed=0); env.step(np.zeros(2, np.float32))
-print(time.process_time() - cpu, time.perf_counter() - clock)
-"""
-_ONE = """
-import gymnasium as gym, numpy as np
-env = gym.make("offroad_env:OffroadBekker-v0", scenario="speed")
-env.reset(seed=0)
-for _ in range(300):
-    _, _, terminated, truncated, _ = env.step(np.array([0.0, 0.3], np.float32))
-    if terminated or truncated: env.reset()
-print(peak())
-"""
-_MANY = """
-import numpy as np
-from offroad_env.environment.vector_env import make_vec
-envs = make_vec({count}, scenario="speed"); envs.reset(seed=0)
-for _ in range(20): envs.step(np.zeros(({count}, 2)))
-print(peak())
-"""
-
-
-def _fresh(code: str, **environment: str) -> tuple[float, ...]:
-    """The numbers that ``code`` prints last in a new interpreter."""
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={**os.environ, **environment},
-    )
-    return tuple(float(number) for number in done.stdout.splitlines()[-1].split())
-
-
-def _first_step(terrain_info: str) -> tuple[float, float]:
-    """CPU time and clock [s] of make, reset and first step where nothing is compiled."""
-    with tempfile.TemporaryDirectory() as folder:
-        cpu, clock = _fresh(_STEP.format(terrain_info=terrain_info), OFFROAD_CACHE=folder)
-        return cpu, clock
 
 
 def _diagnosis() -> float:
@@ -387,28 +335,6 @@ def _diagnosis() -> float:
     start = time.process_time()
     diagnose([log])
     return time.process_time() - start
-
-
-def measure_fresh(*, rounds: int, cold: bool) -> Fresh:
-    """What new interpreters say; ``cold`` also compiles everything once more, into a folder of its own."""
-    imports = [
-        (*_fresh(_IMPORT.format("offroad_env")), *_fresh(_IMPORT.format("gymnasium, numba, scipy")))
-        for _ in range(rounds)
-    ]
-    few, many = 64, 512
-    grown = [_fresh(_PEAK + _MANY.format(count=count))[0] for count in (few, many)]
-    env = OffroadBekkerEnv()
-    ours, others = np.median(imports, axis=0)
-    return Fresh(
-        import_s=float(ours),
-        import_others_s=float(others),
-        first_step_s=min(_fresh(_STEP.format(terrain_info="none"))[0] for _ in range(rounds)),
-        compile_s=_first_step("none") if cold else None,
-        compile_filter_s=_first_step("estimate") if cold else None,
-        peak_mb=_fresh(_PEAK + _ONE)[0],
-        per_environment_kb=1024.0 * (grown[1] - grown[0]) / (many - few),
-        state_kb=env.memory_size / 1024.0,
-    )
 
 
 # ---------------------------------------------------------------------- the measurement

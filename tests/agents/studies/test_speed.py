@@ -8,10 +8,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+import agents.studies.speed.fresh as fresh
 import agents.studies.speed.study as study
 from agents.commands.cli import main
+from agents.studies.speed.drives import DRIVES
 from agents.studies.speed.figure import speed_figure
-from agents.studies.speed.study import BARS, SIZES, Bar, Fresh, Speed, compare
+from agents.studies.speed.fresh import Fresh
+from agents.studies.speed.study import BARS, SIZES, Bar, Speed, compare
 from helpers import run_fresh
 
 TIMES = {
@@ -53,6 +56,7 @@ def test_every_promise_is_about_sides_that_exist():
     ours = {"RK4 step on clay", "RK4 step on dry sand", "env.step", "env.step, parameter UKF"}
     ours |= {"env.step, joint filter", "update of the parameter UKF", "update of the joint UKF"}
     ours |= {f"vector of {count}{kind}" for count in SIZES for kind in ("", ", parameter UKF")}
+    ours |= {"env.reset", *DRIVES}
     peers = {"Pendulum-v1", "HalfCheetah-v5", "mj_step of HalfCheetah", "racetrack-v0"}
     assert {bar.ours for bar in BARS} <= ours
     assert {bar.peer for bar in BARS} <= peers | ours
@@ -142,8 +146,8 @@ def test_an_environment_without_a_filter_loads_no_solvers():
 
 
 def test_one_environment_needs_less_than_250_megabytes():
-    run_fresh(study._ONE.replace("print(peak())", ""))  # what is not compiled yet would count as well
-    assert study._fresh(study._PEAK + study._ONE)[0] < 250.0
+    run_fresh(fresh._ONE.replace("print(peak())", ""))  # what is not compiled yet would count as well
+    assert fresh._fresh(fresh._PEAK + fresh._ONE)[0] < 250.0
 
 
 def test_the_record_of_an_episode_is_smaller_than_four_kilobytes():
