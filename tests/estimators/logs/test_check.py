@@ -312,18 +312,20 @@ WAYS = {
 
 #: Run by make check: each has a sibling that is always run.
 SLOWER = {
-    "time in us", "tabs", "comments and a title before the header", "UTF-16", "rows cut off", "rows without time",
+    "time in us", "tabs", "comments and a title before the header", "UTF-16", "rows cut off",
+    "rows without time",
     "gravity taken out", "speed of the rim", "lateral and yaw reversed", "units in the heading",
     "two recordings in one file", "latitude and longitude", "stamps stand twice", "gravity reversed",
 }  # fmt: skip
 
 
-def every_way():
-    for name, way in WAYS.items():
-        yield pytest.param(way, id=name, marks=[pytest.mark.check] if name in SLOWER else [])
+EVERY_WAY = [
+    pytest.param(way, id=name, marks=[pytest.mark.check] if name in SLOWER else [])
+    for name, way in WAYS.items()
+]
 
 
-@pytest.mark.parametrize("way", every_way())
+@pytest.mark.parametrize("way", EVERY_WAY)
 def test_however_a_drive_is_written_the_lines_make_it_the_same_drive(way, tmp_path):
     log = mended(write(tmp_path, way))
     names = [name for name in ("steer", "omega_r", "a_x", "a_y", "yaw_rate") if name in log.channels]
