@@ -199,6 +199,7 @@ class Drive(Results):
             "reached the goal": bool(info["success"]),
             "failure": info["failure"] or None,
             "true n [-]": float(info["n"]),
+            **{f"drawn: {key}": value for key, value in info.get("context", {}).items()},
             "time [s]": float(info["time"]),
             "progress [m]": float(info["progress"]),
             "length of the course [m]": float(info["path_length"]),

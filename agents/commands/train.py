@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from agents.learning.train import TrainArgs, TrainResult, train
+from agents.learning.train import BOARD, REPORT, TrainArgs, TrainResult, configuration_hash, train
 from agents.reports.output import console, say, table, write_json
 from offroad_env.environment.scenario_descriptions import find_scenario
 from offroad_env.environment.scenarios import MEASURES
@@ -30,6 +31,11 @@ class Train(TrainArgs):
         from rich.progress import Progress
 
         self._check()
+        if self.resume and self._is_finished():
+            say(f"finished already: {self.total_steps} steps, policy: {self.out} - another --out, or --seed?")
+            return
+        if self.tensorboard:
+            say(f"watch: tensorboard --logdir {self.out / BOARD}")
         with Progress(console=console()) as bar:
             task = bar.add_task("training", total=self.total_steps if self.time_budget is None else 1.0)
 
@@ -37,7 +43,11 @@ class Train(TrainArgs):
                 done = steps if self.time_budget is None else min(seconds / self.time_budget, 1.0)
                 bar.update(task, completed=done, description=f"training, {steps} steps")
 
-            result = train(self, progress=report)
+            try:
+                result = train(self, progress=report)
+            except KeyboardInterrupt:
+                say("stopped: the same command with --resume goes on from the last checkpoint")
+                raise
         rate = f"{result.periods_per_second:.0f} environment steps/s"
         self._show_curve(result)
         say(f"{result.steps} steps in {result.wall_time:.0f} s ({rate})")
@@ -47,6 +57,14 @@ class Train(TrainArgs):
         say(f"policy: {result.policy}")
         if self.json is not None:
             write_json(self.json, result)
+
+    def _is_finished(self) -> bool:
+        """Whether the folder holds the end of this very run."""
+        try:
+            found = json.loads((self.out / REPORT).read_text(encoding="utf-8"))["result"]
+        except (OSError, ValueError, KeyError):
+            return False
+        return bool(found["configuration"] == configuration_hash(self))
 
     def _show_curve(self, result: TrainResult) -> None:
         """The learning curve where the tuning episodes were driven."""

@@ -48,6 +48,8 @@ from offroad_env.environment.scenarios import BUILT_IN
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv, make_vec
 
 __all__ = [
+    "BOARD",
+    "REPORT",
     "CurvePoint",
     "TrainArgs",
     "TrainResult",
@@ -58,7 +60,7 @@ __all__ = [
 ]
 
 #: Files of a run beside those of the policy.
-_REPORT, _BOARD = "training.json", "tensorboard"
+REPORT, BOARD = "training.json", "tensorboard"
 #: Fewest steps between two points of a learning curve.
 _CURVE_STEPS = 64
 #: Arguments that do not decide what is learnt.
@@ -219,7 +221,7 @@ def _board(args: TrainArgs) -> str:
         import tensorboard  # noqa: F401 - only whether it is there
     except ImportError as error:
         raise MissingExtraError(f"TensorBoard is missing ({error}): pip install tensorboard") from error
-    return str(args.out / _BOARD)
+    return str(args.out / BOARD)
 
 
 def _settings(args: TrainArgs) -> dict[str, Any]:
@@ -451,7 +453,7 @@ def _evaluate(args: TrainArgs) -> tuple[EpisodeResult, ...]:
 def _write_report(args: TrainArgs, result: TrainResult) -> None:
     report = {"arguments": asdict(args), "result": asdict(result)}
     text = json.dumps(report, indent=1, default=str)
-    write_bytes(args.out / _REPORT, f"{text}\n".encode())
+    write_bytes(args.out / REPORT, f"{text}\n".encode())
 
 
 def main() -> None:

@@ -18,7 +18,14 @@ from offroad_env.environment.scenarios import BUILT_IN, MEASURES, SCENARIOS, Cou
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import Soil, Vehicle
 from offroad_env.world.catalogue import Quantity
-from offroad_env.world.descriptions import Description, read_soil, read_vehicle, soil_mapping, vehicle_mapping
+from offroad_env.world.descriptions import (
+    Description,
+    is_registered,
+    read_soil,
+    read_vehicle,
+    soil_mapping,
+    vehicle_mapping,
+)
 from offroad_env.world.documents import Document, is_name, open_document, recalled, remember
 from offroad_env.world.schema import SectionSchema
 from offroad_env.world.yaml_text import shown
@@ -197,10 +204,10 @@ def _plain_fields(scenario: Scenario) -> dict[str, Any]:
     found["like"] = scenario.task
     found["weights"] = weights_mapping(scenario.weights)
     found["n_range"] = list(scenario.n_range)
-    if isinstance(scenario.soil, Soil):
-        found["soil"] = soil_mapping(scenario.soil)
-    if isinstance(scenario.vehicle, Vehicle):
-        found["vehicle"] = vehicle_mapping(scenario.vehicle)
+    if isinstance(scenario.soil, Soil) or is_registered("soil", scenario.soil):
+        found["soil"] = soil_mapping(read_soil(scenario.soil).record)
+    if isinstance(scenario.vehicle, Vehicle) or is_registered("vehicle", scenario.vehicle):
+        found["vehicle"] = vehicle_mapping(read_vehicle(scenario.vehicle).record)
     return found
 
 

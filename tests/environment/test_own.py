@@ -21,7 +21,6 @@ from offroad_env import (
     CourseRecipe,
     RewardWeights,
     Scenario,
-    make_sb3_vec,
     make_sensors,
     make_soil,
     make_tyre,
@@ -121,14 +120,6 @@ def test_asynchronous_and_native_vector_environments_take_own_objects():
     json.loads(native.spec.to_json())
 
 
-def test_the_processes_of_stable_baselines3_take_own_objects():
-    vec_env = pytest.importorskip("stable_baselines3.common.vec_env")
-    many = vec_env.SubprocVecEnv([lambda: gym.make(ID, **OWN)] * 2, start_method="fork")
-    seen = many.reset()
-    many.close()
-    assert seen["path"].shape == (2, 12)
-
-
 def test_what_is_registered_is_found_by_name_here_and_in_processes_started_later(monkeypatch, request):
     monkeypatch.setenv("OFFROAD_BEKKER_REGISTERED", "{}")
     request.addfinalizer(lambda: SCENARIOS.pop("test_lane"))
@@ -148,6 +139,8 @@ def test_what_is_registered_is_found_by_name_here_and_in_processes_started_later
         "print(json.dumps([*env.reset(seed=2)[0]['path'].tolist(), env.unwrapped.vehicle.m]))"
     )
     assert json.loads(run_fresh(code)) == [*shown["path"].tolist(), 1300.0]
+    within = scenario_mapping(Scenario(name="mine", draw=CourseRecipe(), soil="test_loess"))
+    assert read_soil(within["soil"]).record == SOILS["test_loess"]
     plain = json.loads(env.spec.to_json())["kwargs"]
     again = gym.make(ID, **plain).reset(seed=2)[0]
     assert all(np.array_equal(shown[key], again[key]) for key in shown)
@@ -263,11 +256,13 @@ def test_the_names_of_four_wheel_vehicles_are_vehicles_too():
     assert found.record.m == 270.0
 
 
-def test_plain_stable_baselines3_learns_on_it():
-    sb3 = pytest.importorskip("stable_baselines3")
-    envs = make_sb3_vec(4, seed=0, terrain_info="estimate", **OWN)
-    model = sb3.PPO("MultiInputPolicy", envs, n_steps=16, batch_size=32, n_epochs=1, device="cpu")
-    model.learn(64)
-    assert model.num_timesteps == 64
-    code = "from offroad_env import make_sb3_vec; import sys; make_sb3_vec(2); print('agents' in sys.modules)"
-    assert run_fresh(code).split() == ["False"]
+def test_recorded_videos_of_gymnasium_hold_the_pictures(tmp_path):
+    pytest.importorskip("moviepy")
+    env = gym.make(ID, render_mode="rgb_array", max_episode_steps=3, **OWN)
+    film = gym.wrappers.RecordVideo(env, tmp_path / "video", disable_logger=True)
+    film.reset(seed=1)
+    for _ in range(3):
+        film.step(np.array([0.0, 0.5]))
+    film.close()
+    (video,) = (tmp_path / "video").glob("*.mp4")
+    assert video.stat().st_size > 5000

@@ -207,3 +207,68 @@ def test_without_a_discount_the_rewards_of_an_episode_are_its_time_but_for_the_w
     assert end["failure"] == failure
     charge = 40.0 if failure else 0.0
     assert total == pytest.approx(0.15 * end["progress"] - end["time"] - charge, abs=0.1)
+
+
+OWN = {
+    "scenario": {"base": "speed", "corridor": 2.0},
+    "soil": {"base": "clay", "phi": 0.35},
+    "vehicle": {"base": "mrzr", "m": 1450.0},
+    "randomise": {"soil.phi": (0.3, 0.5)},
+}
+
+
+def test_plain_stable_baselines3_learns_on_a_world_of_ones_own():
+    sb3 = pytest.importorskip("stable_baselines3")
+    from offroad_env import make_sb3_vec
+
+    envs = make_sb3_vec(4, seed=0, terrain_info="estimate", **OWN)
+    model = sb3.PPO("MultiInputPolicy", envs, n_steps=16, batch_size=32, n_epochs=1, device="cpu")
+    model.learn(64)
+    assert model.num_timesteps == 64
+    contexts = {context["soil.phi"] for context in envs.get_attr("context")}
+    assert len(contexts) == 4
+
+
+def test_a_failure_in_plain_episodes_ends_them_with_their_sum_and_a_fresh_observation():
+    pytest.importorskip("stable_baselines3")
+    from offroad_env import make_sb3_vec
+
+    envs = make_sb3_vec(2, seed=3, **OWN)
+    envs.reset()
+    for _ in range(400):
+        seen, _, done, infos = envs.step(np.tile([1.0, 0.8], (2, 1)).astype(np.float32))
+        if done[0]:
+            break
+    assert infos[0]["failure"] == "left_corridor"
+    assert infos[0]["episode"]["l"] == round(infos[0]["time"] / 0.02)
+    assert abs(infos[0]["terminal_observation"]["path"][0]) > 1.5
+    assert abs(seen["path"][0, 0]) < 0.5
+
+
+def test_processes_of_stable_baselines3_take_own_objects():
+    vec_env = pytest.importorskip("stable_baselines3.common.vec_env")
+    many = vec_env.SubprocVecEnv([lambda: gym.make(ENV_ID, **OWN)] * 2, start_method="fork")
+    seen = many.reset()
+    many.close()
+    assert seen["path"].shape == (2, 12)
+
+
+def test_a_finished_run_that_shall_go_on_says_so_and_a_stopped_one_how(run, capsys, monkeypatch):
+    from dataclasses import asdict
+
+    from agents.commands import train as command
+
+    args, _ = run
+    options = {**asdict(args), "world": args.world, "resume": True}
+    command.Train(**options).run()
+    assert "finished already: 256 steps" in " ".join(capsys.readouterr().out.split())
+
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "train", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        command.Train(**{**options, "resume": False, "tensorboard": True}).run()
+    said = " ".join(capsys.readouterr().out.split())
+    assert "--resume" in said
+    assert "tensorboard --logdir" in said
