@@ -8,7 +8,7 @@ judged by the same code.
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -99,7 +99,7 @@ class RewardWeights:
 
     def row(self, time_limit: float) -> np.ndarray:
         """The weights (7,) in the order of `TERMS`."""
-        return np.array([*astuple(self), self.failure(time_limit)])
+        return np.array([*vars(self).values(), self.failure(time_limit)])
 
 
 class Outcome(NamedTuple):

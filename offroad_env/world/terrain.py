@@ -181,11 +181,11 @@ def _narrowed(
     root, the interval stays as it was.
     """
     guess = 0.5 * (low + high)
-    for _ in range(4):
+    for _ in range(6):
         variance = _variance_beyond(guess, top)
         slope = -variance / guess - 1.0 / (guess * np.sqrt(np.maximum(top * top - guess * guess, 1e-300)))
         guess = np.clip(guess - (variance - wanted) / slope, low, high)
-    below, above = guess * (1.0 - 4e-15), guess * (1.0 + 4e-15)
+    below, above = guess * (1.0 - 2e-14), guess * (1.0 + 2e-14)
     low = np.where((below > low) & (_variance_beyond(below, top) > wanted), below, low)
     high = np.where((above < high) & (_variance_beyond(above, top) <= wanted), above, high)
     return low, high
@@ -199,7 +199,7 @@ def _draw_frequencies(edges: np.ndarray, rng: np.random.Generator) -> np.ndarray
     low, high = _narrowed(low, high, top, wanted)
     for _ in range(60):  # bisection: the variance beyond a frequency falls with it
         middle = 0.5 * (low + high)
-        if np.all((middle == low) | (middle == high)):
+        if not ((middle != low) & (middle != high)).any():
             break
         beyond = _variance_beyond(middle, top) > wanted
         low, high = np.where(beyond, middle, low), np.where(beyond, high, middle)

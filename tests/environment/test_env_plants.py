@@ -41,7 +41,8 @@ def driven(env, seed=8):
     return rows
 
 
-@pytest.fixture(scope="module", params=PLANTS)
+# Everything at once is compiled for a minute.
+@pytest.fixture(scope="module", params=[pytest.param("v1", marks=pytest.mark.check), "four wheels"])
 def drive(request):
     env = make(request.param)
     return request.param, env, driven(env)
@@ -108,6 +109,7 @@ def test_in_a_bend_to_the_left_the_right_wheels_are_loaded_and_the_sensors_measu
     assert abs(measured - a_y) > 0.05
 
 
+@pytest.mark.check
 def test_v1_has_the_field_structure_the_vehicles_tyre_natural_soil_and_real_sensors():
     env = gym.make("offroad_env:OffroadBekker-v1").unwrapped
     shown, info = env.reset(seed=1)

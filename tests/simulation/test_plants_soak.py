@@ -221,6 +221,7 @@ def soak(steps, seed, kinds):
     return endings
 
 
+@pytest.mark.check  # two dozen combinations are compiled for minutes
 def test_thousands_of_random_steps_bring_no_nan_and_no_contact_without_a_status():
     endings = soak(4_000, seed=6, kinds=FEW_KINDS)
     assert endings["driving on"] > 4

@@ -155,6 +155,7 @@ def test_no_window_reaches_over_a_gap(log):
     assert begin.max() > 6.0
 
 
+@pytest.mark.check  # compiled for a minute
 def test_a_log_of_four_wheels_states_them_and_is_replayed_by_four_wheels(tmp_path):
     """Roll, tracks and a locked axle are in the YAML: read back, the vehicle predicts itself."""
     vehicle = VEHICLES["mrzr"]
@@ -187,6 +188,7 @@ def test_a_log_of_four_wheels_states_them_and_is_replayed_by_four_wheels(tmp_pat
     assert half.rms["yaw_rate"] > 2.0 * own.rms["yaw_rate"]
 
 
+@pytest.mark.check  # likewise
 def test_four_wheels_on_a_soil_grid_are_predicted_with_nothing_fitted():
     """A weave of another program's vehicle; the planar vehicle with `full` errs by 1.9 m/s on it."""
     (drive,) = measured_data("scm_drives").glob("train_00_*.parquet")
