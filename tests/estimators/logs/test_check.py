@@ -517,3 +517,27 @@ def test_logs_in_the_format_of_this_project_need_no_line(drive_name):
     report = check_log(measured_data("chrono_scm") / drive_name)
     assert report.lines == ()
     assert not [remark for remark in report.remarks if remark.severity == "problem"]
+
+
+@pytest.mark.parametrize("file", ["run.csv", "run.yaml"])
+def test_the_check_of_damaged_files_ends_in_findings_or_one_sentence(file, tmp_path):
+    path = write(tmp_path, ISSUE, drive(seconds=3.0))
+    content, rng = (tmp_path / file).read_bytes(), np.random.default_rng(3)
+    ends = []
+    for _ in range(15):
+        damaged = bytearray(content)
+        for position in rng.integers(0, len(content), rng.integers(1, 8)):
+            damaged[position] = int(rng.integers(0, 256))
+        (tmp_path / file).write_bytes(bytes(damaged))
+        try:
+            ends.append(bool(check_log(path).remarks))
+        except DataError as error:
+            ends.append("run" in str(error))
+    assert all(ends)
+
+
+def test_rows_of_another_width_than_the_header_are_a_problem_without_a_line(tmp_path):
+    rows = Foreign(names=PLAIN | IMU, text=lambda text: text.splitlines()[0] + "\n1,2\n3,4\n")
+    report = check_log(write(tmp_path, rows))
+    assert not report.readable
+    assert any(remark.severity == "problem" and not remark.lines for remark in report.remarks)
