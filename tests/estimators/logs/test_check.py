@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from bad_logs import no_change, rig
 from foreign_logs import DESCRIPTION, RADIUS, Foreign, G, drive, in_imu_axes, write
 
 from agents.commands.cli import main
@@ -501,3 +502,18 @@ def test_the_reference_table_has_every_key_of_a_log(tmp_path):
     assert known <= listed
     assert listed - known == {"topics", "clock", "wheel"}  # of bags and rigs
     assert {row.key for row in column_rows()} == set(ALL_COLUMNS)
+
+
+def test_trials_of_a_wheel_rig_are_checked_too(tmp_path):
+    rig(no_change)(tmp_path)
+    report = check_log(tmp_path / "run.csv")
+    assert report.readable
+    assert report.lines == ()
+    assert report.commands["diagnose"] == ""
+
+
+@pytest.mark.parametrize("drive_name", ["clay_0.05_sin02_R0.csv", "sand_0.01_straight_R0.csv"])
+def test_logs_in_the_format_of_this_project_need_no_line(drive_name):
+    report = check_log(measured_data("chrono_scm") / drive_name)
+    assert report.lines == ()
+    assert not [remark for remark in report.remarks if remark.severity == "problem"]
