@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["Drive"]
 
 VehicleModel = Literal["half_car", "bicycle", "four_wheel"]
+_KEYBOARD = "keyboard"  # agent that is a person
 _CONTROL_RATE = 50  # steps a second
 _LONGEST = 3600.0  # [s]
 _FPS = {".gif": 5, ".mp4": 25}  # pictures a second; few for GIF, which compresses badly
@@ -33,6 +34,8 @@ class Drive(Results):
 
     Writes the figure drive_SCENARIO_SEED.png. pure_pursuit and stanley hold a speed and know nothing of the
     soil; nominal, conservative, aware and oracle plan their speed by what they hold the soil to be.
+    keyboard opens a window to drive in yourself, by the arrow keys (space brakes, escape ends the drive),
+    with the estimate of n drawn as it changes.
     """
 
     scenario: str = "track"  #: track, speed, climb, brake, ride, patches, a file *.yaml or inline YAML
@@ -65,8 +68,11 @@ class Drive(Results):
 
         from agents.driving.figure import drive_figure
 
+        self.window = self.window or self.agent == _KEYBOARD
         if self.window and (self.video or self.picture):
-            raise InvalidParameter("give --window, or --video and --picture, not both: a window shows itself")
+            raise InvalidParameter(
+                "give --window (or the keyboard), or --video and --picture, not both: a window shows itself"
+            )
         if self.log is not None and self.log.suffix.lower() not in (".csv", ".parquet", ".mcap"):
             raise InvalidParameter(f"log must end in .csv, .parquet or .mcap, got {self.log}")
         if self.duration is not None and not 0.0 < self.duration <= _LONGEST:
@@ -88,13 +94,9 @@ class Drive(Results):
         import gymnasium as gym
 
         from agents.benchmark.runner import ENV_ID
-        from agents.driving.episode import find_agent
 
         self.scenario = known_scenario(self.scenario)
-        if self.policy is None:
-            agent, terrain_info = find_agent(self.agent, self.scenario, self.terrain_info)
-        else:
-            agent, terrain_info = _load_policy(self.policy, self.terrain_info)
+        agent, terrain_info = self._driver()
         mode = "human" if self.window else "rgb_array" if self.video or self.picture else None
         steps = None if self.duration is None else max(round(self.duration * _CONTROL_RATE), 1)
         env = gym.make(
@@ -108,6 +110,18 @@ class Drive(Results):
             **self.world.env_options(),
         )
         return env, agent
+
+    def _driver(self) -> tuple[Agent, str]:
+        """The agent, and the terrain information of the environment that it drives in."""
+        from agents.driving.episode import find_agent
+
+        if self.policy is not None:
+            return _load_policy(self.policy, self.terrain_info)
+        if self.agent == _KEYBOARD:
+            from agents.controllers.keyboard import KeyboardAgent
+
+            return KeyboardAgent(), self.terrain_info or "estimate"
+        return find_agent(self.agent, self.scenario, self.terrain_info)
 
     def _drive(self, env: gym.Env, agent: Agent) -> Episode:
         from agents.driving.episode import Drive as Episode
@@ -185,7 +199,7 @@ class Drive(Results):
             "reached the goal": bool(info["success"]),
             "failure": info["failure"] or None,
             "true n [-]": float(info["n"]),
-            **{f"drawn: {key}": value for key, value in info.get("context", {}).items()},
+            **{f"drawn: {key}": _brief(value) for key, value in info.get("context", {}).items()},
             "time [s]": float(info["time"]),
             "progress [m]": float(info["progress"]),
             "length of the course [m]": float(info["path_length"]),
@@ -201,6 +215,11 @@ class Drive(Results):
             summary["estimate of n at the end [-]"] = float(info["n_estimate"])
             summary["its standard deviation [-]"] = float(info["n_estimate_sd"])
         return summary
+
+
+def _brief(value: Any) -> Any:
+    """A drawn value; what has no name is called its own."""
+    return "own" if isinstance(value, str) and value.startswith("{") else value
 
 
 def _text(value: Any) -> str:

@@ -12,7 +12,7 @@ from agents.reports.output import console, say, table
 __all__ = ["Keys"]
 
 _Section = Literal["soil", "vehicle", "tyre", "structure", "sensors", "imu", "wheel", "gnss"]
-_Task = Literal["scenario", "course", "weights", "randomise"]
+_Task = Literal["scenario", "course", "weights", "randomise", "log"]
 
 
 @dataclass(kw_only=True)
@@ -26,6 +26,7 @@ class Keys:
         """Print the tables."""
         import sys
 
+        from estimators.logs.key_table import LOG_ABOUT, column_rows, log_rows
         from offroad_env.environment.reference import HEADING, SECTIONS, random_rows, reference
 
         if self.markdown:
@@ -38,3 +39,7 @@ class Keys:
         if self.section in ("all", "randomise"):
             say("soil, vehicle, sensors as a whole; SECTION.KEY of soil, vehicle, imu, wheel, gnss; and:")
             console().print(table("randomise", HEADING, random_rows(), texts=5))
+        if self.section in ("all", "log"):
+            say(LOG_ABOUT)
+            console().print(table("log", HEADING, log_rows(), texts=5))
+            console().print(table("columns of a log", HEADING, column_rows(), texts=5))

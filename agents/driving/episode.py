@@ -214,6 +214,7 @@ class Drive:
         self, env: gym.Env, agent: Agent, *, seed: int, options: dict[str, Any] | None = None
     ) -> None:
         self.env, self.agent, self.seed, self.options = env, agent, seed, options
+        self.stopped = False  #: whether the agent, a person, has ended the drive
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         observation, self.info = self.env.reset(seed=self.seed, options=self.options)
@@ -225,7 +226,8 @@ class Drive:
             observation, reward, terminated, truncated, self.info = self.env.step(action)
             self.log.add(action, self.info)
             self.reward += float(reward)
-            done = terminated or truncated
+            self.stopped = bool(getattr(self.agent, "stopped", False))
+            done = terminated or truncated or self.stopped
             yield self.info
 
     @property
@@ -233,7 +235,8 @@ class Drive:
         """How it ended, in words."""
         if self.info["success"]:
             return "reached the goal"
-        return (self.info["failure"] or "time limit").replace("_", " ")
+        failure: str = self.info["failure"]
+        return (failure or ("stopped by the driver" if self.stopped else "time limit")).replace("_", " ")
 
 
 class HalfWayPicture:

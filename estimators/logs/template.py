@@ -33,7 +33,7 @@ drivetrain: torque         # what the inputs are: torque at the wheels, or force
 
 vehicle:
   base: {yaml_text(vehicle)}
-  # What differs from it; offroad drive --help names the vehicles, docs/schema.md all keys.
+  # What differs from it; offroad keys vehicle and offroad keys log list all keys.
   # m: {known.m:g}              # mass [kg]
   # l_f: {known.l_f:g}             # from the centre of gravity to the front axle [m]
   # l_r: {known.l_r:g}             # to the rear axle [m]

@@ -57,7 +57,7 @@ from offroad_env.physics.packing import pack
 from offroad_env.physics.path_geometry import nearest_index
 from offroad_env.physics.records import Soil, Structure, Tyre, Vehicle
 from offroad_env.simulation.drive import Command
-from offroad_env.simulation.sensor_descriptions import read_sensors
+from offroad_env.simulation.sensor_descriptions import SensorsLike, read_sensors
 from offroad_env.simulation.sensors import GnssConfig, SensorSuite
 from offroad_env.simulation.simulator import (
     FULL_STEP,
@@ -186,7 +186,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         soil: Soil | Description | None = None,
         vehicle: Vehicle | FourWheelVehicle | Description | None = None,
         weights: RewardWeights | Description | None = None,
-        sensors: SensorSuite | Description = "paper",
+        sensors: SensorsLike = "paper",
         structure: Structure | Description | None = None,
         tyre: Tyre | Description | None = None,
         natural_soil: bool | SoilSpread | Mapping[str, float] = False,

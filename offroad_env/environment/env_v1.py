@@ -10,7 +10,7 @@ from offroad_env.environment.scenario_descriptions import find_scenario
 from offroad_env.environment.scenarios import Scenario
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv
 from offroad_env.physics.records import Structure, Tyre, Vehicle
-from offroad_env.simulation.sensors import SensorSuite
+from offroad_env.simulation.sensor_descriptions import SensorsLike
 from offroad_env.world.descriptions import Description, read_vehicle
 from offroad_env.world.four_wheel_vehicles import FourWheelVehicle
 from offroad_env.world.natural_soil import SoilSpread
@@ -70,7 +70,7 @@ class OffroadBekkerEnvV1(OffroadBekkerEnv):
         structure: Structure | Description | None = "field",
         tyre: Tyre | Description | None = "own",
         natural_soil: bool | SoilSpread | Mapping[str, float] = True,
-        sensors: SensorSuite | Description = "automotive",
+        sensors: SensorsLike = "automotive",
         **options: Any,
     ) -> None:
         driven = find_scenario(scenario).vehicle if vehicle is None else vehicle

@@ -9,6 +9,7 @@ and n of a seed are those without randomisation.
 from __future__ import annotations
 
 import copy
+import json
 import math
 import zlib
 from collections.abc import Mapping
@@ -291,7 +292,7 @@ def checked_context(context: Any) -> dict[str, Any]:
     found = {}
     for name, value in context.items():
         key = _known(name)
-        found[key] = RANDOM_KEYS[key].check(key, value) if key in RANDOM_KEYS else value
+        found[key] = RANDOM_KEYS[key].check(key, value) if key in RANDOM_KEYS else _noted(value)
     if "n" in found and "soil.n" in found:
         raise InvalidParameter('"n" and "soil.n" are the same: give one of them')
     return found
@@ -339,7 +340,7 @@ class Randomisation:
         context = {}
         for key in sorted(self.table):
             rng = np.random.default_rng([base, zlib.crc32(key.encode())])
-            context[key] = plain_value(self.table[key].draw(rng))
+            context[key] = _noted(self.table[key].draw(rng))
         return {key: context[key] for key in self.table}
 
     @property
@@ -355,6 +356,12 @@ def plain_value(value: Any) -> Any:
     if isinstance(value, Vehicle):
         return vehicle_mapping(value)
     return sensors_mapping(value) if isinstance(value, SensorSuite) else value
+
+
+def _noted(value: Any) -> Any:
+    """A value as a context names it: a number, a name, or inline YAML, which can be set again."""
+    plain = plain_value(value)
+    return json.dumps(dict(plain)) if isinstance(plain, Mapping) else plain
 
 
 def apply_context(context: Mapping[str, Any], nominal: Truth) -> Truth:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from estimators.logs.key_table import LOG_ABOUT, column_rows, log_rows
 from offroad_env.environment.courses import COURSE
 from offroad_env.environment.randomisation import RANDOM_KEYS, random_meaning
 from offroad_env.environment.scenario_descriptions import SCENARIO, WEIGHTS
@@ -43,6 +44,8 @@ _RANDOM = """## randomise
 Keys are `soil`, `vehicle` and `sensors` as a whole, `SECTION.KEY` with every number of the sections soil,
 vehicle, imu (but for its rate), wheel and gnss, `n` for `soil.n`, and:"""
 
+_COLUMNS = "`default` is where the column belongs; `allowed` the largest magnitude that a value may have."
+
 HEADING = ("key", "unit", "allowed", "default", "meaning")
 
 
@@ -70,4 +73,6 @@ def reference() -> str:
     for name, schema in SECTIONS.items():
         lines += ["", f"## {name}", "", schema.about, "", *_table(schema.table())]
     lines += ["", _RANDOM, "", *_table(random_rows())]
+    lines += ["", "## log", "", LOG_ABOUT, "", *_table(log_rows())]
+    lines += ["", "## columns of a log", "", _COLUMNS, "", *_table(column_rows())]
     return "\n".join(lines) + "\n"

@@ -69,7 +69,8 @@ def soil_displacement(tyre: Tyre | None, rim: Rim, peak: float, j: float) -> flo
     if tyre is None:
         return j
     tread = rim.belt.tread * shear_strength(tyre, rim, peak)
-    v, _ = displacement_in_series(j, rim.belt.soil, tread)
+    # Along the rim a displacement has a sign; ruts that keep it have path lengths.
+    v, _ = displacement_in_series(max(j, 0.0), rim.belt.soil, tread)
     return rim.belt.unit * max(rim.belt.soil * v, rim.belt.carried)
 
 

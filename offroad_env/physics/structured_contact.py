@@ -73,7 +73,7 @@ _FINE_TOLERANCE, _FINE_SAME = 1e-11, 5e-8
 #: Change of sinkage over sinkage within which the load of a tyre follows its tangent.
 _NEAR = 0.003
 #: Change of the load for which its tangent does [-].
-_EASED = 0.05
+_EASED = 5e-4
 #: Chords before the interval is halved only; largest local exponent of the load over the rise.
 _CHORDS, _STEEPEST = 30, 1e3
 #: Rise that a quotient is formed with [m]; share of the load that is nothing.

@@ -19,7 +19,7 @@ from offroad_env.simulation.sensor_configs import (
     ImuConfig,
     WheelSpeedConfig,
 )
-from offroad_env.simulation.sensor_presets import SENSORS, make_sensors
+from offroad_env.simulation.sensor_presets import SENSORS, SensorPreset, make_sensors
 from offroad_env.simulation.sensors import SensorSuite
 from offroad_env.world.catalogue import Quantity
 from offroad_env.world.descriptions import Description
@@ -27,9 +27,20 @@ from offroad_env.world.documents import Document, is_name, open_document
 from offroad_env.world.schema import SectionSchema
 from offroad_env.world.yaml_text import shown
 
-__all__ = ["GNSS_KEYS", "IMU_KEYS", "PARTS", "SENSOR_KEYS", "WHEEL_KEYS", "read_sensors", "sensors_mapping"]
+__all__ = [
+    "GNSS_KEYS",
+    "IMU_KEYS",
+    "PARTS",
+    "SENSOR_KEYS",
+    "WHEEL_KEYS",
+    "SensorsLike",
+    "read_sensors",
+    "sensors_mapping",
+]
 
 Config = ImuConfig | WheelSpeedConfig | GnssConfig
+#: What `read_sensors` takes.
+SensorsLike = SensorSuite | SensorPreset | Config | Description
 
 
 def _defaults(config: type[Config]) -> dict[str, object]:
@@ -80,6 +91,8 @@ GNSS_KEYS = SectionSchema(
 #: Sensor -> its keys.
 PARTS: Mapping[str, SectionSchema] = {"imu": IMU_KEYS, "wheel": WHEEL_KEYS, "gnss": GNSS_KEYS}
 
+_PART_OF: Mapping[type, str] = {ImuConfig: "imu", WheelSpeedConfig: "wheel", GnssConfig: "gnss"}
+
 SENSOR_KEYS = SectionSchema(
     name="sensors",
     about="All sensors of a vehicle: a preset (`base`), and departures from it sensor by sensor.",
@@ -96,8 +109,10 @@ SENSOR_KEYS = SectionSchema(
 )
 
 
-def read_sensors(given: SensorSuite | Description) -> SensorSuite:
-    """Sensors from a name in `SENSORS`, an object of `make_sensors`, a mapping or YAML.
+def read_sensors(given: SensorsLike) -> SensorSuite:
+    """Sensors from a name in `SENSORS`, an object, a mapping or YAML.
+
+    Objects are those of `make_sensors` and `SENSORS`, and one configuration, which replaces that of "paper".
 
     Raises
     ------
@@ -106,6 +121,10 @@ def read_sensors(given: SensorSuite | Description) -> SensorSuite:
     """
     if isinstance(given, SensorSuite) or (isinstance(given, str) and is_name(given)):
         return make_sensors(given)
+    if isinstance(given, SensorPreset):
+        return SensorSuite(imu=given.imu, wheel=given.wheel, gnss=given.gnss)
+    if isinstance(given, Config):
+        return make_sensors("paper", **{_PART_OF[type(given)]: given})  # type: ignore[arg-type]
     document = open_document(given, "sensors")
     stated = document.check(SENSOR_KEYS)
     start = read_sensors(document.beside(stated.pop("base", "paper")))

@@ -16,9 +16,12 @@ from gymnasium.vector import AsyncVectorEnv
 from helpers import run_fresh
 from offroad_env import (
     SCENARIOS,
+    SENSORS,
     SOILS,
     VEHICLES,
     CourseRecipe,
+    GnssConfig,
+    ImuConfig,
     RewardWeights,
     Scenario,
     make_sensors,
@@ -32,6 +35,7 @@ from offroad_env import (
 )
 from offroad_env.environment.scenario_descriptions import find_scenario, scenario_mapping
 from offroad_env.errors import DataError, InvalidParameter
+from offroad_env.simulation.sensor_descriptions import read_sensors, sensors_mapping
 from offroad_env.world.descriptions import read_soil, read_vehicle
 from offroad_env.world.structures import make_structure
 
@@ -87,6 +91,15 @@ def test_the_json_of_a_spec_makes_the_same_environment(name):
     assert all(np.array_equal(mine[key], its[key]) for key in mine)
     assert env.unwrapped.plant.soil == again.unwrapped.plant.soil
     assert env.unwrapped.weights == again.unwrapped.weights
+
+
+def test_one_configuration_and_a_preset_are_sensors_too():
+    imu, receiver = ImuConfig(accel_noise=0.05), GnssConfig(position_sd=0.5)
+    for form, same in ((imu, make_sensors(imu=imu)), (receiver, make_sensors(gnss=receiver))):
+        found = read_sensors(form)
+        assert (found.imu, found.wheel, found.gnss) == (same.imu, same.wheel, same.gnss)
+        assert begun(sensors=form)[1] is not None
+    assert sensors_mapping(read_sensors(SENSORS["consumer"])) == sensors_mapping(make_sensors("consumer"))
 
 
 def test_a_tyre_of_ones_own_is_driven():

@@ -169,6 +169,28 @@ def test_single_and_vector_environments_draw_and_drive_the_same_to_the_last_bit(
     assert infos["context"]["vehicle.m"][0] != infos["context"]["vehicle.m"][1]
 
 
+def test_whole_vehicles_and_sensors_may_differ_between_the_episodes_of_a_vector_environment():
+    contexts = [
+        {"sensors": "consumer", "vehicle": "hmmwv"},
+        {"sensors": "paper", "vehicle": "mrzr"},
+        {"sensors": {"base": "ideal", "gnss": None}, "vehicle": {"base": "mrzr", "m": 1500.0}},
+    ]
+    many = make_vec(3, threads=1)
+    seen, _ = many.reset(seed=[4, 5, 6], options={"context": contexts})
+    singles = [gym.make(ID) for _ in contexts]
+    rows = [env.reset(seed=4 + i, options={"context": contexts[i]})[0] for i, env in enumerate(singles)]
+    for k in range(25):
+        for i, row in enumerate(rows):
+            assert all(np.array_equal(seen[key][i], row[key]) for key in row)
+        seen = many.step(np.tile(manoeuvre(k), (3, 1)))[0]
+        rows = [env.step(manoeuvre(k))[0] for env in singles]
+    masses = [env.unwrapped.plant.vehicle.m for env in singles]
+    assert masses == pytest.approx([2568.0, 1378.3, 1500.0])
+    gravity = [float(row["imu"][2]) for row in rows]
+    assert gravity == pytest.approx([9.8, 0.0, 9.8], abs=4.0)
+    assert np.isnan(singles[2].unwrapped.measurements().samples[:, -1]).all(), "no receiver"
+
+
 def test_a_context_that_was_drawn_can_be_set_again_exactly():
     env = gym.make(ID, randomise=KEYS)
     first, info = env.reset(seed=4)

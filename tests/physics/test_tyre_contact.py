@@ -13,7 +13,7 @@ from offroad_env.physics import state as at
 from offroad_env.physics.contact import CONTACT, Support, slope_frame
 from offroad_env.physics.records import ContactOptions, Soil, WheelMotion
 from offroad_env.physics.structured_contact import solve_structured_contact
-from offroad_env.physics.tyre import hard_ground_deflection, tread_stiffness
+from offroad_env.physics.tyre import hard_ground_deflection, tread_stiffness, tyre_load, tyre_on_soil
 from offroad_env.simulation.simulator import make_plant, settled_state, simulate_commands
 from offroad_env.simulation.wheel import wheel_forces
 from offroad_env.world.soils import SOILS, make_soil
@@ -192,6 +192,27 @@ def test_a_tyre_that_all_but_lifts_off_snow_carries_what_is_left() -> None:
         borne = found.F_l * frame.l_z + found.F_c * frame.c_z + found.F_n * frame.n_z
         assert found.status == CONTACT, support
         assert 0.0 < borne <= support.N_0 - support.k * found.sinkage
+
+
+def test_a_tyre_on_a_bump_stop_carries_what_spring_and_deflection_leave() -> None:
+    """A stop ten times as stiff as the spring: a hundredth of a millimetre is a per cent of the load."""
+    rng, soil = np.random.default_rng(2), SOILS["clay"]
+    frame, options = slope_frame(0.0, 0.0), ContactOptions(0.2, 1.0, False)
+    structure = with_tyre(make_structure("grid"), MRZR)
+    on_soil, row = tyre_on_soil(MRZR, soil, WHEEL), np.zeros(at.STRUCTURED_CONTACT_SIZE)
+    for i in range(300):
+        if i % 10 == 0:
+            row[:] = 0.0
+            k, load, v = rng.uniform(2e5, 1e6), rng.uniform(1e3, 6e3), rng.uniform(-5.0, 5.0)
+            N_0 = load + k * rng.uniform(0.01, 0.05)
+        N_0 += 0.01 * load * rng.normal()
+        motion = WheelMotion((1.0 + 0.1 * rng.normal()) * v, v, 0.05)
+        found = solve_structured_contact(
+            structure, soil, WHEEL, motion, frame, Support(N_0, k, 1.0), row, options
+        )
+        left = tyre_load(on_soil, N_0 - k * found.sinkage, k).load
+        assert found.status == CONTACT
+        assert found.F_n == pytest.approx(left, rel=1e-5)
 
 
 def test_a_wheel_and_its_mirror_image_feel_mirrored_forces() -> None:

@@ -184,7 +184,7 @@ def _data(session: _Session, log: Log) -> tuple[Log | None, QualityReport | None
     names = file_names(session.path, session.text)
     seen: set[tuple[str, ...]] = set()
     report = quality(log)
-    for _ in range(_ROUNDS):
+    for _ in range(0 if log.rig else _ROUNDS):
         if current is None:
             return None, None
         report = quality(current)

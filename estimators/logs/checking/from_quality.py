@@ -10,6 +10,7 @@ import numpy as np
 from estimators.logs.checking.columns import STEERING_WHEEL
 from estimators.logs.checking.conventions import is_compass
 from estimators.logs.checking.mends import Line, Remark
+from estimators.logs.checking.weak_evidence import weak_unit_remarks
 from estimators.logs.log import Log
 from estimators.logs.mounting import ACCELEROMETERS, GYROS
 from estimators.logs.quality import QualityReport
@@ -36,7 +37,7 @@ _STEERED = "yaw_rate against speed x steer / wheelbase"
 #: Least correlation, and factors from which a steering angle is taken to be that of the steering wheel:
 #: any, or one
 #: with an assumed ratio. Slip on soft soil changes the turn by less.
-_FOLLOWS, _SCALED, _ASSUMED = 0.9, 2.0, 1.15
+_FOLLOWS, _SCALED, _ASSUMED = 0.9, 3.0, 1.6
 
 
 def sources_of(log: Log, channel: str, files: frozenset[str]) -> tuple[str, ...]:
@@ -66,7 +67,8 @@ def quality_remarks(log: Log, report: QualityReport, files: frozenset[str]) -> l
         ]
         if remarks:
             return remarks
-    return _steering_scale(log, report)
+    weak = weak_unit_remarks(log, report, lambda channel: sources_of(log, channel, files))
+    return weak or _steering_scale(log, report)
 
 
 def _steering_scale(log: Log, report: QualityReport) -> list[Remark]:

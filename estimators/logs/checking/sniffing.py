@@ -63,7 +63,7 @@ def sniff(content: bytes, file: str, stated: CsvFormat = PLAIN) -> Sniffed:
     _separator(kept, found)
     _header(lines, found, file)
     _decimal(lines, found)
-    _cells(lines, found)
+    _cells(lines, found, file)
     return found
 
 
@@ -184,10 +184,12 @@ def _decimal(lines: Sequence[str], found: Sniffed) -> None:
         found.note("numbers have a decimal comma", "decimal", ",")
 
 
-def _cells(lines: Sequence[str], found: Sniffed) -> None:
+def _cells(lines: Sequence[str], found: Sniffed, file: str) -> None:
     """Rows of another width, columns of text, and marks for missing samples."""
     form, names = found.form, found.names
     rows, others = _rows(lines, form, len(names))
+    if not rows:
+        raise DataError(f"{file}: no row has the {len(names)} cells of the header")
     if others and form.incomplete == "refuse":
         found.form = form = replace(form, incomplete="drop")
         found.note(f"{others} rows have more or fewer cells than the header", "incomplete", "drop")

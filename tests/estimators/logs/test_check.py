@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from bad_logs import no_change, rig
 from foreign_logs import DESCRIPTION, RADIUS, Foreign, G, drive, in_imu_axes, write
 
 from agents.commands.cli import main
@@ -14,6 +15,8 @@ from estimators.log_estimation import estimate_log
 from estimators.logs import Log, f1tenth_log, quality, read_log, write_log
 from estimators.logs.checking.check import check_description, check_log, with_lines
 from estimators.logs.checking.naming import column_of
+from estimators.logs.key_table import column_rows, log_rows
+from estimators.logs.schema import ALL_COLUMNS
 from estimators.logs.template import log_template
 from helpers import measured_data
 from offroad_env.errors import DataError
@@ -122,7 +125,7 @@ def some_mountings():
     turns = [np.eye(3)[:, order] * signs for order in itertools.permutations(range(3)) for signs in
              itertools.product((1.0, -1.0), repeat=3)]  # fmt: skip
     right = [turn for turn in turns if np.linalg.det(turn) > 0.0]
-    return [right[i] for i in rng.choice(len(right), 4, replace=False)]
+    return [right[i] for i in rng.choice(len(right), 3, replace=False)]
 
 
 @pytest.mark.parametrize("axes", some_mountings(), ids=lambda axes: str(axes.astype(int).tolist()))
@@ -308,7 +311,22 @@ WAYS = {
 }
 
 
-@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
+#: Run by make check: each has a sibling that is always run.
+SLOWER = {
+    "time in us", "tabs", "comments and a title before the header", "UTF-16", "rows cut off",
+    "rows without time",
+    "gravity taken out", "speed of the rim", "lateral and yaw reversed", "units in the heading",
+    "two recordings in one file", "latitude and longitude", "stamps stand twice", "gravity reversed",
+}  # fmt: skip
+
+
+EVERY_WAY = [
+    pytest.param(way, id=name, marks=[pytest.mark.check] if name in SLOWER else [])
+    for name, way in WAYS.items()
+]
+
+
+@pytest.mark.parametrize("way", EVERY_WAY)
 def test_however_a_drive_is_written_the_lines_make_it_the_same_drive(way, tmp_path):
     log = mended(write(tmp_path, way))
     names = [name for name in ("steer", "omega_r", "a_x", "a_y", "yaw_rate") if name in log.channels]
@@ -316,7 +334,9 @@ def test_however_a_drive_is_written_the_lines_make_it_the_same_drive(way, tmp_pa
     assert not quality(log).problems
 
 
-@pytest.mark.parametrize("drive_name", ["DS1", "DS2", "DS3"])
+@pytest.mark.parametrize(
+    "drive_name", ["DS1", *(pytest.param(name, marks=pytest.mark.check) for name in ("DS2", "DS3"))]
+)
 def test_the_published_drives_of_the_1_to_10_car_are_put_right_by_their_lines(drive_name, tmp_path):
     published = measured_data("f1tenth_indoor") / f"{drive_name}.csv"
     right = f1tenth_log(published, corrected=True)
@@ -385,6 +405,19 @@ def test_an_imu_with_jitter_is_brought_to_an_even_rate(tmp_path):
     steps = np.diff(log.samples("yaw_rate")[0])
     assert np.ptp(steps) < 1e-6
     assert_is_the_drive(log, base, names=("yaw_rate",), far=0.05)
+
+
+def test_a_drive_straight_ahead_shows_its_units_by_noise_and_size(tmp_path):
+    def straight(channels):
+        noise = np.random.default_rng(8).standard_normal((3, len(channels["t"])))
+        calm = {"steer": 0.25 * np.sin(channels["t"]), "x": 4.0 * channels["t"], "y": 0.0 * channels["t"]}
+        gyros = dict(zip(("yaw_rate", "pitch_rate"), DEGREES * 0.003 * noise, strict=False))
+        return channels | calm | gyros | {"a_y": 0.05 * noise[2]}
+
+    report = check_log(write(tmp_path, Foreign(names=PLAIN | IMU, change=straight)))
+    lines = {line.key: line.value for line in report.lines}
+    assert lines["units.steer"] == "deg"
+    assert lines["units.yaw_rate"] == lines["units.pitch_rate"] == "deg/s"
 
 
 @pytest.mark.parametrize("missing", ["a_x", "a_y", "a_z", "pitch_rate", "yaw_rate"])
@@ -456,3 +489,55 @@ def test_what_was_read_through_all_keys_is_written_as_a_plain_log(tmp_path):
     assert all(
         np.array_equal(back.channels[name], log.channels[name], equal_nan=True) for name in log.channels
     )
+
+
+def test_the_reference_table_has_every_key_of_a_log(tmp_path):
+    path = write(tmp_path, Foreign(names=PLAIN | IMU))
+    with path.with_suffix(".yaml").open("a") as file:
+        file.write("zzz: 1\n")
+    with pytest.raises(DataError) as refused:
+        read_log(path)
+    known = {name.strip() for name in str(refused.value).partition("known: ")[2].split(",")}
+    listed = {row.key.partition(".")[0] for row in log_rows()}
+    assert known <= listed
+    assert listed - known == {"topics", "clock", "wheel"}  # of bags and rigs
+    assert {row.key for row in column_rows()} == set(ALL_COLUMNS)
+
+
+def test_trials_of_a_wheel_rig_are_checked_too(tmp_path):
+    rig(no_change)(tmp_path)
+    report = check_log(tmp_path / "run.csv")
+    assert report.readable
+    assert report.lines == ()
+    assert report.commands["diagnose"] == ""
+
+
+@pytest.mark.parametrize("drive_name", ["clay_0.05_sin02_R0.csv", "sand_0.01_straight_R0.csv"])
+def test_logs_in_the_format_of_this_project_need_no_line(drive_name):
+    report = check_log(measured_data("chrono_scm") / drive_name)
+    assert report.lines == ()
+    assert not [remark for remark in report.remarks if remark.severity == "problem"]
+
+
+@pytest.mark.parametrize("file", ["run.csv", "run.yaml"])
+def test_the_check_of_damaged_files_ends_in_findings_or_one_sentence(file, tmp_path):
+    path = write(tmp_path, ISSUE, drive(seconds=3.0))
+    content, rng = (tmp_path / file).read_bytes(), np.random.default_rng(3)
+    ends = []
+    for _ in range(15):
+        damaged = bytearray(content)
+        for position in rng.integers(0, len(content), rng.integers(1, 8)):
+            damaged[position] = int(rng.integers(0, 256))
+        (tmp_path / file).write_bytes(bytes(damaged))
+        try:
+            ends.append(bool(check_log(path).remarks))
+        except DataError as error:
+            ends.append("run" in str(error))
+    assert all(ends)
+
+
+def test_rows_of_another_width_than_the_header_are_a_problem_without_a_line(tmp_path):
+    rows = Foreign(names=PLAIN | IMU, text=lambda text: text.splitlines()[0] + "\n1,2\n3,4\n")
+    report = check_log(write(tmp_path, rows))
+    assert not report.readable
+    assert any(remark.severity == "problem" and not remark.lines for remark in report.remarks)
