@@ -18,9 +18,9 @@ from typing import Any, TypeVar
 
 import numba
 
-from offroad_env.physics._staged import Kernel
+from offroad_env.physics._staged import Kernel, keep_apart
 
-__all__ = ["cache_folder", "inline_kernel", "kernel", "merged_kernel"]
+__all__ = ["apart_kernel", "cache_folder", "inline_kernel", "kernel", "merged_kernel"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -95,6 +95,8 @@ def _compile(function: F, **options: Any) -> F:
     if numba.config.DISABLE_JIT:
         return function
     options |= {"nopython": True, "error_model": "numpy", "nogil": True, "fastmath": {"contract"}}
+    # Left open, it would be that of the first caller: the machine code would depend on who called first.
+    options.setdefault("forceinline", False)
     compiled = Kernel(function, {}, options)
     compiled.keep_in(str(cache_folder(function.__module__)))
     return compiled
@@ -114,6 +116,12 @@ def kernel(function: F) -> F:
 def inline_kernel(function: F) -> F:
     """A kernel that is always inlined: a loop that calls it can still become vector instructions."""
     return _compile(function, forceinline=True)
+
+
+def apart_kernel(function: F) -> F:
+    """A kernel that is never inlined: long code for rare cases, which would be compiled at every call."""
+    keep_apart(function)
+    return _compile(function)
 
 
 def merged_kernel(function: F) -> F:

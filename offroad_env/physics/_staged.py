@@ -23,7 +23,7 @@ import numba.core.typed_passes
 from numba import types
 from numba.core.compiler_machinery import register_pass
 
-__all__ = ["Kernel", "hands_on"]
+__all__ = ["Kernel", "hands_on", "keep_apart"]
 
 
 #: Functions known to the compiler that return no other arrays than they were given.
@@ -33,6 +33,15 @@ _HANDING_ON: set[Callable[..., Any]] = set()
 def hands_on(function: Callable[..., Any]) -> None:
     """State that a function which numba compiles by itself returns no arrays but those it was given."""
     _HANDING_ON.add(function)
+
+
+#: Kernels that no caller takes in.
+_APART: set[Callable[..., Any]] = set()
+
+
+def keep_apart(function: Callable[..., Any]) -> None:
+    """State that the machine code of a kernel shall be called, not copied into its callers."""
+    _APART.add(function)
 
 
 #: In the metadata of a translation: whether it counts references to arrays.
@@ -79,6 +88,9 @@ class _Translate(numba.core.typed_passes.NativeLowering):  # type: ignore[misc] 
         state.library = _Translation(state.targetctx.codegen(), state.func_id.func_qualname)
         state.flags.no_compile = True
         super().run_pass(state)
+        if state.func_id.func in _APART:
+            code = state.library._final_module.get_function(state["cr"].fndesc.llvm_func_name)
+            code.add_function_attribute("noinline")
         entry = _Entry()
         state.targetctx.insert_user_function(entry, state["cr"].fndesc, [state.library])
         state["cr"] = state["cr"]._replace(cfunc=entry)

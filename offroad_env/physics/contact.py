@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
+from offroad_env.physics._jit import apart_kernel, inline_kernel, kernel, merged_kernel
 from offroad_env.physics.hard_ground import hard_ground_forces
 from offroad_env.physics.numerics import fast_exp, fast_log
 from offroad_env.physics.records import ContactOptions, FloatArray, Soil, Wheel, WheelMotion, WheelReaction
@@ -272,7 +272,7 @@ def _soil_contact(
     return ContactSolution(status, forces.F_x, forces.F_y, forces.F_z, forces.torque, h)
 
 
-@kernel
+@apart_kernel
 def _trial(
     soil: Soil,
     wheel: Wheel,
@@ -325,7 +325,7 @@ def _bracket(
     return before, best
 
 
-@kernel
+@apart_kernel
 def _first_contact(
     soil: Soil,
     wheel: Wheel,

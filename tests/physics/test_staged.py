@@ -11,7 +11,7 @@ import pytest
 
 import offroad_env
 from helpers import run_fresh
-from offroad_env.physics._jit import kernel
+from offroad_env.physics._jit import apart_kernel, inline_kernel, kernel
 from offroad_env.physics.axle import with_exponent
 from offroad_env.physics.records import ContactOptions, Wheel, WheelMotion
 from offroad_env.physics.settle import settle
@@ -52,6 +52,26 @@ def copied_rows(table, count):
     for _ in range(count):
         total += copied_row(table)
     return total
+
+
+@kernel
+def plain_square(x):
+    return x * x
+
+
+@apart_kernel
+def distant_square(x):
+    return x * x
+
+
+@inline_kernel
+def squares_inline(x):
+    return plain_square(x) + distant_square(x)
+
+
+@kernel
+def squares(x):
+    return squares_inline(x)
 
 
 def in_use() -> int:
@@ -132,7 +152,7 @@ def test_python_holds_the_only_references_after_a_call():
 
 
 MODULE = """
-from offroad_env.physics._jit import kernel
+from offroad_env.physics._jit import apart_kernel, inline_kernel, kernel
 from offroad_env.physics.numerics import sin_cos
 
 @kernel
@@ -160,3 +180,16 @@ def test_another_interpreter_finds_what_one_has_translated(tmp_path):
     assert counts == ["0", "1"]
     assert calls("second") == [value, "1", "0"]
     assert calls("first") == [value, "0", "0"]  # machine code is there: nothing is translated
+
+
+def test_a_kernel_is_inlined_because_it_says_so_and_not_because_its_first_caller_does():
+    assert squares(3.0) == 18.0
+
+    def attributes(called) -> str:
+        (found,) = called._numba_type_.dispatcher.overloads.values()
+        code = found.library._get_module_for_linking()
+        return " ".join(str(a) for a in code.get_function(found.fndesc.llvm_func_name).attributes)
+
+    assert "alwaysinline" in attributes(squares_inline)
+    assert "inline" not in attributes(plain_square)
+    assert "noinline" in attributes(distant_square)

@@ -34,10 +34,9 @@ _RAW = {
 _TRIADS = (tuple(name for name, _ in ACCELEROMETERS), tuple(name for name, _ in GYROS))
 _RIM = "m/s (a rim speed)"
 _STEERED = "yaw_rate against speed x steer / wheelbase"
-#: Least correlation, and factors from which a steering angle is taken to be that of the steering wheel:
-#: any, or one
-#: with an assumed ratio. Slip on soft soil changes the turn by less.
-_FOLLOWS, _SCALED, _ASSUMED = 0.9, 3.0, 1.6
+#: Least correlation, and factors from which a steering angle is taken to be that of the steering wheel: any, or
+#: one with an assumed ratio. No steering gear has a smaller ratio, and wheels that plough halve the turn.
+_FOLLOWS, _SCALED, _ASSUMED = 0.9, 5.0, 1.6
 
 
 def sources_of(log: Log, channel: str, files: frozenset[str]) -> tuple[str, ...]:
@@ -90,8 +89,7 @@ def _steering_scale(log: Log, report: QualityReport) -> list[Remark]:
             sentence=(
                 f"the vehicle turns {factor:.3g} times as much as steer and wheelbase have it (correlation "
                 f"{check.correlation:.2f}): steer is not the angle of the road wheels; a steering ratio "
-                "that is known "
-                "is better than this line"
+                "that is known is better than this line"
             ),
             lines=(Line("units.steer", unit),),
         )
