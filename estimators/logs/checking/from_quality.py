@@ -34,8 +34,8 @@ _RAW = {
 _TRIADS = (tuple(name for name, _ in ACCELEROMETERS), tuple(name for name, _ in GYROS))
 _RIM = "m/s (a rim speed)"
 _STEERED = "yaw_rate against speed x steer / wheelbase"
-#: Least correlation, and factors from which a steering angle is taken to be that of the steering wheel: any, or
-#: one with an assumed ratio. No steering gear has a smaller ratio, and wheels that plough halve the turn.
+#: Least correlation, and factors from which a steering angle is taken to be that of the steering wheel: any,
+#: or one with an assumed ratio. No steering gear has a smaller ratio, and wheels that plough halve the turn.
 _FOLLOWS, _SCALED, _ASSUMED = 0.9, 5.0, 1.6
 
 
