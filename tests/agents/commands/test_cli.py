@@ -165,7 +165,7 @@ def test_wrong_arguments_are_wrong_usage_and_no_traceback(arguments, capsys):
         (("drive", "--agent", "nobody"), "agent must be one of pure_pursuit"),
         (("drive", "--scenario", "speed", "--agent", "oracle", "--terrain-info", "none"), '"truth"'),
         (("drive", "--duration", "-1"), "duration must be in (0, 3600] s, got -1"),
-        (("drive", "--window", "--video", "a.gif"), "give --window, or --video"),
+        (("drive", "--window", "--video", "a.gif"), "give --window (or the keyboard), or --video"),
         (("drive", "--video", "a.avi", "--duration", "1"), "video must end in .gif or .mp4"),
         (("drive", "--policy", "no-such-folder"), "no policy in no-such-folder - train one with"),
         (("drive", "--duration", "inf"), "duration must be in"),

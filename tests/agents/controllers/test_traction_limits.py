@@ -144,7 +144,7 @@ def test_every_arm_is_tuned_and_says_what_it_needs():
 def test_unknown_arms_and_scenarios_are_refused_by_name():
     with pytest.raises(InvalidParameter, match="nominal, conservative, aware, oracle"):
         make_arm("omniscient")
-    with pytest.raises(InvalidParameter, match=r"tuned: .*speed"):
+    with pytest.raises(InvalidParameter, match=r"scenario must be one of .*speed"):
         make_arm("oracle", scenario="race")
     settings = ArmSettings(margin=0.8, slip_angle=0.2, feed_forward=1.0)
     with pytest.raises(InvalidParameter, match=r"scenario must be one of .*speed"):

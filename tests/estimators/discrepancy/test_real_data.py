@@ -49,9 +49,10 @@ def test_the_soil_bin_becomes_a_log_that_reads_back_as_it_was(tmp_path):
         assert np.array_equal(back.channels[name], values, equal_nan=True)
 
 
-def test_a_drive_without_a_file_is_asked_for(tmp_path):
-    with pytest.raises(DataError, match="name the file of the drive"):
-        DataLog(name="f1tenth_indoor", out=tmp_path).run()
+def test_without_a_file_all_published_drives_become_logs(tmp_path):
+    measured_data("f1tenth_indoor")
+    DataLog(name="f1tenth_indoor", out=tmp_path).run()
+    assert {path.name for path in tmp_path.glob("*.csv")} == {"DS1.csv", "DS2.csv", "DS3.csv"}
 
 
 def test_trials_and_drives_are_not_mistaken_for_each_other(tmp_path):
