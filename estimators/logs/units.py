@@ -77,6 +77,7 @@ def suspicions(log: Log) -> tuple[list[Finding], list[Check]]:
     if speed is not None and turn is not None:
         turn = turn / (_DEGREES if yaw_unit == "deg/s" else 1.0)
         _acceleration_laws(windows, (speed * turn, _speed_change(windows)), judge, gravity_unit)
+    _course_law(windows, judge)
     return judge.findings, judge.checks
 
 
@@ -198,14 +199,6 @@ def _heading_laws(windows: Windows, speed: np.ndarray | None, judge: _Judge) -> 
             (fast,),
         ),
     ]
-    laws.append(
-        _Law(
-            "yaw_rate against the change of course",
-            "course",
-            _compare(rate, windows.slope("course", angle=True)),
-            (_Candidate(1.0 / _DEGREES, "course", "deg"),),
-        )
-    )
     if speed is not None and steer is not None:
         vehicle = windows.log.vehicle
         steered = speed * steer / (vehicle.l_f + vehicle.l_r)
@@ -215,6 +208,13 @@ def _heading_laws(windows: Windows, speed: np.ndarray | None, judge: _Judge) -> 
         )
     named = [judge.weigh(law) for law in laws]
     return next((c.unit for c in named if c is not None and c.channel == "yaw_rate"), None)
+
+
+def _course_law(windows: Windows, judge: _Judge) -> None:
+    """Yaw rate against the course over ground."""
+    seen = _compare(windows.mean("yaw_rate"), windows.slope("course", angle=True))
+    degrees = _Candidate(1.0 / _DEGREES, "course", "deg")
+    judge.weigh(_Law("yaw_rate against the change of course", "course", seen, (degrees,)))
 
 
 def _attitude_laws(windows: Windows, judge: _Judge) -> None:
