@@ -91,8 +91,8 @@ def _run(arguments: list[str]) -> int:
                 command.run()
     except OffroadError as error:
         return _complain(str(error), 1)
-    except KeyboardInterrupt:
-        return _complain("stopped", 130)
+    except KeyboardInterrupt as stop:
+        return _complain(f"stopped: {stop}" if str(stop) else "stopped", 130)
     except BrokenPipeError:  # the reader of a pipe, such as head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0

@@ -173,7 +173,10 @@ def agent_file(name: str) -> Path:
     except (ImportError, ValueError):
         found = None
     if found is None or found.origin is None:
-        raise InvalidParameter(f"agent must be one of {', '.join(AGENTS)} or module:Class, got {name!r}")
+        raise InvalidParameter(
+            f"no module {module!r} in {os.getcwd()} or among the installed packages, asked for by {name!r} - "
+            "module:Class names an agent of your own"
+        )
     return Path(found.origin)
 
 

@@ -96,6 +96,9 @@ def run_units(
                 bar.advance(task)
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+    except KeyboardInterrupt:
+        kept = f"{len(done)} of {len(stamps)} {label} are kept in {path}"
+        raise KeyboardInterrupt(f"{kept}: the same command goes on from there") from None
     return {key: done[key] for key in stamps}
 
 

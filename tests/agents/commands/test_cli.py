@@ -163,6 +163,8 @@ def test_wrong_arguments_are_wrong_usage_and_no_traceback(arguments, capsys):
         (("soil", "clay", "--slips", "30"), "slip must be in [-1, 1]"),
         (("drive", "--scenario", "moon"), "ride, patches, got 'moon'"),
         (("drive", "--agent", "nobody"), "agent must be one of pure_pursuit"),
+        (("drive", "--agent", "nowhere.at_all:Driver"), "no module 'nowhere.at_all' in "),
+        (("compare", "nowhere:Driver"), "no module 'nowhere' in "),
         (("drive", "--scenario", "speed", "--agent", "oracle", "--terrain-info", "none"), '"truth"'),
         (("drive", "--duration", "-1"), "duration must be in (0, 3600] s, got -1"),
         (("drive", "--window", "--video", "a.gif"), "give --window (or the keyboard), or --video"),

@@ -51,6 +51,20 @@ def test_units_that_are_there_are_not_run_again(tmp_path, calls):
     assert read() == ["2", "3", "4"]
 
 
+def interrupted(base, number):
+    """Work that somebody stops at the third unit."""
+    if number == 4:
+        raise KeyboardInterrupt
+    return square(base, number)
+
+
+def test_a_run_that_is_stopped_says_what_is_kept_and_how_to_go_on(tmp_path, calls):
+    note, _ = calls
+    units = {(note, 2): "a", (note, 3): "a", (note, 4): "a"}
+    with pytest.raises(KeyboardInterrupt, match=r"2 of 3 squares are kept in .*the same command goes on"):
+        run_units(tmp_path / "x.jsonl", interrupted, units, label="squares", n_jobs=1)
+
+
 def test_units_of_other_sources_and_lines_cut_off_are_run_again(tmp_path, calls):
     note, read = calls
     path, label = tmp_path / "x.jsonl", {"label": "x", "n_jobs": 1}
