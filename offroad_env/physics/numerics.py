@@ -110,7 +110,7 @@ def half_angle(d: float) -> tuple[float, float]:
 
 @inline_kernel
 def decay(x: float) -> float:
-    """exp(-x) for small ``|x|``, by Pade's approximation of order 3: to 8e-8 at 0.5, 1e-5 at 1."""
+    """exp(-x) for small ``|x|``, by Pade's approximation of order 3: to 8e-8 at 0.5, 1.1e-5 at 1."""
     square = x * x
     even, odd = 120.0 + 12.0 * square, x * (60.0 + square)
     return max((even - odd) / (even + odd), 0.0)

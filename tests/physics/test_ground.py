@@ -14,6 +14,7 @@ from scipy.signal import welch
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.ground import ground_height, ground_readings, sin_cos, sinkage_exponent
 from offroad_env.physics.path_geometry import path_point
+from offroad_env.world import terrain
 from offroad_env.world.paths import circle, straight
 from offroad_env.world.terrain import (
     ISO_8608_CLASSES,
@@ -160,6 +161,25 @@ def test_the_same_seed_gives_the_same_ground_and_any_class_uses_as_many_draws():
     assert np.array_equal(rough_terrain("B", first).waves, rough_terrain("B", second).waves)
     rough_terrain("G", third, band=(0.1, 1.0))
     assert first.random() == third.random()
+
+
+def test_frequencies_are_those_of_plain_bisection_to_the_last_bit():
+    low, high = 0.05, 1.5
+    edges = terrain._bin_edges(low, high, 64)
+    for seed in range(20):
+        waves = rough_terrain("C", np.random.default_rng(seed)).waves
+        share = np.random.default_rng(seed).random(64)
+        below, above = edges[:-1].copy(), edges[1:].copy()
+        variance = (1.0 - share) * terrain._variance_beyond(below, high) + share * terrain._variance_beyond(
+            above, high
+        )
+        for _ in range(60):
+            middle = 0.5 * (below + above)
+            beyond = terrain._variance_beyond(middle, high) > variance
+            below, above = np.where(beyond, middle, below), np.where(beyond, above, middle)
+        found = terrain._draw_frequencies(edges, np.random.default_rng(seed))
+        np.testing.assert_array_equal(found, 0.5 * (below + above))
+        np.testing.assert_allclose(np.hypot(waves[:, 1], waves[:, 2]), 2.0 * math.pi * found, rtol=1e-12)
 
 
 def test_heights_broadcast_and_a_map_has_a_row_for_each_y():
