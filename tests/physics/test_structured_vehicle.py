@@ -7,6 +7,8 @@ import pytest
 
 from offroad_env.physics import state as at
 from offroad_env.physics.axle import contact_shape
+from offroad_env.physics.equations import full_derivative
+from offroad_env.physics.full_jacobian import Slope, axle_stiffnesses
 from offroad_env.simulation.fleet import make_fleet, simulate_fleet_commands
 from offroad_env.simulation.simulator import make_plant, settled_state, simulate_commands
 from offroad_env.world.soils import SOILS
@@ -69,3 +71,19 @@ def test_a_shaft_torque_from_outside_unloads_the_front_less(vehicle_model):
     expected = v.r * pulls["external"] / (v.l_f + v.l_r)
     less = (pulls["reacted"] - pulls["external"]) * v.h_cg / (v.l_f + v.l_r)
     assert loads["external"] - loads["reacted"] == pytest.approx(expected + less, rel=0.1)
+
+
+def test_a_slip_about_to_change_its_sign_is_as_stiff_as_what_the_step_meets():
+    """Where slip changes its sign, the torque grows like its root: the tangent before says nothing."""
+    plant = make_plant(VEHICLES["mrzr"], SOILS["dry_sand"], flat(), structure="grid")
+    x, warm = settled_state(plant, v_x=3.3)
+    x[at.OMEGA_F] = 0.997 * 3.3 / plant.vehicle.r
+    slope, readings = np.zeros(at.STATE_SIZE), np.zeros(at.READINGS_SIZE)
+    full_derivative(x, (0.0, 0.0, 0.0), plant, warm, slope, readings)
+    found = []
+    for gain in (0.0, 40.0):
+        slope[at.OMEGA_F], stiffness = gain, np.zeros(at.READINGS_SIZE)
+        axle_stiffnesses(plant, x, warm, readings, Slope(slope, 0.005), stiffness)
+        found.append(stiffness[0])
+    tangent, secant = found
+    assert secant > 2.0 * tangent > 0.0
