@@ -175,7 +175,9 @@ def _listing(entries: dict[str, tuple[str, str, str]]) -> list[str]:
 
 
 def _complain(sentence: str, status: int) -> int:
-    print(f"offroad: {' '.join(sentence.split())}", file=sys.stderr)
+    from agents.reports.output import printable
+
+    print(f"offroad: {printable(' '.join(sentence.split()))}", file=sys.stderr)
     return status
 
 

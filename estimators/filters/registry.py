@@ -22,6 +22,7 @@ from estimators.filters.protocol import Estimator
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.axle import Plant
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["FILTERS", "MAP_FILTERS", "ONLINE_FILTERS", "SENSORS", "FilterEntry", "OnlineSetup", "filter_id"]
 
@@ -185,5 +186,5 @@ def filter_id(
             return known
     short = ", ".join(dict.fromkeys(alias for known in ids for alias in FILTERS[known].aliases))
     raise InvalidParameter(
-        f"{label} must be one of {', '.join((*ids, *besides))} (short names: {short}), got {name!r}"
+        f"{label} must be one of {', '.join((*ids, *besides))} (short names: {short}), got {shown(name)}"
     )

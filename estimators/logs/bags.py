@@ -26,9 +26,11 @@ import numpy as np
 
 from estimators.logs.file_keys import TimeKeys
 from estimators.logs.schema import REFERENCE, VEHICLE_INPUTS, nearest
-from estimators.logs.tables import Table, read_bytes
+from estimators.logs.tables import MOST_LOG, Table
 from estimators.logs.yaml_sections import Section
 from offroad_env.errors import DataError
+from offroad_env.world.files import open_file
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["BAG_EXTRA", "Topics", "is_bag", "is_ros2_bag", "parse_topics", "read_bag", "topics_of"]
 
@@ -118,7 +120,7 @@ def parse_topics(top: Section) -> Topics:
 def _sources(section: Section, key: str, value: Any) -> Iterable[_Source]:
     if key in _SENSORS:
         if not isinstance(value, str) or not value.startswith("/"):
-            raise section.error(f"topics.{key} must be a topic such as /{key}, got {value!r}", key)
+            raise section.error(f"topics.{key} must be a topic such as /{key}, got {shown(value)}", key)
         return [_Source(column=c, topic=value, field=f, factor=k) for c, f, k in _SENSORS[key]]
     if key == "t" or (key not in VEHICLE_INPUTS and not key.startswith(REFERENCE)):
         near = nearest(key, (*VEHICLE_INPUTS, *_SENSORS))
@@ -133,7 +135,8 @@ def _sources(section: Section, key: str, value: Any) -> Iterable[_Source]:
         if texts and isinstance(factor, (int, float)) and math.isfinite(factor) and factor != 0.0:
             return [_Source(column=key, topic=topic, field=field, factor=float(factor))]
     raise section.error(
-        f"topics.{key} must be '/topic field' or {{topic: /topic, field: name, factor: 1.0}}, got {value!r}",
+        f"topics.{key} must be '/topic field' or {{topic: /topic, field: name, factor: 1.0}}, "
+        f"got {shown(value)}",
         key,
     )
 
@@ -150,8 +153,10 @@ def read_bag(path: Path, topics: Topics, time: TimeKeys) -> tuple[Table, Digest]
         number, or the stamps of a topic do not increase.
     """
     digest = hashlib.sha256()
-    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
-        digest.update(read_bytes(file))
+    for name in sorted(path.iterdir()) if path.is_dir() else [path]:
+        with open_file(name, most=MOST_LOG) as file:
+            while piece := file.read(1_000_000):
+                digest.update(piece)
     stamps = {
         topic: _in_order(path, topic, messages, time) for topic, messages in _messages(path, topics).items()
     }

@@ -17,6 +17,7 @@ from estimators.logs.csv_tables import numbers_of, parse_csv
 from estimators.logs.file_keys import FileKeys, parse_file_keys
 from estimators.logs.log import Log
 from estimators.logs.mounting import IMU_CHANNELS, at_even_rate, turned
+from estimators.logs.parquet import read_parquet
 from estimators.logs.raw import derived
 from estimators.logs.row_order import blanked, check_time, named_columns, ordered
 from estimators.logs.schema import (
@@ -28,10 +29,11 @@ from estimators.logs.schema import (
     Column,
     nearest,
 )
-from estimators.logs.tables import Table, read_bytes, read_parquet
+from estimators.logs.tables import MOST_LOG, Table
 from estimators.logs.unit_conversion import Conversion, conversion
 from estimators.logs.yaml_sections import Section
 from offroad_env.errors import DataError, InvalidParameter
+from offroad_env.world.files import MOST_TEXT, open_file, read_file
 from offroad_env.world.yaml_text import parse_yaml
 
 __all__ = [
@@ -80,7 +82,7 @@ def read_log(path: str | PathLike[str]) -> Log:
     path = Path(path)
     check_path(path)
     settings = find_description(path)
-    return read_described(path, read_bytes(settings), str(settings))
+    return read_described(path, read_file(settings, most=MOST_TEXT), str(settings))
 
 
 def read_described(path: Path, description: bytes, file: str) -> Log:
@@ -123,11 +125,12 @@ def read_table(path: Path, top: Section, keys: FileKeys) -> tuple[Table, bags.Di
     """
     if bags.is_bag(path):
         return bags.read_bag(path, bags.parse_topics(top), keys.time)
-    content = read_bytes(path)
-    digest: bags.Digest = hashlib.sha256(content)
-    if path.suffix.lower() == ".parquet":
-        return read_parquet(content, str(path), numbers_of, keys.unread), digest
-    return parse_csv(content, str(path), keys.csv, unread=keys.unread, time=keys.time_column), digest
+    with open_file(path, most=MOST_LOG) as file:
+        digest: bags.Digest = hashlib.file_digest(file, "sha256")
+        file.seek(0)
+        if path.suffix.lower() == ".parquet":
+            return read_parquet(file, str(path), numbers_of, keys.unread), digest
+        return parse_csv(file, str(path), keys.csv, unread=keys.unread, time=keys.time_column), digest
 
 
 def read_logs(paths: Iterable[str | PathLike[str]]) -> list[Log]:

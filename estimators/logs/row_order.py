@@ -81,6 +81,8 @@ def ordered(table: Table, time: TimeKeys) -> Table:
         rows = max(pieces, key=len)
     if time.order == "sort" and not np.isnan(t[rows]).any():
         rows = rows[np.argsort(t[rows], kind="stable")]
+    if len(rows) == len(t) and (len(rows) < 2 or (np.diff(rows) == 1).all()):
+        return _merged(table) if time.repeated == "merge" and len(rows) else table
     taken = Table(
         file=table.file,
         columns={name: values[rows] for name, values in table.columns.items()},

@@ -20,6 +20,7 @@ from offroad_env.simulation.simulator import make_plant, settled_state
 from offroad_env.world.soils import make_soil
 from offroad_env.world.terrain import flat
 from offroad_env.world.vehicles import make_vehicle
+from offroad_env.world.yaml_text import shown
 
 __all__ = [
     "COMPILED",
@@ -42,7 +43,7 @@ COMPILED = "online_parameter_ukf"
 def require_choice(name: str, value: object, allowed: tuple[str | None, ...]) -> None:
     """Refuse a ``value`` that is none of the ``allowed`` ones."""
     if value not in allowed:
-        raise InvalidParameter(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}")
+        raise InvalidParameter(f"{name} must be one of {', '.join(map(str, allowed))}, got {shown(value)}")
 
 
 def checked_estimator(estimator: str | OnBoard | None, terrain_info: str) -> str | OnBoard:
@@ -70,9 +71,9 @@ def checked_range(limits: Any, soil: Soil) -> tuple[float, float]:
     try:
         low, high = (float(value) for value in limits)
     except (TypeError, ValueError) as error:
-        raise InvalidParameter(f"n_range must be (low, high), got {limits!r}") from error
+        raise InvalidParameter(f"n_range must be (low, high), got {shown(limits)}") from error
     if not low <= high:
-        raise InvalidParameter(f"n_range must be (low, high) with low <= high, got {limits!r}")
+        raise InvalidParameter(f"n_range must be (low, high) with low <= high, got {shown(limits)}")
     for n in (low, high):
         make_soil(soil, n=n)
     return low, high

@@ -67,6 +67,7 @@ from offroad_env.world.descriptions import Description, choose_structure, choose
 from offroad_env.world.four_wheel_vehicles import FourWheelVehicle
 from offroad_env.world.natural_soil import SoilSpread
 from offroad_env.world.soils import make_soil
+from offroad_env.world.yaml_text import shown
 
 if TYPE_CHECKING:
     from offroad_env.rendering import Renderer
@@ -224,7 +225,9 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self.prior = (0.5 * (low + high), max((high - low) / math.sqrt(12.0), 1e-3))
         self._believed_soil = make_soil(chosen.soil.record, n=self.prior[0])
         if estimator != "none" and self._believed_soil.rigid:
-            raise InvalidParameter(f"estimator={estimator!r} needs a deformable soil, got {self.soil_name!r}")
+            raise InvalidParameter(
+                f"estimator={estimator!r} needs a deformable soil, got {shown(self.soil_name)}"
+            )
         announce_compilation()
         self.sensors: SensorSuite = read_sensors(sensors).anew(body_axes=model == "full")
         require_rate(self.sensors.imu.rate)
@@ -364,7 +367,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         """Hold ``action`` for 0.02 s. See the class for its meaning and the results."""
         values = np.asarray(action, dtype=np.float64)
         if values.shape != (2,) or not all(map(math.isfinite, values.tolist())):
-            raise InvalidParameter(f"action must be 2 finite numbers (steer, drive), got {action!r}")
+            raise InvalidParameter(f"action must be 2 finite numbers (steer, drive), got {shown(action)}")
         self._actions[:] = values
         if self._episode["noise_row"] > LAST_ROW:
             self.draw_noise()

@@ -105,7 +105,7 @@ class LogUniform:
     def __post_init__(self) -> None:
         _ordered(self.low, self.high)
         if self.low <= 0.0:
-            raise InvalidParameter(f"LogUniform needs low > 0, got {self.low!r}")
+            raise InvalidParameter(f"LogUniform needs low > 0, got {shown(self.low)}")
 
     def draw(self, rng: np.random.Generator) -> float:
         """A value."""
@@ -133,7 +133,7 @@ class Normal:
 
     def __post_init__(self) -> None:
         if not self.sd >= 0.0:
-            raise InvalidParameter(f"Normal needs sd >= 0, got {self.sd!r}")
+            raise InvalidParameter(f"Normal needs sd >= 0, got {shown(self.sd)}")
         _ordered(*self.ends)
         low, high = self.ends
         if max(low - self.mean, self.mean - high) > 3.0 * self.sd:

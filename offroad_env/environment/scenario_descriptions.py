@@ -137,7 +137,7 @@ def find_scenario(given: Scenario | Description) -> Scenario:
         content = recalled("scenario", given)
         if content is None:
             known = ", ".join(SCENARIOS)
-            raise InvalidParameter(f"scenario must be one of {known}, got {given!r}")
+            raise InvalidParameter(f"scenario must be one of {known}, got {shown(given)}")
         return find_scenario(content)
     document = open_document(given, "scenario")
     stated = document.check(SCENARIO)
@@ -236,7 +236,9 @@ def register_scenario(scenario: Scenario | Description, *, name: str | None = No
     made = find_scenario(scenario)
     name = re.sub(r"\W", "_", made.name) if name is None else name
     if name in BUILT_IN or not name.isidentifier():
-        raise InvalidParameter(f"name must be a new one of letters, digits and underscores, got {name!r}")
+        raise InvalidParameter(
+            f"name must be a new one of letters, digits and underscores, got {shown(name)}"
+        )
     made = replace(made, name=name, like=made.task)
     SCENARIOS[name] = made
     content = scenario_mapping(made)

@@ -26,6 +26,7 @@ from offroad_env.environment.episode_records import (
 from offroad_env.environment.observation import Layout
 from offroad_env.environment.rewards import ENDINGS, TERMS
 from offroad_env.errors import InvalidParameter
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["OffroadBekkerVectorEnv", "make_vec"]
 
@@ -171,7 +172,9 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         """One control period of every episode."""
         values = np.asarray(actions, dtype=np.float64)
         if values.shape != (self.num_envs, 2) or not np.isfinite(values).all():
-            raise InvalidParameter(f"actions must be ({self.num_envs}, 2) finite numbers, got {actions!r}")
+            raise InvalidParameter(
+                f"actions must be ({self.num_envs}, 2) finite numbers, got {shown(actions)}"
+            )
         if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
             raise InvalidParameter(f"episodes {np.flatnonzero(self._over)} are over: reset them first")
         again = self._over.copy()
@@ -247,7 +250,9 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         if mask is None:
             return np.arange(self.num_envs)
         if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
-            raise InvalidParameter(f"reset_mask must be a boolean array ({self.num_envs},), got {mask!r}")
+            raise InvalidParameter(
+                f"reset_mask must be a boolean array ({self.num_envs},), got {shown(mask)}"
+            )
         if not mask.any():
             raise InvalidParameter("reset_mask must hold at least one True")
         return np.flatnonzero(mask)

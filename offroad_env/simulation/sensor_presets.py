@@ -8,6 +8,7 @@ from offroad_env.errors import InvalidParameter
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.simulation.sensor_configs import GnssConfig, ImuConfig, WheelSpeedConfig, noise_sd
 from offroad_env.simulation.sensors import SensorSuite
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["SENSORS", "SensorPreset", "make_sensors"]
 
@@ -186,7 +187,7 @@ SENSORS: dict[str, SensorPreset] = {
 
 def _preset(name: str) -> SensorPreset:
     if name not in SENSORS:
-        raise InvalidParameter(f"sensors must be one of {', '.join(SENSORS)}, got {name!r}")
+        raise InvalidParameter(f"sensors must be one of {', '.join(SENSORS)}, got {shown(name)}")
     return SENSORS[name]
 
 

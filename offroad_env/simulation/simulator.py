@@ -36,6 +36,7 @@ from offroad_env.world.four_wheel import make_four_wheel
 from offroad_env.world.soil_fields import require_positive_modulus
 from offroad_env.world.structures import read_structure
 from offroad_env.world.tyres import read_tyre, require_fitting_tyre, with_tyre
+from offroad_env.world.yaml_text import shown
 
 __all__ = [
     "FULL_STEP",
@@ -73,7 +74,7 @@ class Trajectory:
 
 def _choice(name: str, value: str, allowed: tuple[str, ...]) -> str:
     if value not in allowed:
-        raise InvalidParameter(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
+        raise InvalidParameter(f"{name} must be one of {', '.join(allowed)}, got {shown(value)}")
     return value
 
 
@@ -150,10 +151,12 @@ def _four_wheel(
     """What a plant of this vehicle model holds of four wheels."""
     if vehicle_model != "four_wheel":
         if given is not None:
-            raise InvalidParameter(f"four_wheel belongs to vehicle_model 'four_wheel', got {vehicle_model!r}")
+            raise InvalidParameter(
+                f"four_wheel belongs to vehicle_model 'four_wheel', got {shown(vehicle_model)}"
+            )
         return None
     if model != "full":
-        raise InvalidParameter(f"vehicle_model 'four_wheel' needs model 'full', got {model!r}")
+        raise InvalidParameter(f"vehicle_model 'four_wheel' needs model 'full', got {shown(model)}")
     return make_four_wheel(vehicle) if given is None else given
 
 

@@ -24,6 +24,7 @@ from offroad_env.physics.structured_contact import (
 from offroad_env.world.soil_fields import require_positive_modulus
 from offroad_env.world.structures import read_structure
 from offroad_env.world.tyres import read_tyre, require_fitting_tyre, with_tyre
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["WheelForces", "wheel_forces"]
 
@@ -214,7 +215,7 @@ def _quoted(word: str) -> str:
 
 def _require_word(name: str, value: str, words: tuple[str, str]) -> None:
     if value not in words:
-        raise InvalidParameter(f"{name} must be {' or '.join(map(_quoted, words))}, got {value!r}")
+        raise InvalidParameter(f"{name} must be {' or '.join(map(_quoted, words))}, got {shown(value)}")
 
 
 def _laws(structure: str | Structure | None, tyre: Tyre | None, wheel: Wheel) -> Structure | None:

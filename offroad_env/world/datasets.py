@@ -21,6 +21,7 @@ from urllib.parse import urlsplit
 
 from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.world.published_drives import DRIVES, TABLES, is_drive, join_drive
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["DATASETS", "UNPUBLISHED", "Dataset", "cache_folder", "describe", "fetch", "locate", "verify"]
 
@@ -319,7 +320,7 @@ def _known(name: str, registry: Mapping[str, Dataset]) -> Dataset:
         )
     near = get_close_matches(str(name), registry, n=1, cutoff=0.4)
     hint = f" - did you mean {near[0]!r}?" if near else ""
-    raise InvalidParameter(f"name must be one of {', '.join(registry)}, got {name!r}{hint}")
+    raise InvalidParameter(f"name must be one of {', '.join(registry)}, got {shown(name)}{hint}")
 
 
 def _digest(path: Path) -> str:

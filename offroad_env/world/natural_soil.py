@@ -20,6 +20,7 @@ from offroad_env.physics.pressure_sinkage import bekker_modulus, bekker_pressure
 from offroad_env.physics.records import Soil, SoilField
 from offroad_env.physics.soil_field import REFERENCE_SINKAGE, local_soils
 from offroad_env.world.catalogue import Quantity
+from offroad_env.world.yaml_text import shown
 
 __all__ = [
     "REFERENCE_WIDTH",
@@ -158,7 +159,7 @@ def _check_exponent(n: float, sd: float) -> None:
 def _patch_row(i: int, patch: tuple[float, float, float, Soil], edge: float) -> list[float]:
     """A row of `SoilField.patches`."""
     if len(patch) != 4 or not isinstance(patch[-1], Soil):
-        raise InvalidParameter(f"patches[{i}] must be (x, y, radius, soil), got {patch!r}")
+        raise InvalidParameter(f"patches[{i}] must be (x, y, radius, soil), got {shown(patch)}")
     x, y, radius, soil = patch
     if soil.rigid > 0.5:
         raise InvalidParameter(f"patches[{i}] must be a deformable soil, got hard ground")

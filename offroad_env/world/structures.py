@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import Structure
+from offroad_env.world.yaml_text import shown
 
 __all__ = [
     "LADDER",
@@ -114,12 +115,12 @@ def make_structure(
         For an unknown preset, choice or option, or a number out of range.
     """
     if preset not in STRUCTURES:
-        raise InvalidParameter(f"structure must be one of {', '.join(STRUCTURES)}, got {preset!r}")
+        raise InvalidParameter(f"structure must be one of {', '.join(STRUCTURES)}, got {shown(preset)}")
     for name, option in laws.items():
         if name not in LAWS:
             raise InvalidParameter(f"a structure has no choice {name!r}; it has {', '.join(LAWS)}")
         if option not in LAWS[name]:
-            raise InvalidParameter(f"{name} must be one of {', '.join(LAWS[name])}, got {option!r}")
+            raise InvalidParameter(f"{name} must be one of {', '.join(LAWS[name])}, got {shown(option)}")
     chosen = {name: options[0] for name, options in LAWS.items()} | dict(STRUCTURES[preset]) | laws
     if chosen["ruts"] != "none" and chosen["pressure_from"] != "own_sinkage":
         raise InvalidParameter(
