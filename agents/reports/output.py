@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +25,7 @@ __all__ = [
     "OutputError",
     "Results",
     "console",
+    "only_writer",
     "plain",
     "printable",
     "say",
@@ -119,6 +122,43 @@ def write_bytes(path: Path, content: bytes) -> Path:
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
     return path
+
+
+@contextmanager
+def only_writer(path: Path) -> Iterator[None]:
+    """Within it no other process enters the same for this path; its end, however sudden, gives it free.
+
+    Raises
+    ------
+    OutputError
+        If another process is within, or the folder cannot be written to.
+    """
+    lock = path.parent / f".{path.name}.lock"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+    try:
+        _lock(handle, path)
+        yield
+    finally:
+        os.close(handle)  # which also unlocks
+
+
+def _lock(handle: int, path: Path) -> None:
+    try:
+        import fcntl
+    except ImportError:  # not on Windows
+        return
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise OutputError(
+            f"another process is writing {path}: wait for its end, or give another folder (--out)"
+        ) from None
+    except OSError:  # a file system without locks
+        return
 
 
 def write_json(path: Path, content: Any) -> Path:

@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 
@@ -32,7 +32,16 @@ from offroad_env.errors import DataError
 from offroad_env.world.files import open_file
 from offroad_env.world.yaml_text import shown
 
-__all__ = ["BAG_EXTRA", "Topics", "is_bag", "is_ros2_bag", "parse_topics", "read_bag", "topics_of"]
+__all__ = [
+    "BAG_EXTRA",
+    "Topics",
+    "add_file",
+    "is_bag",
+    "is_ros2_bag",
+    "parse_topics",
+    "read_bag",
+    "topics_of",
+]
 
 BAG_EXTRA = 'reading ROS bags needs rosbags: pip install "offroad-bekker[data]"'
 
@@ -155,8 +164,7 @@ def read_bag(path: Path, topics: Topics, time: TimeKeys) -> tuple[Table, Digest]
     digest = hashlib.sha256()
     for name in sorted(path.iterdir()) if path.is_dir() else [path]:
         with open_file(name, most=MOST_LOG) as file:
-            while piece := file.read(1_000_000):
-                digest.update(piece)
+            add_file(digest, file)
     stamps = {
         topic: _in_order(path, topic, messages, time) for topic, messages in _messages(path, topics).items()
     }
@@ -168,6 +176,13 @@ def read_bag(path: Path, topics: Topics, time: TimeKeys) -> tuple[Table, Digest]
         column[np.searchsorted(times, np.array(own, dtype=np.int64))] = values[source.column]
         columns[source.column] = column
     return Table(file=str(path), columns=columns, rows=np.arange(1, len(times) + 1)), digest
+
+
+def add_file(digest: Digest, file: BinaryIO) -> Digest:
+    """Add the rest of a file to a hash, piece by piece."""
+    while piece := file.read(1_000_000):
+        digest.update(piece)
+    return digest
 
 
 def topics_of(path: Path) -> dict[str, str]:

@@ -126,7 +126,7 @@ def read_table(path: Path, top: Section, keys: FileKeys) -> tuple[Table, bags.Di
     if bags.is_bag(path):
         return bags.read_bag(path, bags.parse_topics(top), keys.time)
     with open_file(path, most=MOST_LOG) as file:
-        digest: bags.Digest = hashlib.file_digest(file, "sha256")
+        digest = bags.add_file(hashlib.sha256(), file)
         file.seek(0)
         if path.suffix.lower() == ".parquet":
             return read_parquet(file, str(path), numbers_of, keys.unread), digest

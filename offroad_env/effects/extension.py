@@ -69,4 +69,6 @@ def _effect(entry: dict[str, Any], ids: Mapping[str, str]) -> tuple[str, dict[st
     names = {parameter.name for parameter in effect.parameters}
     if set(values) != names or not all(map(math.isfinite, values.values())):
         raise InvalidParameter(f"{effect.id} takes {', '.join(sorted(names))}, each a number")
+    for parameter in effect.parameters:
+        parameter.check(values[parameter.name], effect.id)
     return effect.id, values

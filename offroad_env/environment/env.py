@@ -19,10 +19,12 @@ from offroad_env.environment.arguments import (
     COMPILED,
     ResetOptions,
     believed_range,
+    checked_actions,
     checked_estimator,
     command_of,
     require_choice,
     require_rate,
+    require_seed,
 )
 from offroad_env.environment.choices import Choices, PlainSpec
 from offroad_env.environment.control_period import (
@@ -204,7 +206,9 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         )
         self.scenario, self.weights, self.n_range = chosen.scenario, chosen.weights, chosen.n_range
         estimator = checked_estimator(estimator, terrain_info)
-        self.extension: Extension | None = read_extension(model) if model.endswith(".json") else None
+        self.extension: Extension | None = (
+            read_extension(model) if isinstance(model, str) and model.endswith(".json") else None
+        )
         model = model if self.extension is None else self.extension.model
         require_choice("terrain_info", terrain_info, TERRAIN_INFO)
         require_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
@@ -244,6 +248,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self._extended: ExtendedTruth | None = None  # of an extended model; moves outside the compiled period
         self._layout = Layout(self.vehicle.steer_max, terrain=terrain_info != "none")
         self._renderer: Renderer | None = None
+        self._begun = False  # an episode
         self._learner: OnlineParameterUKF | None = None  # the estimator inside the compiled period
         self.join(Memory(1, self.sizes), 0)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -270,8 +275,9 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         the true soil's k_phi by these factors; what estimator and briefing hold stays nominal. The draws
         happen in the same order whatever is observed: same seed, same episode.
         """
-        super().reset(seed=seed)
+        require_seed(seed)
         chosen = ResetOptions.read(options)
+        super().reset(seed=seed)
         randomisation = self._choices.randomisation
         context = chosen.drawn(randomisation, self.np_random)
         self._context = context if context or randomisation is not None else None
@@ -311,6 +317,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self._episode["count"], self._episode["steps"] = 1, 0
         self._advance()
         self._episode["count"], self._episode["steps"] = SAMPLES, _STEPS
+        self._begun = True
         info = self.result()[0]
         if self.render_mode == "human":
             self.render()
@@ -365,9 +372,9 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Hold ``action`` for 0.02 s. See the class for its meaning and the results."""
-        values = np.asarray(action, dtype=np.float64)
-        if values.shape != (2,) or not all(map(math.isfinite, values.tolist())):
-            raise InvalidParameter(f"action must be 2 finite numbers (steer, drive), got {shown(action)}")
+        values = checked_actions("action", action, (2,))
+        if not self._begun:
+            raise gym.error.ResetNeeded("step needs reset before it: no episode has begun")
         self._actions[:] = values
         if self._episode["noise_row"] > LAST_ROW:
             self.draw_noise()

@@ -31,7 +31,7 @@ class _Loader(yaml.SafeLoader):
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """A node, or what an alias stands for, counted."""
         before, is_alias = self._values, self.check_event(yaml.AliasEvent)
-        event = self.peek_event()
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]  # PyYAML has no types for this
         self._values += 1
         node = super().compose_node(parent, index)
         if is_alias:
