@@ -178,6 +178,8 @@ def filter_id(
     InvalidParameter
         For a name that stands for none of them.
     """
+    if not isinstance(name, str):
+        raise InvalidParameter(f"{label} must be the name of a filter, got {shown(name)}")
     ids = tuple(among)
     if name in ids or name in besides:
         return name

@@ -19,7 +19,7 @@ from estimators.logs.log import Log
 from estimators.logs.mounting import IMU_CHANNELS, at_even_rate, turned
 from estimators.logs.parquet import read_parquet
 from estimators.logs.raw import derived
-from estimators.logs.row_order import blanked, check_time, named_columns, ordered
+from estimators.logs.row_order import blanked, check_time, named_columns, ordered, shortened
 from estimators.logs.schema import (
     DRIVE,
     RAW_COLUMNS,
@@ -57,6 +57,8 @@ _SENSED = ("a_x", "a_y", "yaw_rate", "gyro_x", "gyro_y", "gyro_z")
 _DRIVEN = (*DRIVE, *(name for name in RAW_COLUMNS if name.startswith(("omega", "torque"))))
 #: A stamp later than this counts from an epoch, not from the start of the log [s].
 _EPOCH = 1e7
+#: Most rows that an even rate may make of one, besides these.
+_MOST_RESAMPLED, _ALWAYS_RESAMPLED = 30, 100_000
 
 
 def read_log(path: str | PathLike[str]) -> Log:
@@ -233,10 +235,11 @@ def assemble(table: Table, top: Section, keys: FileKeys, name: str, digest: str)
     else:
         check_time(named, t)
         channels = blanked(named, t, channels, keys.blank)
+        t, silences = shortened(t)
         channels, notes = derived(named, t, channels, config.vehicle)
-        config = replace(config, notes=notes)
+        config = replace(config, notes=notes, silences=silences)
         config = _with_drive_share(config, channels, top)
-        t, channels, references = _mounted(t, channels, references, config)
+        t, channels, references = _mounted(t, channels, references, config, named.file)
         _check_drive(named, channels, config)
         config = _started(config, channels)
     for values in (*channels.values(), *references.values(), *(() if t is None else (t,))):
@@ -269,7 +272,11 @@ def _converted(
 
 
 def _mounted(
-    t: np.ndarray, channels: dict[str, np.ndarray], references: dict[str, np.ndarray], config: LogConfig
+    t: np.ndarray,
+    channels: dict[str, np.ndarray],
+    references: dict[str, np.ndarray],
+    config: LogConfig,
+    file: str,
 ) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Time from about zero, and the IMU in the axes of the vehicle and at the rate that the YAML asks for."""
     if abs(t[0]) > _EPOCH:
@@ -280,6 +287,11 @@ def _mounted(
     if imu.orientation is not None:
         channels = turned(channels, imu.orientation)
     if imu.rate is not None and any(name in channels for name in IMU_CHANNELS):
+        rows = (t[-1] - t[0]) * imu.rate
+        if rows > _MOST_RESAMPLED * len(t) + _ALWAYS_RESAMPLED:
+            raise DataError(
+                f"{file}: imu.rate {imu.rate:g} Hz would make {rows:.3g} rows of {len(t)}: another unit of t?"
+            )
         t, both = at_even_rate(t, {**channels, **references}, imu.rate)
         channels, references = ({name: both[name] for name in part} for part in (channels, references))
     return t, channels, references

@@ -17,6 +17,7 @@ from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics.records import Soil, Vehicle
 from offroad_env.simulation.drive import Command
 from offroad_env.simulation.simulator import make_plant, settled_state
+from offroad_env.world.argument_checks import is_one_of, numbers
 from offroad_env.world.catalogue import Quantity
 from offroad_env.world.soil_fields import SOIL_RANGES
 from offroad_env.world.soils import make_soil
@@ -48,7 +49,7 @@ COMPILED = "online_parameter_ukf"
 
 def require_choice(name: str, value: object, allowed: tuple[str | None, ...]) -> None:
     """Refuse a ``value`` that is none of the ``allowed`` ones."""
-    if value not in allowed:
+    if not is_one_of(value, allowed):
         raise InvalidParameter(f"{name} must be one of {', '.join(map(str, allowed))}, got {shown(value)}")
 
 
@@ -85,9 +86,8 @@ def checked_actions(name: str, given: object, shape: tuple[int, ...]) -> np.ndar
         For anything else; text with digits is no number.
     """
     try:
-        plain = np.asarray(given)
-        values = plain.astype(np.float64) if plain.dtype.kind in "fiub" else None
-    except (TypeError, ValueError):
+        values: np.ndarray | None = numbers(name, given)
+    except InvalidParameter:
         values = None
     if values is None or values.shape != shape or not np.isfinite(values).all():
         what = "2 finite numbers (steer, drive)" if shape == (2,) else f"{shape} finite numbers"

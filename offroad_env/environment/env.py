@@ -65,7 +65,7 @@ from offroad_env.simulation.simulator import (
 )
 from offroad_env.world.descriptions import Description, choose_structure, choose_tyre
 from offroad_env.world.four_wheel_vehicles import FourWheelVehicle
-from offroad_env.world.natural_soil import SoilSpread
+from offroad_env.world.natural_soil import SoilSpread, spread_of
 from offroad_env.world.soils import make_soil
 from offroad_env.world.yaml_text import shown
 
@@ -203,12 +203,12 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
             randomise=randomise,
         )
         self.scenario, self.weights, self.n_range = chosen.scenario, chosen.weights, chosen.n_range
+        require_choice("terrain_info", terrain_info, TERRAIN_INFO)
         estimator = checked_estimator(estimator, terrain_info)
         self.extension: Extension | None = (
             read_extension(model) if isinstance(model, str) and model.endswith(".json") else None
         )
         model = model if self.extension is None else self.extension.model
-        require_choice("terrain_info", terrain_info, TERRAIN_INFO)
         require_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         self.terrain_info, self.model, self.vehicle_model = terrain_info, model, vehicle_model
         self.render_mode = render_mode
@@ -221,7 +221,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
             vehicle_model=vehicle_model,
             structure=choose_structure(structure),
             tyre=choose_tyre(tyre),
-            natural_soil=SoilSpread(**natural_soil) if isinstance(natural_soil, Mapping) else natural_soil,
+            natural_soil=spread_of(natural_soil),
         )
         low, high = self.n_range
         self.prior = (0.5 * (low + high), max((high - low) / math.sqrt(12.0), 1e-3))

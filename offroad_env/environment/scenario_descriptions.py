@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 import re
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, replace
 from typing import Annotated, Any
@@ -171,6 +172,8 @@ def _course(given: Any, document: Document) -> Draw:
         raise InvalidParameter(f"course must hold keys, or be module:function, got {shown(given)}")
     module, _, name = given.partition(":")
     try:
+        if module.partition(".")[0] in sys.stdlib_module_names:
+            raise InvalidParameter(f"course must be a function that draws courses, not {shown(given)}")
         found: Any = importlib.import_module(module)
         for part in name.split("."):
             found = getattr(found, part)
@@ -235,7 +238,7 @@ def register_scenario(scenario: Scenario | Description, *, name: str | None = No
     """
     made = find_scenario(scenario)
     name = re.sub(r"\W", "_", made.name) if name is None else name
-    if name in BUILT_IN or not name.isidentifier():
+    if not isinstance(name, str) or name in BUILT_IN or not name.isidentifier():
         raise InvalidParameter(
             f"name must be a new one of letters, digits and underscores, got {shown(name)}"
         )

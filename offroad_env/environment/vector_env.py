@@ -15,7 +15,13 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from offroad_env.environment.arguments import checked_actions, require_count, require_mapping, require_seed
+from offroad_env.environment.arguments import (
+    checked_actions,
+    require_choice,
+    require_count,
+    require_mapping,
+    require_seed,
+)
 from offroad_env.environment.choices import PlainSpec
 from offroad_env.environment.control_period import BELIEVE, DRIVE, REPORT, period_full, period_paper
 from offroad_env.environment.env import OffroadBekkerEnv
@@ -59,7 +65,9 @@ def make_vec(num_envs: int, **options: Any) -> VectorEnv:
     (8, 12)
     """
     require_count("num_envs", num_envs)
-    name = f"offroad_env:OffroadBekker-{options.pop('version', 'v0')}"
+    version = options.pop("version", "v0")
+    require_choice("version", version, ("v0", "v1"))
+    name = f"offroad_env:OffroadBekker-{version}"
     return gym.make_vec(name, num_envs, vectorization_mode="vector_entry_point", **options)
 
 

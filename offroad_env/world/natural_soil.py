@@ -8,9 +8,9 @@ realisations have slopes. The field is a sum of plane waves with random directio
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, fields
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +30,7 @@ __all__ = [
     "natural_soil",
     "reference_pressure",
     "soil_maps",
+    "spread_of",
 ]
 
 #: Width of the plate whose pressure at 5 cm stands for a soil: a tyre of a light vehicle [m].
@@ -61,6 +62,22 @@ class SoilSpread:
     c: float = 0.05  #: of log c
     tan_phi: float = 0.05  #: of log tan(phi)
     K: float = 0.0  #: of the logarithm of both shear moduli
+
+
+def spread_of(given: Any) -> bool | SoilSpread:
+    """A spread from a mapping of its fields; True is the usual one, False none.
+
+    Raises
+    ------
+    InvalidParameter
+        For anything else.
+    """
+    if isinstance(given, bool | SoilSpread):
+        return given
+    names = [item.name for item in fields(SoilSpread)]
+    if not isinstance(given, Mapping) or not set(given) <= set(names):
+        raise InvalidParameter(f"natural_soil must be True, or hold {', '.join(names)}, got {shown(given)}")
+    return SoilSpread(**given)
 
 
 class SoilMaps(NamedTuple):
