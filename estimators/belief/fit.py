@@ -8,6 +8,7 @@ within a window may be correlated in any way.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -27,8 +28,8 @@ FAILED = 20.0
 #: Values of n and phi [-, rad] from which the best is the start; every third window is enough to find it.
 _START_N, _START_PHI = np.arange(0.3, 1.5, 0.15), (0.3, 0.45, 0.6)
 _SPARSE = 3
-#: Iterations, and the gain in loss below which they end.
-_ITERATIONS, _ENOUGH = 8, 0.05
+#: Iterations of a fit and of the search, and the gain in loss below which they end.
+_ITERATIONS, _SEARCHING, _ENOUGH = 8, 3, 0.05
 #: Levenberg-Marquardt damping: first, factor, largest.
 _DAMPING, _DAMPING_FACTOR, _DAMPING_TRIES = 1e-3, 10.0, 5
 
@@ -59,20 +60,21 @@ def losses_of(residuals: FloatArray) -> FloatArray:
 
 
 def searched(windows: LogWindows, plant: Plant, unknowns: Unknowns) -> tuple[FloatArray, float]:
-    """(9,) the best of a coarse grid of n and phi, all else at the prior's mean; and the loss there.
+    """(9,) where a fit starts, and the loss of all windows there, judged by every third of them.
 
-    The loss is that of all windows, judged by every third one.
+    The best of a coarse grid of n and phi, and some steps of a fit from there.
     """
-    best, lowest = unknowns.mean, float(np.inf)
+    sparse = windows.every(_SPARSE)
+    best, lowest = unknowns.mean, math.inf
     for n in _START_N:
         for phi in _START_PHI:
             values = unknowns.mean.copy()
             values[[N, PHI]] = n, phi
-            loss = float(losses_of(windows.residuals(plant, values, slice(None, None, _SPARSE))).sum())
-            loss += unknowns.loss(values) / _SPARSE
+            loss = float(losses_of(sparse.residuals(plant, values)).sum()) + unknowns.loss(values)
             if loss < lowest:
                 best, lowest = values, loss
-    return best, _SPARSE * lowest
+    fit = fit_unknowns(sparse, plant, unknowns, best, iterations=_SEARCHING)
+    return fit.values, len(windows.first) / len(sparse.first) * fit.loss
 
 
 def _slopes(
@@ -123,7 +125,7 @@ def fit_unknowns(
     unknowns: Unknowns,
     start: FloatArray,
     *,
-    progress: Callable[[float], None] | None = None,
+    iterations: int = _ITERATIONS,
 ) -> Fit:
     """Most probable values and their covariance, from ``start`` (9,)."""
     low, high = unknowns.bounds
@@ -136,11 +138,11 @@ def fit_unknowns(
     r = evaluate(values)
     loss, damping = float(losses_of(r).sum()) + unknowns.loss(values), _DAMPING
     local = _Local.at(_slopes(evaluate, values, r, unknowns.steps), r)
-    for iteration in range(_ITERATIONS):
+    for _ in range(iterations):
         H = local.information + np.diag(precision)
         gradient = local.scores.sum(axis=0) + precision * (values - unknowns.mean)
         before, better = loss, False
-        for _ in range(_DAMPING_TRIES):
+        for _ in range(_DAMPING_TRIES):  # until the loss falls
             step = np.linalg.solve(H + damping * np.diag(np.diag(H)), -gradient)
             moved = np.clip(values + step, low, high)
             r_moved = evaluate(moved)
@@ -153,8 +155,6 @@ def fit_unknowns(
             break
         values, r, loss, damping = moved, r_moved, loss_moved, max(damping / _DAMPING_FACTOR, 1e-5)
         local = _Local.at(_slopes(evaluate, values, r, unknowns.steps), r)
-        if progress is not None:
-            progress((iteration + 1.0) / _ITERATIONS)
         if before - loss < _ENOUGH:
             break
     return _finished(local, unknowns, values, loss, r)

@@ -26,8 +26,8 @@ __all__ = ["CANDIDATES", "DISCREPANCY", "Marginal", "SoilBelief", "StructureFit"
 
 #: Structures that compete where none is asked for.
 CANDIDATES = ("full", "grid", "field")
-#: A structure that is worse than the best by this loss on the search grid, all else as stated, is not fitted.
-_HOPELESS = 300.0
+#: A structure that is worse than the best by this loss after the search is not fitted.
+_HOPELESS = 150.0
 #: Least weight with which a half-car's structure is also tried with four wheels.
 _PROMISING = 0.05
 #: What even the right structure errs by in n [-] and phi [rad], one standard deviation: see docs/belief.md.
@@ -66,7 +66,7 @@ class SoilBelief:
     parts: tuple[StructureFit, ...]  #: by weight, the largest first
     windows: LogWindows
     unknowns: Unknowns
-    left_out: tuple[str, ...]  #: structures far off already on the search grid
+    left_out: tuple[str, ...]  #: structures far off already after the search
 
     @property
     def valid_share(self) -> float:

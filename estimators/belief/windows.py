@@ -8,7 +8,7 @@ count little.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,22 +55,25 @@ class LogWindows:
         """Steps of the grid in a lead-in and in a window."""
         return round(LEAD_IN / self.motion.step), round(self.length / self.motion.step)
 
-    def predicted(self, plant: Plant, values: FloatArray, which: slice = slice(None)) -> FloatArray:
+    def every(self, count: int) -> LogWindows:
+        """Every ``count``-th of the windows."""
+        return replace(self, first=self.first[::count], observed=self.observed[::count])
+
+    def predicted(self, plant: Plant, values: FloatArray) -> FloatArray:
         """(W, K + 1, 6) channels under these values (9,) of the unknowns; NaN where the soil gives way."""
         moved, inputs = applied(plant, self.inputs, values)
-        windows = self.first[which]
         try:
-            found = predict_windows(moved, self.motion, inputs, windows, self.lengths, self.steps)
+            found = predict_windows(moved, self.motion, inputs, self.first, self.lengths, self.steps)
         except SolverFailure:
-            return np.full((len(windows), *self.observed.shape[1:]), math.nan)
+            return np.full(self.observed.shape, math.nan)
         return np.concatenate([found.states[:, :, _COLUMNS], found.a_y[:, :, None]], axis=2)
 
-    def residuals(self, plant: Plant, values: FloatArray, which: slice = slice(None)) -> FloatArray:
+    def residuals(self, plant: Plant, values: FloatArray) -> FloatArray:
         """(W, B, 6) errors of the means over half a second, each over its scale.
 
         Channels that were not measured are 0; a window in which the soil gives way is NaN throughout.
         """
-        errors = (self.predicted(plant, values, which) - self.observed[which])[:, 1:]
+        errors = (self.predicted(plant, values) - self.observed)[:, 1:]
         failed = np.isnan(errors[:, :, 0]).any(axis=1)
         size = round(_BLOCK / self.motion.step)
         blocks = errors.shape[1] // size
