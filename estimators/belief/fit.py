@@ -1,9 +1,9 @@
 """Posterior of the unknowns under one structure: robust least squares over windows.
 
-Gauss-Newton with Student's t as the law of the errors (Lange, Little & Taylor, J. Am. Stat. Assoc. 84 (1989),
-881-896), so that a few windows that a model cannot predict do not decide. The covariance at the optimum is the
-sandwich of Huber and White with the windows as clusters (Liang & Zeger, Biometrika 73 (1986), 13-22): errors
-within a window may be correlated in any way.
+Gauss-Newton with Student's t as the law of the errors (Lange, Little & Taylor, J. Am. Stat. Assoc. 84
+(1989), 881-896), so that a few windows that a model cannot predict do not decide. The covariance at the
+optimum is the sandwich of Huber and White with the windows as clusters (Liang & Zeger, Biometrika 73 (1986),
+13-22): errors within a window may be correlated in any way.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.belief.unknowns import N, PHI, Unknowns
+from estimators.belief.unknowns import PHI, N, Unknowns
 from estimators.belief.windows import LogWindows
 from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.simulator import Plant
@@ -26,10 +26,10 @@ _NU = 6.0
 #: Residual [scales] that a window in which the soil gives way is counted with.
 FAILED = 20.0
 #: Values of n and phi [-, rad] from which the best is the start; every third window is enough to find it.
-_START_N, _START_PHI = np.arange(0.3, 1.5, 0.15), (0.3, 0.45, 0.6)
+_START_N, _START_PHI = np.arange(0.35, 1.4, 0.2), (0.33, 0.55)
 _SPARSE = 3
 #: Iterations of a fit and of the search, and the gain in loss below which they end.
-_ITERATIONS, _SEARCHING, _ENOUGH = 8, 3, 0.05
+_ITERATIONS, _SEARCHING, _ENOUGH = 8, 3, 0.1
 #: Levenberg-Marquardt damping: first, factor, largest.
 _DAMPING, _DAMPING_FACTOR, _DAMPING_TRIES = 1e-3, 10.0, 5
 
@@ -59,11 +59,8 @@ def losses_of(residuals: FloatArray) -> FloatArray:
     return total
 
 
-def searched(windows: LogWindows, plant: Plant, unknowns: Unknowns) -> tuple[FloatArray, float]:
-    """(9,) where a fit starts, and the loss of all windows there, judged by every third of them.
-
-    The best of a coarse grid of n and phi, and some steps of a fit from there.
-    """
+def searched(windows: LogWindows, plant: Plant, unknowns: Unknowns) -> Fit:
+    """A first fit to every third window, from the best point of a coarse grid of n and phi."""
     sparse = windows.every(_SPARSE)
     best, lowest = unknowns.mean, math.inf
     for n in _START_N:
@@ -73,19 +70,25 @@ def searched(windows: LogWindows, plant: Plant, unknowns: Unknowns) -> tuple[Flo
             loss = float(losses_of(sparse.residuals(plant, values)).sum()) + unknowns.loss(values)
             if loss < lowest:
                 best, lowest = values, loss
-    fit = fit_unknowns(sparse, plant, unknowns, best, iterations=_SEARCHING)
-    return fit.values, len(windows.first) / len(sparse.first) * fit.loss
+    return fit_unknowns(sparse, plant, unknowns, best, iterations=_SEARCHING)
 
 
 def _slopes(
-    evaluate: Callable[[FloatArray], FloatArray], values: FloatArray, base: FloatArray, steps: FloatArray
+    evaluate: Callable[[FloatArray], FloatArray],
+    values: FloatArray,
+    base: FloatArray,
+    steps: FloatArray,
+    known: FloatArray | None,
 ) -> FloatArray:
-    """(W, B, 6, 9) derivatives of the residuals."""
-    J = np.empty((*base.shape, len(values)))
-    for i, step in enumerate(steps):
+    """(W, B, 6, 9) derivatives of the residuals; those by nuisances as ``known``, where given.
+
+    Residuals are nearly linear in the nuisances over their tolerances, but not in n and phi.
+    """
+    J = np.empty((*base.shape, len(values))) if known is None else known.copy()
+    for i in range(len(values)) if known is None else (N, PHI):
         moved = values.copy()
-        moved[i] += step
-        J[..., i] = (evaluate(moved) - base) / step
+        moved[i] += steps[i]
+        J[..., i] = (evaluate(moved) - base) / steps[i]
     return J
 
 
@@ -137,7 +140,8 @@ def fit_unknowns(
     values = np.clip(start, low, high)
     r = evaluate(values)
     loss, damping = float(losses_of(r).sum()) + unknowns.loss(values), _DAMPING
-    local = _Local.at(_slopes(evaluate, values, r, unknowns.steps), r)
+    J = _slopes(evaluate, values, r, unknowns.steps, None)
+    local = _Local.at(J, r)
     for _ in range(iterations):
         H = local.information + np.diag(precision)
         gradient = local.scores.sum(axis=0) + precision * (values - unknowns.mean)
@@ -154,9 +158,11 @@ def fit_unknowns(
         if not better:
             break
         values, r, loss, damping = moved, r_moved, loss_moved, max(damping / _DAMPING_FACTOR, 1e-5)
-        local = _Local.at(_slopes(evaluate, values, r, unknowns.steps), r)
         if before - loss < _ENOUGH:
+            local = _Local.at(J, r)  # the slopes of a point so near
             break
+        J = _slopes(evaluate, values, r, unknowns.steps, J)
+        local = _Local.at(J, r)
     return _finished(local, unknowns, values, loss, r)
 
 

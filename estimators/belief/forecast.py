@@ -8,9 +8,10 @@ import numpy as np
 
 from estimators.belief.soil_belief import SoilBelief
 from estimators.belief.unknowns import applied
-from estimators.belief.windows import LogWindows, cut, plant_of_case
+from estimators.belief.windows import LogWindows, cut
 from estimators.replay.planar_smoother import V_X, X, Y
 from estimators.replay.prediction import Predicted, predict_windows
+from estimators.replay.structures import plant_for
 from offroad_env.errors import DataError
 from offroad_env.physics import state as at
 
@@ -33,7 +34,7 @@ def prediction_errors(belief: SoilBelief) -> dict[str, dict[str, float]]:
             windows = cut(log, horizon)
         except DataError:
             continue
-        plant, inputs = applied(plant_of_case(log, part.case), windows.inputs, part.fit.values)
+        plant, inputs = applied(plant_for(log, part.case), windows.inputs, part.fit.values)
         predicted = predict_windows(
             plant, windows.motion, inputs, windows.first, windows.lengths, windows.steps
         )

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimators.belief.soil_belief import DISCREPANCY, Marginal, SoilBelief, StructureFit
 from estimators.belief.unknowns import PHI, N, applied
-from estimators.belief.windows import plant_of_case
+from estimators.replay.structures import plant_for
 from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.soil_holds import SoilHolds, what_soil_holds
 
@@ -32,11 +32,9 @@ def sampled_limits(belief: SoilBelief, draws: int = _DRAWS, seed: int = _SEED) -
     return np.array(rows)
 
 
-def _sampled(
-    belief: SoilBelief, part: StructureFit, draws: int, rng: np.random.Generator
-) -> list[SoilHolds]:
+def _sampled(belief: SoilBelief, part: StructureFit, draws: int, rng: np.random.Generator) -> list[SoilHolds]:
     """Limits under one structure."""
-    plant = plant_of_case(belief.windows.log, part.case)
+    plant = plant_for(belief.windows.log, part.case)
     covariance = part.fit.covariance.copy()
     for place, sd in zip((N, PHI), DISCREPANCY, strict=True):
         covariance[place, place] += sd**2

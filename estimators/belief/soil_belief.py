@@ -8,17 +8,17 @@ structures, the interval spans both.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from estimators.belief.fit import Fit, fit_unknowns, searched
 from estimators.belief.structure_choice import structure_weights
-from estimators.belief.unknowns import MODULUS, N, PHI, C, K, Tolerances, Unknowns, unknowns_of
-from estimators.belief.windows import LogWindows, cut, plant_of_case
+from estimators.belief.unknowns import MODULUS, PHI, C, K, N, Tolerances, Unknowns, unknowns_of
+from estimators.belief.windows import LogWindows, cut
 from estimators.logs.log import Log
-from estimators.replay.structures import Case
+from estimators.replay.structures import Case, plant_for
 from offroad_env.errors import DataError
 from offroad_env.physics.records import FloatArray
 
@@ -26,10 +26,9 @@ __all__ = ["CANDIDATES", "DISCREPANCY", "Marginal", "SoilBelief", "StructureFit"
 
 #: Structures that compete where none is asked for.
 CANDIDATES = ("full", "grid", "field")
-#: A structure that is worse than the best by this loss after the search is not fitted.
-_HOPELESS = 150.0
-#: Least weight with which a half-car's structure is also tried with four wheels.
-_PROMISING = 0.05
+#: Least weight after the search, on a third of the windows, with which a structure is fitted to all of them;
+#: least weight with which it is also tried with four wheels.
+_HOPELESS, _PROMISING = 1e-3, 0.05
 #: What even the right structure errs by in n [-] and phi [rad], one standard deviation: see docs/belief.md.
 DISCREPANCY = (0.02, 0.03)
 #: Root mean square residual up to which a window counts as predicted [scales of `windows.SCALES`].
@@ -144,7 +143,7 @@ def believe_log(
         Of a vehicle on deformable soil, with steering and torques of the wheels. n and phi of its description
         are not read.
     structures
-        That compete, as `world.structures.read_structure` knows them.
+        That compete, as `world.structures.read_structure` knows them; and the one that the log states.
     tolerances
         Of what the description states.
     progress
@@ -164,43 +163,39 @@ def believe_log(
 
     tell(0.0, "smoothing")
     windows, unknowns = cut(log), unknowns_of(tolerances)
-    starts = {}
-    for i, name in enumerate(structures):
-        tell(0.05 + 0.15 * i / len(structures), f"searching with {name}")
-        plant = plant_of_case(log, Case(name, "half_car"))
-        starts[name] = searched(windows, plant, unknowns)
-    best = min(loss for _, loss in starts.values())
-    if not math.isfinite(best):
+    names = structures if log.config.structure in structures else (*structures, log.config.structure)
+    found: dict[str, Fit] = {}
+    for i, name in enumerate(names):
+        tell(0.05 + 0.45 * i / len(names), f"searching with {name}")
+        found[name] = searched(windows, plant_for(log, Case(name, "half_car")), unknowns)
+    if all(np.isnan(fit.alone).all() for fit in found.values()):
         raise DataError(f"{log.name}: under no structure does the soil carry the vehicle")
-    kept = [name for name in structures if starts[name][1] <= best + _HOPELESS]
+    kept = _promising(found, _HOPELESS)
     fits: dict[Case, Fit] = {}
     for i, name in enumerate(kept):
-        tell(0.2 + 0.4 * i / len(kept), f"fitting {name}")
+        tell(0.5 + 0.2 * i / len(kept), f"fitting {name}")
         case = Case(name, "half_car")
-        fits[case] = fit_unknowns(windows, plant_of_case(log, case), unknowns, starts[name][0])
-    for i, (name, start) in enumerate(promising := _promising(log, fits)):
-        tell(0.6 + 0.4 * i / len(promising), f"fitting {name} with four wheels")
-        case = Case(name, "four_wheel")
-        fits[case] = fit_unknowns(windows, plant_of_case(log, case), unknowns, start)
+        fits[case] = fit_unknowns(windows, plant_for(log, case), unknowns, found[name].values)
+    likely = _promising({case.structure: fit for case, fit in fits.items()}, _PROMISING)
+    for i, name in enumerate(likely if _has_four_wheels(log) else ()):
+        tell(0.7 + 0.3 * i / len(likely), f"fitting {name} with four wheels")
+        case, start = Case(name, "four_wheel"), fits[Case(name, "half_car")].values
+        fits[case] = fit_unknowns(windows, plant_for(log, case), unknowns, start)
     weights = structure_weights(list(fits.values()))
     parts = [
         StructureFit(case=case, weight=float(weight), fit=fit)
         for (case, fit), weight in zip(fits.items(), weights, strict=True)
     ]
     parts.sort(key=lambda part: -part.weight)
-    left_out = tuple(name for name in structures if name not in kept)
-    return SoilBelief(
-        log=log.name, parts=tuple(parts), windows=windows, unknowns=unknowns, left_out=left_out
-    )
+    left_out = tuple(name for name in names if name not in kept)
+    return SoilBelief(log=log.name, parts=tuple(parts), windows=windows, unknowns=unknowns, left_out=left_out)
 
 
-def _promising(log: Log, fits: dict[Case, Fit]) -> list[tuple[str, FloatArray]]:
-    """Structures that are worth four wheels, each with its start; none where the vehicle has not four."""
-    if log.vehicle.wheels_per_axle != 2 or not log.vehicle.track > 0.0:
-        return []
+def _promising(fits: Mapping[str, Fit], least: float) -> list[str]:
+    """Structures with this weight at least."""
     weights = structure_weights(list(fits.values()))
-    return [
-        (case.structure, fit.values)
-        for (case, fit), weight in zip(fits.items(), weights, strict=True)
-        if weight >= _PROMISING
-    ]
+    return [name for name, weight in zip(fits, weights, strict=True) if weight >= least]
+
+
+def _has_four_wheels(log: Log) -> bool:
+    return log.vehicle.wheels_per_axle == 2 and log.vehicle.track > 0.0

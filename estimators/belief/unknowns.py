@@ -1,8 +1,8 @@
 """What a log does not tell: parameters of soil, vehicle and sensors with their priors.
 
 n and phi are unknown, with the population of the measured soils (`world.soil_prior`) as their prior. What a
-description states beside them is believed to a tolerance: its error is an unknown too, so that the interval of
-n holds what a wrong modulus or mass would do to it.
+description states beside them is believed to a tolerance: its error is an unknown too, so that the interval
+of n holds what a wrong modulus or mass would do to it.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from offroad_env.world.soil_prior import PRIOR_NAMES, SoilPrior
 __all__ = ["UNKNOWN_NAMES", "Tolerances", "Unknowns", "applied", "unknowns_of"]
 
 #: Order of the unknowns: sinkage exponent [-], angle of internal shearing resistance [rad]; logarithms of the
-#: factors on the pressure-sinkage moduli, cohesion, Janosi moduli, mass, wheel radius and torque [-]; offset of
-#: the steering [rad].
+#: factors on the pressure-sinkage moduli, cohesion, Janosi moduli, mass, wheel radius and torque [-]; offset
+#: of the steering [rad].
 UNKNOWN_NAMES = ("n", "phi", "modulus", "c", "K", "mass", "radius", "torque", "steer")
 (N, PHI, MODULUS, C, K, MASS, RADIUS, TORQUE, STEER) = range(len(UNKNOWN_NAMES))
 #: Where the unknowns are looked for; n and phi as the soils that `make_soil` accepts and a vehicle meets.
@@ -45,7 +45,7 @@ class Tolerances:
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if not 0.0 < value <= 0.5:
-                raise InvalidParameter(f"tolerance of {name} must be in (0, 0.5], got {value:g} - in percent?")
+                raise InvalidParameter(f"tolerance of {name} must be in (0, 0.5], got {value:g} - in %?")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,13 +19,12 @@ from estimators.replay.inputs import InputRows, input_rows
 from estimators.replay.planar_smoother import V_X, V_Y, PlanarMotion, smooth_motion
 from estimators.replay.prediction import predict_windows
 from estimators.replay.replay import LEAD_IN, grid_of, windows_of
-from estimators.replay.structures import Case, plant_for
 from offroad_env.errors import DataError, SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.simulator import FULL_STEP, Plant
 
-__all__ = ["COMPARED", "SCALES", "WINDOW", "LogWindows", "cut", "plant_of_case"]
+__all__ = ["COMPARED", "SCALES", "WINDOW", "LogWindows", "cut"]
 
 #: Length of the windows, and of the means that are compared [s].
 WINDOW, _BLOCK = 2.0, 0.5
@@ -123,8 +122,3 @@ def cut(log: Log, length: float = WINDOW) -> LogWindows:
         length=length,
         observed=rows[instants],
     )
-
-
-def plant_of_case(log: Log, case: Case) -> Plant:
-    """Vehicle, soil and ground as stated, under this structure and vehicle model."""
-    return plant_for(log, case)

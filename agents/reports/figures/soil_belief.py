@@ -11,9 +11,9 @@ from scipy.stats import chi2
 from agents.reports.soil_belief import Report
 from estimators.belief.soil_belief import DISCREPANCY, StructureFit
 from estimators.belief.unknowns import PHI, N
-from estimators.belief.windows import COMPARED, plant_of_case
+from estimators.belief.windows import COMPARED
 from estimators.replay.replay import LEAD_IN
-from estimators.replay.structures import Case, title_of
+from estimators.replay.structures import Case, plant_for, title_of
 
 __all__ = ["soil_belief_figure"]
 
@@ -72,7 +72,7 @@ def _draw_regions(axes: Axes, report: Report) -> None:
 def _draw_channels(rows: np.ndarray, report: Report) -> None:
     belief = report.belief
     windows, part = belief.windows, belief.parts[0]
-    predicted = windows.predicted(plant_of_case(windows.log, part.case), part.fit.values)
+    predicted = windows.predicted(plant_for(windows.log, part.case), part.fit.values)
     step = windows.motion.step
     for axes, (name, label) in zip(rows, _SHOWN.items(), strict=True):
         place = COMPARED.index(name)
