@@ -8,7 +8,7 @@ from typing import Any
 
 from agents.reports.output import console, say, table
 from estimators.belief.limits import HELD
-from estimators.belief.soil_belief import Marginal, SoilBelief
+from estimators.belief.soil_belief import ADEQUATE, Marginal, SoilBelief
 from estimators.belief.unknowns import UNKNOWN_NAMES, N
 from estimators.replay.structures import Case, title_of
 
@@ -36,7 +36,7 @@ class Report:
 
     @property
     def sentence(self) -> str:
-        """What the drive says of the soil, plainly."""
+        """The result in plain words."""
         belief, n = self.belief, self.belief.marginal(N)
         share = f"{100.0 * belief.valid_share:.0f} % of the drive"
         if not belief.valid:
@@ -113,7 +113,7 @@ def show_details(report: Report) -> None:
                 part.case.vehicle_model,
                 f"{part.weight:.2f}",
                 *(f"{values[i]:.3f} ± {sds[i]:.3f}" for i in range(2)),
-                f"{100.0 * float((part.fit.misfit < 2.0).mean()):.0f} %",
+                f"{100.0 * float((part.fit.misfit < ADEQUATE).mean()):.0f} %",
             )
         )
     heading = ("structure", "vehicle", "weight", "n given it", "phi given it", "predicted")

@@ -105,7 +105,8 @@ class _Local:
     def at(cls, J: FloatArray, r: FloatArray) -> _Local:
         W, size = len(r), J.shape[-1]
         rows, slopes = r.reshape(W, -1), J.reshape(W, -1, size)
-        kept = np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(rows).all(axis=1)
+        finite = np.isfinite(slopes).all(axis=2) & np.isfinite(rows)
+        kept: np.ndarray = np.all(finite, axis=1)
         rows, slopes = np.where(kept[:, None], rows, 0.0), np.where(kept[:, None, None], slopes, 0.0)
         return cls(slopes, rows, np.where(kept[:, None], (_NU + 1.0) / (_NU + rows**2), 0.0), kept)
 

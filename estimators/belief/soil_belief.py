@@ -22,7 +22,7 @@ from estimators.replay.structures import Case, plant_for
 from offroad_env.errors import DataError
 from offroad_env.physics.records import FloatArray
 
-__all__ = ["CANDIDATES", "DISCREPANCY", "Marginal", "SoilBelief", "StructureFit", "believe_log"]
+__all__ = ["ADEQUATE", "CANDIDATES", "DISCREPANCY", "Marginal", "SoilBelief", "StructureFit", "believe_log"]
 
 #: Structures that compete where none is asked for.
 CANDIDATES = ("full", "grid", "field")
@@ -32,7 +32,7 @@ _HOPELESS, _PROMISING = 1e-3, 0.05
 #: What even the right structure errs by in n [-] and phi [rad], one standard deviation: see docs/belief.md.
 DISCREPANCY = (0.02, 0.03)
 #: Root mean square residual up to which a window counts as predicted [scales of `windows.SCALES`].
-_ADEQUATE = 2.0
+ADEQUATE = 1.0
 #: Width of the 95 % interval of n up to which an estimate is an answer [-].
 _ANSWER = 0.3
 _LEVEL = 0.95
@@ -70,7 +70,7 @@ class SoilBelief:
     @property
     def valid_share(self) -> float:
         """Share of the windows that the structures predict, each by its weight."""
-        shares = [part.weight * float((part.fit.misfit < _ADEQUATE).mean()) for part in self.parts]
+        shares = [part.weight * float((part.fit.misfit < ADEQUATE).mean()) for part in self.parts]
         return float(sum(shares))
 
     @property

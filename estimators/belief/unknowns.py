@@ -80,13 +80,13 @@ def unknowns_of(tolerances: Tolerances | None = None, prior: SoilPrior | None = 
     prior
         Of n and phi; by default the population of all measured soils of the catalogue.
     """
-    told = Tolerances() if tolerances is None else tolerances
+    stated = Tolerances() if tolerances is None else tolerances
     soils = SoilPrior.fitted() if prior is None else prior
     places = [PRIOR_NAMES.index(name) for name in ("n", "phi")]
     own = soils.mean[places], np.sqrt(np.diag(soils.scale))[places]
-    mean, sd = np.zeros(len(UNKNOWN_NAMES)), np.full(len(UNKNOWN_NAMES), told.soil)
+    mean, sd = np.zeros(len(UNKNOWN_NAMES)), np.full(len(UNKNOWN_NAMES), stated.soil)
     mean[:MODULUS], sd[:MODULUS] = own
-    sd[MASS:] = told.mass, told.radius, told.torque, told.steer
+    sd[MASS:] = stated.mass, stated.radius, stated.torque, stated.steer
     return Unknowns(mean=mean, sd=sd)
 
 

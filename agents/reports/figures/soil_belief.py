@@ -26,9 +26,9 @@ _SHOWN = {"v_x": "speed [m/s]", "yaw_rate": "yaw rate [rad/s]", "omega_f": "fron
 def soil_belief_figure(report: Report) -> Figure:
     """Left: 95 % regions of n and phi, by structure; right: three channels, measured and predicted."""
     figure = Figure(figsize=(11.0, 5.6), layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.35))
-    _draw_regions(left.subplots(), report)
-    _draw_channels(right.subplots(len(_SHOWN), 1, sharex=True), report)
+    parts = figure.subfigures(1, 2, width_ratios=(1.0, 1.35), squeeze=False)[0]
+    _draw_regions(parts[0].subplots(), report)
+    _draw_channels(parts[1].subplots(len(_SHOWN), 1, sharex=True), report)
     figure.suptitle(f"{report.belief.log}: {report.sentence}", fontsize=10, x=0.01, ha="left", wrap=True)
     return figure
 

@@ -1,7 +1,7 @@
 """Drives of this project's own models on soils of the population, described with errors.
 
-Soil, vehicle and sensors are drawn as the belief supposes them to be (`estimators.belief.unknowns`): over many
-drives its intervals must hold the truth as often as they state.
+Soil, vehicle and sensors are drawn as the belief supposes them to be (`estimators.belief.unknowns`): over
+many drives its intervals must hold the truth as often as they state.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ STRUCTURES = ("grid", "full", "field")
 _DURATION, _TRIES = 30.0, 200
 #: A drive is worth a trial where rolling resistance takes less than this share of the largest pull.
 _PASSABLE = 0.5
-#: Speeds that are asked for [m/s], share of the lateral limit that is steered to, proportional gain [N m s/m].
+#: Speeds that are asked for [m/s], share of the lateral limit that is steered to, gain [N m s/m].
 _SPEEDS, _LATERAL, _GAIN = (2.5, 5.5), 0.6, 1500.0
 
 
