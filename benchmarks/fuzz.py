@@ -57,7 +57,7 @@ def judged(file: File) -> tuple[str, float, float, str]:
             answer = pipe.read().decode()
         _, status, used = os.wait4(child, 0)
     seconds = used.ru_utime + used.ru_stime
-    room = max(used.ru_maxrss - ours, 0.0)
+    room = max(used.ru_maxrss - ours, 0.0)  # of the child, which begins with ours
     code = os.waitstatus_to_exitcode(status)
     if code not in (_ANSWERED, _REFUSED):
         return "failed", seconds, room, answer or f"ended by signal {-code}"

@@ -18,6 +18,7 @@ from offroad_env.environment.rewards import RewardWeights
 from offroad_env.environment.scenarios import BUILT_IN, MEASURES, SCENARIOS, Course, Scenario
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import Soil, Vehicle
+from offroad_env.world.argument_checks import numbers
 from offroad_env.world.catalogue import Quantity
 from offroad_env.world.descriptions import (
     Description,
@@ -57,7 +58,7 @@ WEIGHTS = SectionSchema(
 def _pair(value: Any) -> tuple[float, float]:
     if not isinstance(value, list | tuple) or len(value) != 2:
         raise InvalidParameter(f"n_range must be (low, high), got {shown(value)}")
-    low, high = (float(number) for number in value)
+    low, high = numbers("n_range", value).tolist()
     return low, high
 
 
