@@ -1,4 +1,4 @@
-"""Breaks chosen places of the code, one at a time, and runs the tests named for each: ``make mutants``.
+"""Breaks chosen places of the code one at a time and runs the tests named for each: ``make mutants``.
 
 The places are in ``mutants.yaml``: a file, a text that stands in it once, what replaces it, and the tests that
 should notice. Each mutant is tried in a copy of the tree. Survivors, whose tests pass, are listed: a flag,
