@@ -191,10 +191,7 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     -----
     Relative accuracy of forces against the load and of the sinkage: 1e-6, tested by adaptive quadrature.
     """
-    require_record("soil", soil, Soil, "make_soil or SOILS")
-    require_record("wheel", wheel, Wheel, "make_wheel")
-    _require_word("shear", shear, ("independent", "resultant"))
-    _require_word("errors", errors, ("raise", "nan"))
+    _require_kinds(soil, wheel, shear, errors)
     require_positive_modulus(soil, wheel.b)
     size, by_load = _load_or_sinkage(load, sinkage, wheel)
     slip = _checked("slip", slip, -1.0, 1.0, "", "in percent?")
@@ -210,6 +207,13 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     if flexible is not None:
         out[:, 3] *= 1.0 - flexible.rolling * out[:, 8] / wheel.r
     return WheelForces(*(out[:, i].reshape(shape) for i in range(_COLUMNS)))
+
+
+def _require_kinds(soil: Soil, wheel: Wheel, shear: str, errors: str) -> None:
+    require_record("soil", soil, Soil, "make_soil or SOILS")
+    require_record("wheel", wheel, Wheel, "make_wheel")
+    _require_word("shear", shear, ("independent", "resultant"))
+    _require_word("errors", errors, ("raise", "nan"))
 
 
 def _quoted(word: str) -> str:
