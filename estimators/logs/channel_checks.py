@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from estimators.logs.agreement import Suspect, suspects_of
 from estimators.logs.log import Log
-from estimators.logs.plausibility import Violation, violations_of, turns_without_steering
+from estimators.logs.plausibility import Violation, turns_without_steering, violations_of
 from estimators.logs.units import Finding
 
 __all__ = ["OUTSIDE", "channel_findings", "reconciled"]

@@ -13,7 +13,7 @@ from estimators.logs.log import Log
 from estimators.logs.signals import Likeness, Windows, likeness, noise_sd, unwrapped
 from offroad_env.physics.numerics import GRAVITY
 
-__all__ = ["Violation", "violations_of", "turns_without_steering"]
+__all__ = ["Violation", "turns_without_steering", "violations_of"]
 
 _ACCELEROMETERS, _GYROS = ("a_x", "a_y", "a_z"), ("roll_rate", "pitch_rate", "yaw_rate")
 #: Noise of an inertial channel over that of its sister, both in stated standard deviations: rough ground
