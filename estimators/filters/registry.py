@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from estimators.filters.online_joint_ukf import OnlineJointSettings, OnlineJointUKF
 from estimators.filters.online_parameter_ukf import CHANGING_SOIL, OnlineParameterUKF
+from estimators.filters.online_soil_belief import OnlineSoilBelief
 from estimators.filters.protocol import Estimator
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.axle import Plant
@@ -60,6 +61,10 @@ def _joint_bank(setup: OnlineSetup) -> Estimator:
     return OnlineJointUKF(
         setup.belief, setup.n_range, dt=setup.dt, imu=setup.imu, gnss=setup.gnss, settings=settings
     )
+
+
+def _soil_belief(setup: OnlineSetup) -> Estimator:
+    return OnlineSoilBelief(setup.belief, setup.n_range, dt=setup.dt, imu=setup.imu, gnss=setup.gnss)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,6 +153,9 @@ _ENTRIES = (
     ),
     _while_driving("online_joint_ukf", "online joint UKF", "online_joint_ukf", _joint_filter, "joint"),
     _while_driving("online_ukf_bank", "online bank of joint UKFs", "online_joint_ukf", _joint_bank, "bank"),
+    _while_driving(
+        "online_soil_belief", "online belief over whole soils", "online_soil_belief", _soil_belief, "belief"
+    ),
 )
 FILTERS: dict[str, FilterEntry] = {entry.id: entry for entry in _ENTRIES}
 #: Ids of the filters that run sample by sample while the vehicle drives.
