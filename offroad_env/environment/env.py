@@ -30,8 +30,6 @@ from offroad_env.environment.control_period import (
     DRIVE,
     REPORT,
     announce_compilation,
-    period_full,
-    period_paper,
 )
 from offroad_env.environment.episode_records import (
     CONTROL_PERIOD,
@@ -419,10 +417,6 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         for sample in self._samples[: self._episode["count"]]:
             found = self.estimator.update(self.command, sample[IMU], sample[WHEEL], sample[GNSS])
         self._episode["estimate"] = found
-
-    def _run(self, phases: int) -> None:
-        self._episode["phases"] = phases
-        (period_full if self.model == "full" else period_paper)(*self._arguments)
 
     @property
     def command(self) -> Command:
