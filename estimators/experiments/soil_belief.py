@@ -16,14 +16,13 @@ import numpy as np
 
 from estimators.experiments.model_mismatch import excited
 from estimators.filters.online import OnBoard, make_estimator
-from estimators.filters.online_soil_belief import OnlineSoilBelief
-from estimators.filters.protocol import Pose
+from estimators.filters.protocol import Estimator, Pose
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.records import Soil, Vehicle
 from offroad_env.simulation.drive import Command, DriveRecord, simulate_drive
-from offroad_env.simulation.sensors import GnssConfig, ImuConfig, SensorSuite
+from offroad_env.simulation.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
 from offroad_env.simulation.simulator import Plant, make_plant
 from offroad_env.simulation.soil_holds import SoilHolds, what_soil_holds
 from offroad_env.world.natural_soil import SoilSpread, natural_soil
@@ -113,14 +112,14 @@ def _drawn_vehicle(case: Case, rng: np.random.Generator) -> Vehicle:
 def _sensors(case: Case, rng: np.random.Generator) -> SensorSuite:
     coarse = bool(rng.random() < 0.5)
     if not case.nuisances:
-        return SensorSuite()
+        return SensorSuite(imu=ImuConfig(), wheel=WheelSpeedConfig(), gnss=GnssConfig())
     unit = ImuConfig(
         kind="specific_force",
         accel_bias_sd=0.1,
         gyro_bias_sd=0.005,
         misalignment_sd=(2.0 * _DEGREE,) * 3,
     )
-    return SensorSuite(imu=unit, gnss=GnssConfig(position_sd=1.5 if coarse else 0.03))
+    return SensorSuite(imu=unit, wheel=WheelSpeedConfig(), gnss=GnssConfig(position_sd=1.5 if coarse else 0.03))
 
 
 def _drawn_plant(case: Case, rng: np.random.Generator, prior: SoilPrior) -> Plant:
@@ -213,24 +212,23 @@ class BeliefHistory:
     used: np.ndarray  #: (T, 2) largest lateral acceleration and pull so far, over the limits
 
 
-def believe(run: SoilRun, filter_: OnlineSoilBelief | None = None, *, rate: float = 50.0) -> BeliefHistory:
+def believe(run: SoilRun, filter_: Estimator | None = None) -> BeliefHistory:
     """Run the belief over a drive; its model is the nominal vehicle on level ground, structure "full"."""
     record = run.record
     nominal = make_plant(VEHICLES[_VEHICLE], SOILS["dry_sand"], flat())
     unit = ImuConfig(kind="specific_force") if CASES[run.case].nuisances else ImuConfig()
     if filter_ is None:
-        choice = OnBoard(kind="online_soil_belief", rate=rate)
-        made = make_estimator(choice, nominal, (0.1, 1.9), unit, GnssConfig(position_sd=1.5) if CASES[run.case].nuisances else GnssConfig())
-        inner = getattr(made, "inner", made)
-    else:
-        made = inner = filter_
+        receiver = GnssConfig(position_sd=1.5) if CASES[run.case].nuisances else GnssConfig()
+        choice = OnBoard(kind="online_soil_belief", rate=50.0)
+        filter_ = make_estimator(choice, nominal, (0.1, 1.9), unit, receiver)
+    inner = getattr(filter_, "inner", filter_)
     prior = SoilPrior.fitted()
-    made.reset(float(prior.mean[1]), math.sqrt(float(prior.scale[1, 1]) * 19.0 / 17.0), run.pose)
+    filter_.reset(float(prior.mean[1]), math.sqrt(float(prior.scale[1, 1]) * 19.0 / 17.0), run.pose)
     rows: list[tuple[float, ...]] = []
     centres, sds = [], []
     for k in range(1, len(record.t)):
         command = tuple(float(value) for value in record.commands[k])
-        found = made.update(command, record.imu[k], record.wheel[k], record.gnss[k])
+        found = filter_.update(command, record.imu[k], record.wheel[k], record.gnss[k])
         if k % 2 == 0:
             rows.append((record.t[k], found.mean, found.sd, float(found.valid)))
             centre, sd = inner.limits

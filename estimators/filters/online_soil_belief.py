@@ -34,6 +34,7 @@ from estimators.filters.protocol import Estimate
 from estimators.filters.soil_belief_holds import (
     LIMITS,
     LOGARITHMIC,
+    SHIFT,
     limits_of_belief,
     new_surrogate,
     refresh_surrogate,
@@ -56,6 +57,7 @@ from estimators.filters.soil_belief_step import (
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
 from offroad_env.physics.axle import contact_shape
+from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.packing import pack
 from offroad_env.physics.records import FloatArray, Soil
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig
@@ -78,7 +80,7 @@ _Z95 = 1.959964
 class HeldLimit(NamedTuple):
     """Belief about one limit."""
 
-    mean: float  #: median of a positive limit, mean of pull and its slip
+    mean: float  #: median; the mean of the best slip
     sd: float
     low: float  #: 95 % interval
     high: float
@@ -90,10 +92,10 @@ class SoilBeliefSettings:
 
     #: What the model leaves out: a_x, a_y [m/s^2], yaw rate [rad/s], speed of the navigation filter and rims'
     #: speeds beyond it [m/s]. As in `OnlineParameterSettings`; speed: what the navigation filter has wrong.
-    error: tuple[float, float, float, float, float] = (0.15, 0.3, 0.03, 0.06, 0.1)
+    error: tuple[float, float, float, float, float] = (0.15, 0.3, 0.03, 0.07, 0.22)
     error_time: float = 0.3  #: how long such an error lasts [s]
-    drift: float = 0.02  #: random walk, in standard deviations of the prior [1/sqrt(s)]
-    settle_time: float = 0.5  #: time in which the copies follow their sigma points [s]
+    drift: float = 0.03  #: random walk, in standard deviations of the prior [1/sqrt(s)]
+    settle_time: float = 1.0  #: time in which the copies follow their sigma points [s]
     position_gain: float = 5.0  #: pulls as in `OnlineParameterSettings` [1/s]
     speed_gain: float = 4.0
     side_gain: float = 1.0
@@ -284,8 +286,9 @@ class OnlineSoilBelief(OnlineFilter):
             centre, sd = float(self._limits[0][i]), float(self._limits[1][i])
             ends = centre - _Z95 * sd, centre + _Z95 * sd
             if LOGARITHMIC[i]:
-                middle = math.exp(min(centre, 50.0))
-                found[name] = HeldLimit(middle, middle * sd, *(math.exp(min(end, 50.0)) for end in ends))
+                shift = SHIFT[i] * self.plant.vehicle.m * GRAVITY
+                low, middle, high = (math.exp(min(x, 50.0)) for x in (ends[0], centre, ends[1]))
+                found[name] = HeldLimit(middle - shift, middle * sd, low - shift, high - shift)
             else:
                 found[name] = HeldLimit(centre, sd, *ends)
         return found

@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.filters.soil_belief_points import COPIES, SAMPLED, Sigma, place_sigma_points, plant_of_point
-from offroad_env.physics._jit import kernel
+from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.axle import Plant
+from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.packing import PackedPlant, unpack
 from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.soil_holds import HIGHEST_SLIP, SoilHolds, limits_at
@@ -22,18 +23,21 @@ from offroad_env.simulation.soil_holds import HIGHEST_SLIP, SoilHolds, limits_at
 __all__ = [
     "LIMITS",
     "LOGARITHMIC",
+    "SHIFT",
     "LimitSurrogate",
     "limits_of_belief",
     "new_surrogate",
     "refresh_surrogate",
+    "transform_limits",
     "whole_surrogate",
 ]
 
 #: Limits in the order of `SoilHolds`.
 LIMITS = len(SoilHolds._fields)
-#: Which of them are positive: normal in their logarithm. Pull and its slip are not.
-LOGARITHMIC = (True, False, False, True, True, True)
-_SMALLEST = 1e-4
+#: Which of them are normal in their logarithm, and what is added before it is taken, in weights of the vehicle:
+#: pull is what is left of the thrust, which is positive. The best slip is not among them.
+LOGARITHMIC, SHIFT = (True, True, False, True, True, True), (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)
+_SMALLEST, _LARGEST = 1e-4, 1e9
 #: Distance of the reference's points from its mean, in standard deviations: as far as an interval reaches
 #: where the belief is wide would be 2; beyond 1 soils of the population do not carry the vehicle.
 _DISTANCE = 1.0
@@ -69,15 +73,25 @@ def new_surrogate() -> LimitSurrogate:
     )
 
 
+@inline_kernel
+def _weight(plant: Plant) -> float:
+    """Weight of the nominal vehicle [N]."""
+    return plant.vehicle.m * GRAVITY
+
+
 @kernel
 def _evaluate(plant: Plant, x: FloatArray, out: FloatArray) -> None:
-    """Limits (LIMITS,) at a point, positive ones in their logarithm; NaN where the soil does not carry."""
-    held = limits_at(plant_of_point(plant, x), (0.0, 0.0))
-    out[0] = math.log(max(held.lateral, _SMALLEST))
-    out[1], out[2] = held.pull, held.pull_slip
-    out[3] = math.log(max(held.resistance, _SMALLEST))
-    out[4] = math.log(max(held.sinkage, _SMALLEST))
-    out[5] = math.log(max(min(held.stopping, 1e4), _SMALLEST))
+    """Limits (LIMITS,) at a point as `transformed_limits`; NaN where the soil does not carry the vehicle."""
+    transform_limits(limits_at(plant_of_point(plant, x), (0.0, 0.0)), _weight(plant), out)
+
+
+@kernel
+def transform_limits(held: SoilHolds, weight: float, out: FloatArray) -> None:
+    """Limits (LIMITS,) on the scale where the belief is normal; ``weight`` [N] of the nominal vehicle."""
+    for i, value in enumerate(held):
+        out[i] = value
+        if LOGARITHMIC[i]:
+            out[i] = math.log(min(max(value + SHIFT[i] * weight, _SMALLEST), _LARGEST))
 
 
 @kernel
