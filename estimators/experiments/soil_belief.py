@@ -16,6 +16,7 @@ import numpy as np
 
 from estimators.experiments.model_mismatch import excited
 from estimators.filters.online import OnBoard, make_estimator
+from estimators.filters.online_soil_belief import POPULATION_RANGE, population_n
 from estimators.filters.protocol import Estimator, Pose
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
@@ -220,10 +221,9 @@ def believe(run: SoilRun, filter_: Estimator | None = None) -> BeliefHistory:
     if filter_ is None:
         receiver = GnssConfig(position_sd=1.5) if CASES[run.case].nuisances else GnssConfig()
         choice = OnBoard(kind="online_soil_belief", rate=50.0)
-        filter_ = make_estimator(choice, nominal, (0.1, 1.9), unit, receiver)
+        filter_ = make_estimator(choice, nominal, POPULATION_RANGE, unit, receiver)
     inner = getattr(filter_, "inner", filter_)
-    prior = SoilPrior.fitted()
-    filter_.reset(float(prior.mean[1]), math.sqrt(float(prior.scale[1, 1]) * 19.0 / 17.0), run.pose)
+    filter_.reset(*population_n(), run.pose)
     rows: list[tuple[float, ...]] = []
     centres, sds = [], []
     for k in range(1, len(record.t)):

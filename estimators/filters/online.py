@@ -59,6 +59,7 @@ class OnBoard:
             model=plant_model(plant),
             vehicle_model=self.vehicle_model or half_car,
             slip=plant.slip,
+            structure=plant.structure,
         )
 
 

@@ -66,13 +66,23 @@ from offroad_env.simulation.soil_holds import SoilHolds
 from offroad_env.world.soil_prior import ANGLE_SLOPE, EXIT_SHARE, LARGEST_PRESSURE_SHARE, SoilPrior
 from offroad_env.world.soils import make_soil
 
-__all__ = ["BELIEF_VECTOR", "HeldLimit", "OnlineSoilBelief", "SoilBeliefSettings", "population_of"]
+__all__ = [
+    "BELIEF_VECTOR",
+    "POPULATION_RANGE",
+    "HeldLimit",
+    "OnlineSoilBelief",
+    "SoilBeliefSettings",
+    "population_n",
+    "population_of",
+]
 
 #: What `OnlineSoilBelief.vector` holds: mean and standard deviation in turn, last the validity flag.
 BELIEF_VECTOR = (
     *(f"{name}{part}" for name in (*SoilHolds._fields, "n") for part in ("", "_sd")),
     "valid",
 )
+#: Range of n that the population of soils reaches [-].
+POPULATION_RANGE = (0.1, 1.9)
 #: Quantile of a normal distribution that a 95 % interval ends at.
 _Z95 = 1.959964
 
@@ -139,6 +149,12 @@ def population_of(n_prior: float | None = None, sd: float | None = None) -> tupl
         mean = mean + gain * (n_prior - mean[N])
         cov = cov + np.outer(gain, gain) * (sd * sd - cov[N, N])
     return mean, cov
+
+
+def population_n() -> tuple[float, float]:
+    """Mean and standard deviation of n among the soils of the population."""
+    mean, cov = population_of()
+    return float(mean[N]), math.sqrt(float(cov[N, N]))
 
 
 class OnlineSoilBelief(OnlineFilter):

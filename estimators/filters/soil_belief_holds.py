@@ -136,12 +136,25 @@ def refresh_surrogate(
     return False
 
 
+#: References of the last priors: episodes that start from one prior share it.
+_references: dict[bytes, list[FloatArray]] = {}
+_REFERENCES = 16
+
+
 def whole_surrogate(
     surrogate: LimitSurrogate, packed: PackedPlant, mean: FloatArray, cov: FloatArray
 ) -> None:
-    """Evaluate a reference at once."""
+    """Evaluate a reference at once, or take that of the same plant and belief."""
+    key = b"".join(part.tobytes() for part in (packed.numbers, mean, cov)) + repr(packed.structure).encode()
+    in_use = surrogate[: LimitSurrogate._fields.index("next")]
     surrogate.done[0] = 0.0
-    refresh_surrogate(surrogate, packed, mean, cov, COPIES)
+    if key not in _references:
+        refresh_surrogate(surrogate, packed, mean, cov, COPIES)
+        if len(_references) >= _REFERENCES:
+            _references.clear()
+        _references[key] = [array.copy() for array in in_use]
+    for array, kept in zip(in_use, _references[key], strict=True):
+        array[:] = kept
 
 
 @kernel
