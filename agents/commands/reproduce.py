@@ -69,6 +69,11 @@ STUDIES: dict[str, tuple[str, str, str]] = {
         "the flexible tyre against published stiffness, ruts, resistance and pull",
     ),
     "model_mismatch": ("model_mismatch", "Mismatches", "filters whose model is wrong: error, coverage, flag"),
+    "soil_belief": (
+        "soil_belief",
+        "SoilBelief",
+        "what the soil holds when all of the soil is unknown, online",
+    ),
 }
 
 #: Shorter and former names of studies.

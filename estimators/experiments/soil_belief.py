@@ -1,23 +1,24 @@
 """Simulated drives over soils that nobody knows: what the online belief over whole soils is tested on.
 
-A case says what is known and what is not. In "nuisances" the soil is drawn from the population of measured ones,
-and vehicle, sensors, start, road and scatter of the soil are drawn with it. The others take a soil of the
-catalogue and change one thing; the belief always starts from the whole population. Soils of tuning and test
-come from disjoint streams of random numbers.
+A case says what is known and what is not. In "nuisances" the soil is drawn from the population of measured
+ones, and vehicle, sensors, start, road and scatter of the soil are drawn with it. The others take a soil of
+the catalogue and change one thing; the belief always starts from the whole population. Soils of tuning and
+test come from disjoint streams of random numbers.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from estimators.experiments.model_mismatch import excited
-from estimators.filters.online import OnBoard, make_estimator
-from estimators.filters.online_soil_belief import POPULATION_RANGE, population_n
+from estimators.filters.online import OnBoard, Thinned, make_estimator
+from estimators.filters.online_soil_belief import POPULATION_RANGE, OnlineSoilBelief, population_n
 from estimators.filters.protocol import Estimator, Pose
+from estimators.filters.soil_belief_holds import LIMITS, SHIFT, transform_limits
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics.numerics import GRAVITY
@@ -32,11 +33,23 @@ from offroad_env.world.soils import SOILS, make_soil
 from offroad_env.world.terrain import flat, rough_terrain
 from offroad_env.world.vehicles import VEHICLES, make_vehicle
 
-__all__ = ["CASES", "SPLITS", "BeliefHistory", "Case", "SoilRun", "believe", "draw_run"]
+__all__ = [
+    "CASES",
+    "SPLITS",
+    "BeliefHistory",
+    "Case",
+    "LimitErrors",
+    "SoilRun",
+    "believe",
+    "draw_run",
+    "limit_errors",
+]
 
 #: Streams of random numbers: no soil of one is in the other.
 SPLITS = ("tuning", "test")
 _VEHICLE = "mrzr"
+#: Quantile of a normal distribution that a 95 % interval ends at.
+_Z95 = 1.959964
 _TRIES = 50
 #: Soils that nobody would start on: wheels deeper than this share of the radius, or less net pull per weight.
 _DEEPEST, _LEAST_PULL = 0.5, 0.03
@@ -120,7 +133,9 @@ def _sensors(case: Case, rng: np.random.Generator) -> SensorSuite:
         gyro_bias_sd=0.005,
         misalignment_sd=(2.0 * _DEGREE,) * 3,
     )
-    return SensorSuite(imu=unit, wheel=WheelSpeedConfig(), gnss=GnssConfig(position_sd=1.5 if coarse else 0.03))
+    return SensorSuite(
+        imu=unit, wheel=WheelSpeedConfig(), gnss=GnssConfig(position_sd=1.5 if coarse else 0.03)
+    )
 
 
 def _drawn_plant(case: Case, rng: np.random.Generator, prior: SoilPrior) -> Plant:
@@ -148,7 +163,10 @@ class _Manoeuvre:
     def __call__(self, t: float, v: float) -> Command:
         """Command at a time [s] and speed [m/s]."""
         wish = self.fast + self.swing * math.sin(2.0 * math.pi * t / self.beat + self.phase)
-        push = 1.5 * (wish - v) * self.vehicle.m * self.vehicle.r + 0.12 * self.vehicle.m * GRAVITY * self.vehicle.r
+        push = (
+            1.5 * (wish - v) * self.vehicle.m * self.vehicle.r
+            + 0.12 * self.vehicle.m * GRAVITY * self.vehicle.r
+        )
         drive = min(max(push, 0.0), 0.9 * self.vehicle.drive_torque_max)
         brake = min(max(-push, 0.0), 0.5 * self.vehicle.brake_torque_max)
         # Steering in proportion to 1/v beyond a walk keeps the bends as tight as the soil allows.
@@ -222,13 +240,15 @@ def believe(run: SoilRun, filter_: Estimator | None = None) -> BeliefHistory:
         receiver = GnssConfig(position_sd=1.5) if CASES[run.case].nuisances else GnssConfig()
         choice = OnBoard(kind="online_soil_belief", rate=50.0)
         filter_ = make_estimator(choice, nominal, POPULATION_RANGE, unit, receiver)
-    inner = getattr(filter_, "inner", filter_)
+    inner = filter_.inner if isinstance(filter_, Thinned) else filter_
+    if not isinstance(inner, OnlineSoilBelief):
+        raise InvalidParameter("filter_ must be a belief over whole soils")
     filter_.reset(*population_n(), run.pose)
     rows: list[tuple[float, ...]] = []
     centres, sds = [], []
     for k in range(1, len(record.t)):
-        command = tuple(float(value) for value in record.commands[k])
-        found = filter_.update(command, record.imu[k], record.wheel[k], record.gnss[k])
+        steer, drive, brake = record.commands[k].tolist()
+        found = filter_.update((steer, drive, brake), record.imu[k], record.wheel[k], record.gnss[k])
         if k % 2 == 0:
             rows.append((record.t[k], found.mean, found.sd, float(found.valid)))
             centre, sd = inner.limits
@@ -247,11 +267,38 @@ def believe(run: SoilRun, filter_: Estimator | None = None) -> BeliefHistory:
     )
 
 
+class LimitErrors(NamedTuple):
+    """Errors of a belief along a run: the limits but the best slip, then n, a row per update."""
+
+    z: np.ndarray  #: (T, 6) in standard deviations, on the scale where the belief is normal
+    relative: np.ndarray  #: (T, 6) size of the error over the true limit; of n the size itself
+    width: (
+        np.ndarray
+    )  #: (T, 6) half width of the 95 % interval over the believed limit; of n the width itself
+
+
+def limit_errors(run: SoilRun, history: BeliefHistory) -> LimitErrors:
+    """Errors of what is believed along a run."""
+    truth, weight = np.zeros(LIMITS), VEHICLES[_VEHICLE].m * GRAVITY
+    transform_limits(run.holds, weight, truth)
+    kept = [i for i, name in enumerate(SoilHolds._fields) if name != "pull_slip"]
+    shift = weight * np.array(SHIFT)[kept]
+    centre, sd, true = history.centre[:, kept], history.sd[:, kept], np.array(run.holds)[kept]
+    believed, reach = np.exp(centre) - shift, _Z95 * sd
+    half = 0.5 * (np.exp(centre + reach) - np.exp(centre - reach))
+    off, n_sd = history.n[:, 0] - run.record.plant.soil.n, history.n[:, 1]
+    return LimitErrors(
+        z=np.column_stack([(centre - truth[kept]) / sd, off / n_sd]),
+        relative=np.column_stack([np.abs(believed / true - 1.0), np.abs(off)]),
+        width=np.column_stack([half / np.maximum(np.abs(believed), 1e-6), _Z95 * n_sd]),
+    )
+
+
 def _used(run: SoilRun) -> np.ndarray:
     """(T, 2) shares of the limits that the drive has used so far: lateral, pull."""
     readings, vehicle = run.record.readings, run.record.plant.vehicle
     forces = readings[:, at.F_L] + readings[:, at.AXLE + at.F_L]
-    shares = np.stack(
-        [np.abs(readings[:, at.A_Y]) / run.holds.lateral, forces / max(run.holds.pull, 0.03 * vehicle.m)], axis=1
-    )
+    lateral = np.abs(readings[:, at.A_Y]) / run.holds.lateral
+    pull = forces / max(run.holds.pull, 0.03 * vehicle.m * GRAVITY)
+    shares = np.stack([lateral, pull], axis=1)
     return np.maximum.accumulate(shares, axis=0)

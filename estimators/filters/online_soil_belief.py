@@ -1,21 +1,23 @@
 """Online belief over whole soils: what the soil holds, when more than n is unknown.
 
 A filter for n alone reads a friction angle that is one degree off as another n. Here pressure at 5 cm, n,
-cohesion, friction angle, shear modulus and contact angles are unknown together, with the population of measured
-soils (`offroad_env.world.soil_prior`) as their prior, and so are the vehicle's mass, the biases of the inertial
-unit and the scale of the wheel speeds. Single parameters often stay uncertain; what the soil holds
-(`offroad_env.simulation.soil_holds`) is known much better, and is what a driver and a planner need.
+cohesion, friction angle, shear modulus and contact angles are unknown together, with the population of
+measured soils (`offroad_env.world.soil_prior`) as their prior, and so are the vehicle's mass, the biases of
+the inertial unit and the scale of the wheel speeds. Single parameters often stay uncertain; what the soil
+holds (`offroad_env.simulation.soil_holds`) is known much better, and is what a driver and a planner need.
 
-*Copies.* As in `estimators.filters.online_parameter_ukf` every sigma point has a vehicle of its own, which finds
-its slip, sinkage and side slip on its own soil under the command that was given. 17 copies at 50 Hz cost about
-as much as four of that filter.
+*Copies.* As in `estimators.filters.online_parameter_ukf` every sigma point has a vehicle of its own, which
+finds its slip, sinkage and side slip on its own soil under the command that was given. 17 copies at 50 Hz
+cost about as much as four of that filter.
 
-*A wide belief.* Points lie one standard deviation out, where soils still carry the vehicle; a pair that does not
-is drawn nearer. What the sensitivities leave of the copies' differences counts as noise (second-order filter).
+*A wide belief.* Points lie one standard deviation out, where soils still carry the vehicle; a pair that does
+not is drawn nearer. What the sensitivities leave of the copies' differences counts as noise (second-order
+filter).
 
-*What lasts.* Errors of model and navigation last tenths of a second and count as white noise of that duration.
-What the means of the innovations show beyond it is learnt as a discrepancy and widens the interval. When the
-mean over 2 s leaves its band, no soil explains the drive: the flag goes down and part of the prior comes back.
+*What lasts.* Errors of model and navigation last tenths of a second and count as white noise of that
+duration. What the means of the innovations show beyond it is learnt as a discrepancy and widens the interval.
+When the mean over 2 s leaves its band, no soil explains the drive: the flag goes down and part of the prior
+comes back.
 
 The kernels are in `soil_belief_step`, `soil_belief_points` and `soil_belief_holds`.
 """
@@ -43,6 +45,7 @@ from estimators.filters.soil_belief_holds import (
 from estimators.filters.soil_belief_points import COPIES, LOG_MASS, SAMPLED, SIZE, N, Sigma
 from estimators.filters.soil_belief_step import (
     CHANNELS,
+    DISCREPANCY,
     FLAGS,
     HELD,
     NIS,
@@ -96,6 +99,13 @@ class HeldLimit(NamedTuple):
     high: float
 
 
+#: Settings that must be positive.
+_POSITIVE = (
+    *("error_time", "drift", "settle_time", "hold_speed", "mass", "acceleration_bias", "misalignment"),
+    *("rate_bias", "rim_scale", "short_time", "memory_time", "surprise", "discrepancy", "refresh_time"),
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class SoilBeliefSettings:
     """Noise, gains, priors and tests of the belief; each value has its reason here."""
@@ -119,22 +129,21 @@ class SoilBeliefSettings:
     rim_scale: float = 0.01  #: of the rolling radius [-]
     short_time: float = 0.5  #: of the mean in which a discrepancy shows [s]
     memory_time: float = 5.0  #: over which its variance is averaged [s]
-    surprise: float = 30.0  #: largest chi-square (6 channels) of the mean innovation for a valid belief
+    surprise: float = 15.0  #: largest chi-square (6 channels) of the mean innovation for a valid belief
+    discrepancy: float = 2.5  #: largest discrepancy of a channel for a valid belief, over `error`
     widening: float = 0.2  #: share of the prior's variance that comes back when no soil explains the drive
     unsettled_time: float = 3.0  #: how long the flag then stays down [s]
     refresh_time: float = 2.0  #: from one reference of the limits to the next [s]
 
     def __post_init__(self) -> None:
-        names = ("error_time", "drift", "settle_time", "hold_speed", "mass", "acceleration_bias", "misalignment")
-        more = ("rate_bias", "rim_scale", "short_time", "memory_time", "surprise", "refresh_time")
-        check_positive(self, (*names, *more))
+        check_positive(self, _POSITIVE)
 
 
 def population_of(n_prior: float | None = None, sd: float | None = None) -> tuple[FloatArray, FloatArray]:
     """Mean (7,) and covariance (7, 7) of a soil's numbers in the order of the belief.
 
-    The population of measured soils; with ``n_prior`` and ``sd`` what it becomes where n is known so well: the
-    other numbers follow n as they do in the population.
+    The population of measured soils; with ``n_prior`` and ``sd`` what it becomes where n is known so well:
+    the other numbers follow n as they do in the population.
     """
     prior = SoilPrior.fitted()
     mean, cov = np.zeros(7), np.zeros((7, 7))
@@ -218,6 +227,7 @@ class OnlineSoilBelief(OnlineFilter):
         return BeliefRules(
             prior=np.concatenate([np.diag(population_of()[1]), own]),
             R=sensor**2 + 2.0 * error**2 * s.error_time / self.dt,
+            error=error**2,
             drift=float(s.drift),
             lags=(vehicle.steer_lag, vehicle.torque_lag),
             position_gain=float(s.position_gain),
@@ -284,7 +294,10 @@ class OnlineSoilBelief(OnlineFilter):
     def is_valid(self) -> bool:
         """Whether no innovation test rejects the model."""
         flags = self._memory.flags
-        return bool(flags[SURPRISE] < self._rules.surprise and flags[UNSETTLED] <= 0.0)
+        explained = (
+            flags[SURPRISE] < self._rules.surprise and flags[DISCREPANCY] < self.settings.discrepancy**2
+        )
+        return bool(explained and flags[UNSETTLED] <= 0.0)
 
     @property
     def limits(self) -> tuple[FloatArray, FloatArray]:

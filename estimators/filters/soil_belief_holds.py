@@ -34,8 +34,8 @@ __all__ = [
 
 #: Limits in the order of `SoilHolds`.
 LIMITS = len(SoilHolds._fields)
-#: Which of them are normal in their logarithm, and what is added before it is taken, in weights of the vehicle:
-#: pull is what is left of the thrust, which is positive. The best slip is not among them.
+#: Which of them are normal in their logarithm, and what is added before it is taken, in weights of the
+#: vehicle: pull is what is left of the thrust, which is positive. The best slip is not among them.
 LOGARITHMIC, SHIFT = (True, True, False, True, True, True), (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)
 _SMALLEST, _LARGEST = 1e-4, 1e9
 #: Distance of the reference's points from its mean, in standard deviations: as far as an interval reaches
@@ -146,7 +146,7 @@ def whole_surrogate(
 ) -> None:
     """Evaluate a reference at once, or take that of the same plant and belief."""
     key = b"".join(part.tobytes() for part in (packed.numbers, mean, cov)) + repr(packed.structure).encode()
-    in_use = surrogate[: LimitSurrogate._fields.index("next")]
+    in_use = surrogate.mean, surrogate.factor, surrogate.value, surrogate.slope, surrogate.bend
     surrogate.done[0] = 0.0
     if key not in _references:
         refresh_surrogate(surrogate, packed, mean, cov, COPIES)
@@ -163,9 +163,9 @@ def limits_of_belief(
 ) -> None:
     """Mean and standard deviation (LIMITS,) of the limits, of the logarithm of the positive ones.
 
-    Of parabolas of a normal u with the mean m and the covariance S: value + slope m + bend (m^2 + S_ii)/2, and
-    the variance g S g + sum (bend S_ii)^2/2 with g = slope + bend m, the squares of different columns taken as
-    independent.
+    Of parabolas of a normal u with the mean m and the covariance S: value + slope m + bend (m^2 + S_ii)/2,
+    and the variance g S g + sum (bend S_ii)^2/2 with g = slope + bend m, the squares of different columns
+    taken as independent.
     """
     u, slope = np.empty(SAMPLED), np.empty(SAMPLED)
     L = surrogate.factor

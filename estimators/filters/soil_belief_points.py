@@ -1,7 +1,8 @@
 """Sigma points of the online belief over whole soils, and the vehicle and soil that each of them stands for.
 
-The belief is a normal distribution over `SIZE` numbers. Those of the soil and the mass act on the vehicle in a
-way that only its model knows: a pair of sigma points each. The others add to readings: their effect is known.
+The belief is a normal distribution over `SIZE` numbers. Those of the soil and the mass act on the vehicle in
+a way that only its model knows: a pair of sigma points each. The others add to readings: their effect is
+known.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from offroad_env.physics.records import FloatArray, Soil
 from offroad_env.physics.soil_field import REFERENCE_SINKAGE
 
 __all__ = [
+    "A_0",
     "BELIEF_NAMES",
+    "B_0",
     "COPIES",
     "LOG_C",
     "LOG_K",
@@ -26,8 +29,6 @@ __all__ = [
     "PHI",
     "SAMPLED",
     "SIZE",
-    "A_0",
-    "B_0",
     "N",
     "Sigma",
     "keep_in_range",
@@ -55,7 +56,8 @@ SIZE, SAMPLED = len(BELIEF_NAMES), 8
 #: The mean, and a pair for every sampled number.
 COPIES = 2 * SAMPLED + 1
 
-#: Lowest and highest values of what is sampled: beyond, no soil has been measured, or the laws of the wheel end.
+#: Lowest and highest values of what is sampled: beyond, no soil has been measured, or the laws of the wheel
+#: end.
 _LOWEST = (math.log(1e3), 0.15, math.log(10.0), 0.05, math.log(1e-3), 0.1, -0.3, -0.7)
 _HIGHEST = (math.log(1e8), 1.9, math.log(2e5), 0.9, math.log(0.1), 0.6, 0.0, 0.7)
 

@@ -34,6 +34,7 @@ from offroad_env.physics.settle import settle
 __all__ = [
     "AWAKE",
     "CHANNELS",
+    "DISCREPANCY",
     "FLAGS",
     "HELD",
     "NIS",
@@ -50,10 +51,11 @@ __all__ = [
 CHANNELS = 6
 _IMU_CHANNELS, _SPEED, _RIMS = 3, 3, 4
 _USED = (A_X, A_Y, YAW_RATE)
-#: Where a channel's own error stands in the belief: biases of the inertial unit; none of the speed; rim scale.
+#: Where a channel's own error stands in the belief: biases of the inertial unit; none of the speed; rim
+#: scale.
 _OWN = (SAMPLED, SAMPLED + 1, SAMPLED + 2, -1, SAMPLED + 3, SAMPLED + 3)
-(AWAKE, HELD, NIS, SURPRISE, UNSETTLED, REPAIRS, RESETS) = range(7)
-FLAGS = 7
+(AWAKE, HELD, NIS, SURPRISE, UNSETTLED, REPAIRS, RESETS, DISCREPANCY) = range(8)
+FLAGS = 8
 #: Halvings of a pair's distance until both of its soils carry the vehicle, and what a mean that does not
 #: carry it gains in log pressure.
 _TRIES, _FIRMER = 8, 0.3
@@ -79,6 +81,7 @@ class BeliefRules(NamedTuple):
 
     prior: FloatArray  #: (SIZE,) variances of the prior
     R: FloatArray  #: (CHANNELS,) variances of the measurement noise
+    error: FloatArray  #: (CHANNELS,) variances of the errors that last, a part of it
     drift: float  #: random walk, in standard deviations of the prior [1/sqrt(s)]
     lags: tuple[float, float]  #: of steering and torque [s]
     position_gain: float  #: gains [1/s]
@@ -215,7 +218,8 @@ def _linearise(memory: BeliefMemory, predicted: FloatArray, rims: FloatArray) ->
     """Expectation and sensitivity of every channel by central differences over the pairs.
 
     To second order: a column along which the pair's mean lies c/2 off the middle adds c/2 to the expectation
-    and c^2/2 to the variance (M. Athans, R. Wishner & A. Bertolini, IEEE Trans. Automatic Control 13(5), 1968).
+    and c^2/2 to the variance (M. Athans, R. Wishner & A. Bertolini, IEEE Trans. Automatic Control 13(5),
+    1968).
     """
     L, scales = memory.sigma.factor, memory.sigma.scales
     expected, rows, curvature = np.zeros(CHANNELS), np.zeros((CHANNELS, SIZE)), np.zeros(CHANNELS)
@@ -240,9 +244,7 @@ def _linearise(memory: BeliefMemory, predicted: FloatArray, rims: FloatArray) ->
 
 
 @kernel
-def _correct(
-    memory: BeliefMemory, row: FloatArray, residual: float, variance: float, most: float
-) -> float:
+def _correct(memory: BeliefMemory, row: FloatArray, residual: float, variance: float, most: float) -> float:
     """Scalar Kalman update with a measurement row (SIZE,), in place; returns the normalised square.
 
     The share of the variance along the row that it removes is at most about ``most``.
@@ -282,8 +284,8 @@ def _note_innovation(
     """Running means of an innovation; returns the square of the long one over its variance.
 
     What the short mean has beyond its variance is a discrepancy of the model that lasts: it is learnt, and
-    counts as noise of that duration from then on (M. Kennedy & A. O'Hagan, J. R. Stat. Soc. B 63(3), 2001, call
-    the discrepancy of a model what remains at its best parameters).
+    counts as noise of that duration from then on (M. Kennedy & A. O'Hagan, J. R. Stat. Soc. B 63(3), 2001,
+    call the discrepancy of a model what remains at its best parameters).
     """
     dt, R = rules.dt, rules.R[j]
     share = min(dt / MEAN_TIME, 1.0)
@@ -293,7 +295,8 @@ def _note_innovation(
     excess = memory.short_innovation[j] ** 2 - expected
     old = memory.discrepancy[j]
     memory.discrepancy[j] = max(old + dt / rules.memory_time * (excess - old), 0.0)
-    return memory.mean_innovation[j] ** 2 / (R * dt / (2.0 * MEAN_TIME) + spread)
+    square: float = memory.mean_innovation[j] ** 2 / (R * dt / (2.0 * MEAN_TIME) + spread)
+    return square
 
 
 @kernel
@@ -321,13 +324,14 @@ def _compare(
     z[2] -= nav[GYRO_BIAS]
     z[_SPEED], z[_RIMS], z[_RIMS + 1] = nav[V], rims[0] - nav[V], rims[1] - nav[V]
     most, before, flags = rules.dt / rules.settle_time, memory.mean.copy(), memory.flags
-    surprise, nis = 0.0, 0.0
+    surprise, nis, largest = 0.0, 0.0, 0.0
     for j in range(CHANNELS):
         innovation = z[j] - found.expected[j]
         if not math.isfinite(innovation):
             continue
         row, spread = found.rows[j], _spread_of(memory.cov, found.rows[j]) + found.curvature[j]
         surprise += _note_innovation(memory, rules, j, innovation, spread)
+        largest = max(largest, memory.discrepancy[j] / rules.error[j])
         variance = rules.R[j] + found.curvature[j]
         # An error that lasts the time T counts as white noise of the variance 2 s^2 T/dt.
         variance += 2.0 * memory.discrepancy[j] * rules.short_time / rules.dt
@@ -336,7 +340,7 @@ def _compare(
             residual -= row[i] * (memory.mean[i] - before[i])
         nis += _correct(memory, row, residual, variance, most)
     keep_in_range(memory.mean)
-    flags[NIS], flags[HELD], flags[SURPRISE] = nis, 0.0, surprise
+    flags[NIS], flags[HELD], flags[SURPRISE], flags[DISCREPANCY] = nis, 0.0, surprise, largest
     if surprise > 2.0 * rules.surprise and rules.widening > 0.0:
         _widen(memory, rules)
 
@@ -354,8 +358,8 @@ def learn_soil(
 ) -> None:
     """Take in one sample of the sensors; the navigation filter has taken it in already.
 
-    The sample of the inertial unit that belongs to a prediction is the previous one, taken at the state before
-    the step; speed and rims belong to the state after it.
+    The sample of the inertial unit that belongs to a prediction is the previous one, taken at the state
+    before the step; speed and rims belong to the state after it.
     """
     plant, flags = unpack(packed), memory.flags
     flags[UNSETTLED] = max(flags[UNSETTLED] - rules.dt, 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -13,7 +13,16 @@ from estimators.filters.online_soil_belief import BELIEF_VECTOR
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.path_geometry import PathTable, preview, project
 
-__all__ = ["BELIEF_BOUNDS", "PREVIEW", "SHOWN", "Layout", "Measured", "SeenPose", "Window", "write_observation"]
+__all__ = [
+    "BELIEF_BOUNDS",
+    "PREVIEW",
+    "SHOWN",
+    "Layout",
+    "Measured",
+    "SeenPose",
+    "Window",
+    "write_observation",
+]
 
 #: How far ahead the curvature of the path is observed [m].
 PREVIEW = (0.0, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0)
@@ -149,7 +158,7 @@ class Layout:
 
     def space(self) -> spaces.Dict:
         """The observation space."""
-        parts = {
+        parts: dict[str, spaces.Space[Any]] = {
             key: spaces.Box(self.bounds[0, part], self.bounds[1, part]) for key, part in self.slices.items()
         }
         if self._belief:
