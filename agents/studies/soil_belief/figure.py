@@ -69,7 +69,7 @@ def soil_belief_figure(
         right.plot(times, 100.0 * widths[:, i], color=colour, marker="o", label=_TITLES[name])
     right.set(
         xlabel="time since the start [s]",
-        ylabel="median half width of the 95 % interval [% of the limit]",
+        ylabel="median half width of the interval [% of the limit]",
         ylim=(0.0, None),
         xticks=list(times),
     )
