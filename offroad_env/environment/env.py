@@ -11,9 +11,9 @@ import numpy as np
 from gymnasium import spaces
 
 from estimators.filters.navigation import NavigationFilter, NavigationNoise
-from estimators.filters.online import OnBoard, Thinned, make_estimator
+from estimators.filters.online import OnBoard, make_estimator
 from estimators.filters.online_parameter_ukf import CHANGING_SOIL, OnlineParameterUKF
-from estimators.filters.online_soil_belief import POPULATION_RANGE, OnlineSoilBelief, population_n
+from estimators.filters.online_soil_belief import POPULATION_RANGE, population_n
 from estimators.filters.protocol import Estimate, Estimator
 from offroad_env.effects import Extension, read_extension
 from offroad_env.environment.arguments import (
@@ -389,17 +389,6 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
     def sizes(self) -> PlantSizes:
         """Lengths of the arrays of its episodes."""
         return self._plants.sizes(self._believed_soil)
-
-    @property
-    def observation(self) -> dict[str, np.ndarray]:
-        """What the agent sees now."""
-        return self._layout.split(self._shown, self.soil_belief)
-
-    @property
-    def soil_belief(self) -> tuple[np.ndarray, ...]:
-        """What ``terrain`` shows of a belief over whole soils (15,); none for other estimators."""
-        inner = self.estimator.inner if isinstance(self.estimator, Thinned) else self.estimator
-        return (inner.vector,) if isinstance(inner, OnlineSoilBelief) else ()
 
     @property
     def is_compiled(self) -> bool:
