@@ -27,6 +27,7 @@ from offroad_env.world.yaml_text import shown
 
 __all__ = [
     "COMPILED",
+    "SOIL_BELIEF",
     "Mismatch",
     "ResetOptions",
     "believed_range",
@@ -45,6 +46,8 @@ __all__ = [
 
 #: The online filter that is part of the compiled control period.
 COMPILED = "online_parameter_ukf"
+#: The one whose belief ``terrain_info="belief"`` shows, and its updates a second [Hz]: one a control period.
+SOIL_BELIEF, _BELIEF_RATE = "online_soil_belief", 1.0 / CONTROL_PERIOD
 
 
 def require_choice(name: str, value: object, allowed: tuple[str | None, ...]) -> None:
@@ -56,12 +59,17 @@ def require_choice(name: str, value: object, allowed: tuple[str | None, ...]) ->
 def checked_estimator(estimator: str | OnBoard | None, terrain_info: str) -> str | OnBoard:
     """Which estimator runs; by default the compiled one, where it is observed."""
     if estimator is None:
-        estimator = COMPILED if terrain_info == "estimate" else "none"
+        estimator = {"estimate": COMPILED, "belief": SOIL_BELIEF}.get(terrain_info, "none")
     elif not isinstance(estimator, OnBoard):
         estimator = filter_id(estimator, KINDS, label="estimator", besides=("none",))
     if terrain_info == "estimate" and estimator == "none":
         raise InvalidParameter('terrain_info="estimate" needs an estimator, got estimator="none"')
-    return estimator
+    kind = estimator.kind if isinstance(estimator, OnBoard) else estimator
+    if terrain_info == "belief" and kind != SOIL_BELIEF:
+        raise InvalidParameter(f'terrain_info="belief" needs estimator={SOIL_BELIEF!r}, got {kind!r}')
+    if isinstance(estimator, OnBoard) or estimator in ("none", COMPILED):
+        return estimator
+    return OnBoard(kind=estimator, rate=_BELIEF_RATE) if kind == SOIL_BELIEF else OnBoard(kind=estimator)
 
 
 def require_count(name: str, value: object, *, least: int = 1) -> int:
