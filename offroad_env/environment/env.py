@@ -69,7 +69,6 @@ from offroad_env.world.descriptions import Description, choose_structure, choose
 from offroad_env.world.four_wheel_vehicles import FourWheelVehicle
 from offroad_env.world.natural_soil import SoilSpread, spread_of
 from offroad_env.world.soils import make_soil
-from offroad_env.world.yaml_text import shown
 
 if TYPE_CHECKING:
     from offroad_env.rendering import Renderer
@@ -210,9 +209,8 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self.scenario, self.weights, self.n_range = chosen.scenario, chosen.weights, chosen.n_range
         require_choice("terrain_info", terrain_info, TERRAIN_INFO)
         estimator = checked_estimator(estimator, terrain_info)
-        self.extension: Extension | None = (
-            read_extension(model) if isinstance(model, str) and model.endswith(".json") else None
-        )
+        own = isinstance(model, str) and model.endswith(".json")
+        self.extension: Extension | None = read_extension(model) if own else None
         model = model if self.extension is None else self.extension.model
         require_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         self.terrain_info, self.model, self.vehicle_model = terrain_info, model, vehicle_model
@@ -232,9 +230,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self.prior = (0.5 * (low + high), max((high - low) / math.sqrt(12.0), 1e-3))
         self._believed_soil = make_soil(chosen.soil.record, n=self.prior[0])
         if estimator != "none" and self._believed_soil.rigid:
-            raise InvalidParameter(
-                f"estimator={estimator!r} needs a deformable soil, got {shown(self.soil_name)}"
-            )
+            raise InvalidParameter(f"estimator={estimator!r} needs a deformable soil, got {self.soil_name!r}")
         announce_compilation()
         self.sensors: SensorSuite = read_sensors(sensors).anew(body_axes=model == "full")
         require_rate(self.sensors.imu.rate)
