@@ -1,8 +1,8 @@
 """Breaks chosen places of the code one at a time and runs the tests named for each: ``make mutants``.
 
 The places are in ``mutants.yaml``: a file, a text that stands in it once, what replaces it, and the tests
-that should notice. Each is tried in a copy of the tree. Survivors, whose tests pass, are listed: a flag, width
-or gate that moves by a factor of two without a failing test is decided by nobody. Results are kept in
+that should notice. Each is tried in a copy of the tree. Survivors, whose tests pass, are listed: a flag,
+width or gate that moves by a factor of two unnoticed is decided by nobody. Results are kept in
 ``out/mutants.jsonl`` by the content of code and tests, so that the command goes on where it stopped.
 """
 

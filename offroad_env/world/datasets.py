@@ -392,7 +392,8 @@ class _Download:
             answer.raise_for_status()
             received = 0
             if self._bar:
-                self._bar.total = self._most
+                stated = answer.headers.get("content-length", "")
+                self._bar.total = int(stated) if stated.isdigit() else self._most
             for piece in answer.iter_content(chunk_size=8192):
                 received += len(piece)
                 if received > self._most:
@@ -400,6 +401,8 @@ class _Download:
                 file.write(piece)
                 if self._bar:
                     self._bar.update(len(piece))
+        if self._bar:
+            self._bar.close()
 
 
 class _Bar:
