@@ -67,7 +67,8 @@ def weights(out: Path) -> Any:
 
 COMMANDS = {
     "benchmark": Command(
-        "benchmark --tasks brake --agents nominal aware --episodes 6 --forms matched --no-policies --out {out}",
+        "benchmark --tasks brake --agents nominal aware --episodes 6 --forms matched --no-policies "
+        "--out {out}",
         units_of("episodes.jsonl"),
     ),
     "train": Command(
