@@ -50,11 +50,13 @@ def files(folder, ending):
     return [path for path in (folder / "cache").rglob(f"*{ending}") if "doubled" in path.name]
 
 
+@pytest.mark.check
 def test_a_second_process_takes_what_the_first_has_compiled(tmp_path):
     assert doubled(tmp_path)[0] == ["4.0", "0"]
     assert doubled(tmp_path)[0] == ["4.0", "1"]
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("ending", [".nbi", ".nbc"])
 @pytest.mark.parametrize(
     "damage",
@@ -111,6 +113,7 @@ def test_a_folder_that_is_a_link_or_belongs_to_somebody_else_is_not_used(tmp_pat
     assert not own_folder(str(tmp_path / "real"))
 
 
+@pytest.mark.check
 def test_without_a_place_for_it_a_process_compiles_for_itself(tmp_path):
     (tmp_path / "cache").write_text("a file in the place of the folder")
     value, said = doubled(tmp_path)
