@@ -91,6 +91,7 @@ def test_a_crafted_cache_runs_nothing(tmp_path):
     assert not mark.exists()
 
 
+@pytest.mark.check
 def test_a_folder_that_others_may_write_to_is_not_used_and_that_is_stated_once(tmp_path):
     doubled(tmp_path)
     for path in (tmp_path / "cache" / "kernels").iterdir():
@@ -104,6 +105,9 @@ def test_a_folder_that_is_a_link_or_belongs_to_somebody_else_is_not_used(tmp_pat
     (tmp_path / "real").mkdir(mode=0o700)
     (tmp_path / "link").symlink_to(tmp_path / "real")
     assert own_folder(str(tmp_path / "real"))
+    (tmp_path / "open").mkdir(mode=0o700)
+    (tmp_path / "open").chmod(0o770)
+    assert not own_folder(str(tmp_path / "open"))
     assert not own_folder(str(tmp_path / "link"))
     own_folder.cache_clear()
     os_geteuid = os.geteuid()

@@ -31,13 +31,15 @@ def test_a_full_device_as_output_is_one_sentence():
     assert b"Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("shell", [">&-", ">&- 2>&- <&-"])
+@pytest.mark.check
+@pytest.mark.parametrize("shell", [">&-", "2>&-", ">&- 2>&- <&-"])
 def test_closed_streams_are_no_error(shell):
     done = offroad("soil", "--list", shell=shell)
     assert done.returncode == 0
     assert b"Traceback" not in done.stderr
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     "locale",
     [
@@ -53,6 +55,7 @@ def test_a_locale_without_other_letters_replaces_them(locale):
     assert b"dry_sand" in done.stdout
 
 
+@pytest.mark.check
 def test_a_home_that_does_not_exist_costs_the_cache_alone(tmp_path):
     home = tmp_path / "file"
     home.write_text("no folder")
@@ -61,6 +64,7 @@ def test_a_home_that_does_not_exist_costs_the_cache_alone(tmp_path):
     assert b"Traceback" not in done.stderr
 
 
+@pytest.mark.check
 def test_numbers_go_to_a_pipe_and_leave_it_a_pipe(tmp_path):
     done = offroad("soil", "clay", "--out", str(tmp_path), "--json", "/dev/stdout")
     assert done.returncode == 0, done.stderr

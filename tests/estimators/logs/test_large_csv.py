@@ -36,6 +36,7 @@ def cost(path):
     return int(rows), float(seconds), 1024 * int(room), 1024 * int(before)
 
 
+@pytest.mark.check
 def test_a_log_of_eleven_columns_takes_less_than_three_hundred_bytes_a_row(tmp_path):
     assert len(good_rows()[0]) >= 11
     rows, _, room, before = cost(long_log(tmp_path, 100_000))
