@@ -15,8 +15,9 @@ from __future__ import annotations
 
 import logging
 import math
-from functools import cache
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
@@ -45,6 +46,7 @@ from offroad_env.environment.episode_records import (
     SOIL_WAVES,
     SPEED,
     TIME,
+    PeriodArguments,
     PeriodOptions,
 )
 from offroad_env.environment.observation import Measured, SeenPose, Window, write_observation
@@ -82,6 +84,7 @@ __all__ = [
     "REPORT",
     "announce_compilation",
     "period_full",
+    "period_of",
     "period_paper",
 ]
 
@@ -433,3 +436,21 @@ def period_paper(
             _believe_paper(e, r, tables[i], assumptions)
         if e.phases & REPORT:
             _report(e, r, tables[i], shown[i])
+
+
+_COMPILED: dict[tuple[object, ...], Callable[..., None]] = {}
+
+
+def period_of(model: str, arguments: PeriodArguments) -> Callable[[], None]:
+    """The compiled period of ``model`` for ``arguments``.
+
+    Numba finds the edition for its arguments anew at every call, one microsecond of the twenty that a
+    period takes. An episode's arrays keep their types, so for the plain half-car it is found once.
+    """
+    period: Any = period_full if model == "full" else period_paper
+    if numba.config.DISABLE_JIT or any(part is not None for part in arguments.options):
+        return partial(period, *arguments)
+    key = (model, arguments.episodes.dtype, arguments.assumptions is None)
+    if key not in _COMPILED:
+        _COMPILED[key] = period.compile(tuple(map(numba.typeof, arguments)))
+    return partial(_COMPILED[key], *arguments)

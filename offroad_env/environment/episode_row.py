@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from estimators.filters.navigation import NavigationFilter
 from estimators.filters.online_parameter_ukf import OnlineParameterUKF
+from offroad_env.environment.control_period import period_of
 from offroad_env.environment.episode_records import Memory, PeriodArguments
 from offroad_env.simulation.sensors import SensorSuite
 
@@ -21,6 +23,8 @@ class EpisodeRow:
     _memory: Memory
     _row: int
     _arguments: PeriodArguments
+    _period: Callable[[], None] | None  # for these arguments; None until it is called
+    model: str
 
     def join(self, memory: Memory, row: int) -> None:
         """Keep the episodes in that row of a memory, from the next reset on."""
@@ -30,7 +34,7 @@ class EpisodeRow:
     def _bind(self) -> None:
         """Take views of the own row: a copied or pickled view is an array of its own."""
         rows = slice(self._row, self._row + 1)
-        self._arguments = self._memory.part(rows)
+        self._arguments, self._period = self._memory.part(rows), None
         self._episode = self._memory.episodes[self._row]
         self.state, self.warm = self._episode["state"], self._episode["warm"]
         self.readings, self._rims = self._episode["readings"], self._episode["rims"]
@@ -46,13 +50,20 @@ class EpisodeRow:
         return self._memory.episodes.itemsize
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the tuple of views, which would be stored once more."""
-        return {key: value for key, value in self.__dict__.items() if key != "_arguments"}
+        """Without the tuple of views, which would be stored once more, and the call that holds them."""
+        return {key: value for key, value in self.__dict__.items() if key not in ("_arguments", "_period")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Views were copied as arrays of their own: look at the memory again."""
         self.__dict__.update(state)
         self._bind()
+
+    def _run(self, phases: int) -> None:
+        """Move the episode on by what ``phases`` ask for."""
+        self._episode["phases"] = phases
+        if self._period is None:
+            self._period = period_of(self.model, self._arguments)
+        self._period()
 
     def draw_noise(self) -> None:
         """Sensor noise of the next periods, for a caller of the compiled period."""

@@ -132,6 +132,9 @@ class Quantity:
         InvalidParameter
             Naming the parameter, its value, the allowed range and the likely mistake.
         """
+        # The short way for what is as it should be.
+        if type(value) is float and self.low < value < self.high and not self._mistaken(value):
+            return value
         number = self._number(name, value)
         for low, high, mistake in self.mistakes:
             if low <= number <= high:
@@ -141,6 +144,13 @@ class Quantity:
         if not (above(number, self.low) and below(number, self.high)):
             raise InvalidParameter(f"{name} must be {self.allowed}, got {number:g}")
         return number
+
+    def _mistaken(self, number: float) -> bool:
+        """Whether a number lies where there is a likely mistake behind it."""
+        for low, high, _ in self.mistakes:  # noqa: SIM110 - a generator would cost more than the rest
+            if low <= number <= high:
+                return True
+        return False
 
     def _number(self, name: str, value: SupportsFloat) -> float:
         if isinstance(value, (str, bytes, bool)):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -209,49 +210,75 @@ def from_waypoints(points: ArrayLike) -> PathTable:
     return path
 
 
+@lru_cache(maxsize=8)
+def _nodes_within(length: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(arc length at the nodes (N + 1,), at the Gauss nodes in between (6, N), distances (N,)) [m]."""
+    s = _stations(length)
+    steps = np.diff(s)
+    kept = s, s[:-1] + steps * _GAUSS[:, None], steps
+    for array in kept:
+        array.flags.writeable = False  # kept for the next road
+    return kept
+
+
 class _Bends:
-    """A curvature that is linear between breaks, and the yaw that it turns to from 0."""
+    """A curvature that is linear between breaks, and the yaw that it turns to from 0.
+
+    ``table``, (4, pieces): where each piece starts [m], half its slope [1/m^2], and its first curvature [1/m]
+    and yaw [rad].
+    """
 
     def __init__(self, breaks: np.ndarray, values: np.ndarray) -> None:
-        steps = np.diff(breaks)
-        self.breaks, self.values = breaks, values
-        self.yaw_at = np.concatenate([[0.0], np.cumsum(0.5 * steps * (values[:-1] + values[1:]))])
-        self.slopes = np.diff(values) / steps
+        steps = breaks[1:] - breaks[:-1]
+        self.breaks = breaks
+        self.table = np.zeros((4, len(steps)))
+        self.table[0], self.table[2] = breaks[:-1], values[:-1]
+        np.multiply(0.5, (values[1:] - values[:-1]) / steps, out=self.table[1])
+        np.cumsum((0.5 * steps * (values[:-1] + values[1:]))[:-1], out=self.table[3, 1:])
 
     def pieces(self, s: np.ndarray) -> np.ndarray:
         """Which piece the arc lengths ``s`` [m] fall into."""
-        found: np.ndarray = np.searchsorted(self.breaks, s, side="right") - 1
-        clipped: np.ndarray = np.clip(found, 0, len(self.slopes) - 1)
+        found: np.ndarray = self.breaks.searchsorted(s, side="right") - 1
+        clipped: np.ndarray = np.minimum(found, len(self.breaks) - 2)
         return clipped
 
-    def curvature(self, piece: np.ndarray, travelled: np.ndarray) -> np.ndarray:
-        """Curvature [1/m] so far into pieces [m]."""
-        curvature: np.ndarray = self.values[piece] + self.slopes[piece] * travelled
-        return curvature
 
-    def yaw(self, piece: np.ndarray, travelled: np.ndarray) -> np.ndarray:
-        """Yaw [rad] so far into pieces [m]."""
-        half = 0.5 * self.slopes
-        yaw: np.ndarray = self.yaw_at[piece] + travelled * (self.values[piece] + half[piece] * travelled)
-        return yaw
+def _turned(s: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Yaw [rad], and half of how much the curvature has grown [1/m], at the arc lengths ``s`` [m].
+
+    Of the pieces in ``table``, see `_Bends`.
+    """
+    start, half_slope, first, yaw_at = table
+    travelled = s - start
+    half = half_slope * travelled
+    yaw = first + half
+    np.multiply(yaw, travelled, out=yaw)
+    return np.add(yaw, yaw_at, out=yaw), half
 
 
 def _integrate(breaks: np.ndarray, values: np.ndarray, length: float) -> PathTable:
-    """The path of a piecewise linear curvature (straights, clothoids, arcs) from the origin along X."""
-    s, bends = _stations(length), _Bends(breaks, values)
-    piece = bends.pieces(s)
-    travelled = s - breaks[piece]
-    inner = s[:-1, None] + np.diff(s)[:, None] * _GAUSS
+    """The path of a piecewise linear curvature (straights, clothoids, arcs) from the origin along X.
+
+    The last break lies at or beyond the end of the path.
+    """
+    (s, inner, steps), bends = _nodes_within(length), _Bends(breaks, values)
+    marks = s.searchsorted(breaks)  # the first node of every piece
+    marks[-1] = len(s)
+    pieces = np.repeat(bends.table, marks[1:] - marks[:-1], axis=1)
+    direction, _ = _turned(inner, pieces[:, :-1])
     # Few stations have a break between them: for all others one search does for all nodes.
-    between = np.broadcast_to(piece[:-1, None], inner.shape).copy()
-    broken = piece[1:] != piece[:-1]
-    between[broken] = bends.pieces(inner[broken])
-    direction = bends.yaw(between, inner - breaks[between])
-    X, Y = (
-        np.concatenate([[0.0], np.cumsum(np.diff(s) * (component(direction) @ _WEIGHT))])
-        for component in (np.cos, np.sin)
-    )
-    return _table(length, X, Y, bends.yaw(piece, travelled), bends.curvature(piece, travelled))
+    broken = marks[1:-1][marks[1:-1] < len(s)] - 1
+    between = inner[:, broken]
+    direction[:, broken], _ = _turned(between, bends.table[:, bends.pieces(between)])
+    direction = direction.T.copy()
+    nodes = np.zeros((len(s), 4))
+    for column, function in enumerate((np.cos, np.sin)):
+        gained = function(direction) @ _WEIGHT
+        np.multiply(steps, gained, out=gained)
+        nodes[1:, column] = np.cumsum(gained, out=gained)
+    nodes[:, 2], half = _turned(s, pieces)
+    np.add(pieces[2], 2.0 * half, out=nodes[:, 3])
+    return PathTable(length / (len(nodes) - 1), nodes)
 
 
 def winding_corridor(
@@ -301,21 +328,23 @@ def winding_corridor(
     transition = _LENGTH.check("transition", transition)
     max_heading = _TURN.check("max_heading", max_heading)
 
-    steps, values, heading = [max(_STRAIGHT.check("lead_in", lead_in), 1e-3)], [0.0, 0.0], 0.0
+    breaks, values, heading = [0.0, max(_STRAIGHT.check("lead_in", lead_in), 1e-3)], [0.0, 0.0], 0.0
     # As many draws as the shortest possible bends need: the state of rng afterwards does not depend on luck.
     bends = math.ceil(length / (0.5 * max_heading * radii[0] + straights[0]))
-    for draws in rng.random((bends, 3)):
-        turn = _turn(draws[0], heading, max_heading)
-        radius = radii[0] + draws[1] * (radii[1] - radii[0])
+    for direction, size, distance in rng.random((bends, 3)).tolist():
+        if breaks[-1] > length:
+            break
+        turn = _turn(direction, heading, max_heading)
+        radius = radii[0] + size * (radii[1] - radii[0])
         clothoid = min(transition, 0.5 * radius * abs(turn))
         curvature = math.copysign(1.0 / radius, turn)
         # The two clothoids turn by curvature * clothoid together, the arc by the rest.
-        gap = max(straights[0] + draws[2] * (straights[1] - straights[0]), 1e-3)
-        steps += [clothoid, radius * abs(turn) - clothoid, clothoid, gap]
+        gap = max(straights[0] + distance * (straights[1] - straights[0]), 1e-3)
+        for step in (clothoid, radius * abs(turn) - clothoid, clothoid, gap):
+            breaks.append(breaks[-1] + step)
         values += [curvature, curvature, 0.0, 0.0]
         heading += turn
-    breaks = np.concatenate([[0.0], np.cumsum(steps)])
-    return _integrate(breaks, np.array(values), length)
+    return _integrate(np.array(breaks), np.array(values), length)
 
 
 def _turn(share: float, heading: float, limit: float) -> float:

@@ -50,6 +50,10 @@ _PLACE = Quantity("in [-1e4, 1e4] m", -1e4, 1e4)
 _LENGTH = Quantity("in (0, 1e4] m", 0.0, 1e4, low_open=True)
 _EXPONENT = Quantity("in (0.05, 2.5]", 0.05, 2.5, low_open=True)
 
+#: Half the length, over the frequency, of an interval that surely encloses a root: rounding errors are less
+#: than a tenth of it. Halved so often, it is still longer than the distance of two numbers.
+_CLOSE, _LEAST_HALVINGS = 2e-14, 7
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Terrain:
@@ -172,37 +176,92 @@ def _bin_edges(low: float, high: float, count: int) -> np.ndarray:
     return edges
 
 
+def _newton(low: np.ndarray, high: np.ndarray, top: float, wanted: np.ndarray) -> np.ndarray:
+    """Newton's method, from the middle of ``low`` ... ``high``, of arccos(k / top) / k = ``wanted``.
+
+    Every array is written in place: at this length making one costs as much as what is computed.
+    """
+    guess: np.ndarray = 0.5 * (low + high)
+    variance, per, root = np.empty((3, len(low)))
+    for _ in range(6):
+        np.divide(guess, top, out=variance)
+        np.arccos(variance, out=variance)
+        np.divide(variance, guess, out=variance)
+        np.multiply(guess, guess, out=root)
+        np.subtract(top * top, root, out=root)
+        np.maximum(root, 1e-300, out=root)
+        np.sqrt(root, out=root)
+        np.multiply(guess, root, out=root)
+        np.divide(1.0, root, out=root)
+        np.divide(variance, guess, out=per)
+        np.add(per, root, out=per)  # minus the slope
+        np.subtract(variance, wanted, out=variance)
+        np.divide(variance, per, out=variance)
+        np.add(guess, variance, out=guess)
+        np.maximum(guess, low, out=guess)
+        np.minimum(guess, high, out=guess)
+    return guess
+
+
 def _narrowed(
     low: np.ndarray, high: np.ndarray, top: float, wanted: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """A close interval within ``low`` ... ``high`` around where the variance beyond is ``wanted``.
 
-    Newton's method, from the middle, of variance = arccos(k / top) / k; where its ends do not enclose the
-    root, the interval stays as it was.
+    Where the ends of what Newton's method finds do not enclose the root, the interval stays as it was.
     """
-    guess = 0.5 * (low + high)
-    for _ in range(6):
-        variance = _variance_beyond(guess, top)
-        slope = -variance / guess - 1.0 / (guess * np.sqrt(np.maximum(top * top - guess * guess, 1e-300)))
-        guess = np.clip(guess - (variance - wanted) / slope, low, high)
-    below, above = guess * (1.0 - 2e-14), guess * (1.0 + 2e-14)
+    guess = _newton(low, high, top, wanted)
+    below, above = guess * (1.0 - _CLOSE), guess * (1.0 + _CLOSE)
     low = np.where((below > low) & (_variance_beyond(below, top) > wanted), below, low)
     high = np.where((above < high) & (_variance_beyond(above, top) <= wanted), above, high)
+    for i in np.flatnonzero(high - low > 8.0 * _CLOSE * low).tolist():
+        low[i], high[i] = _halved(float(low[i]), float(high[i]), float(top), float(wanted[i]))
+    return low, high
+
+
+def _halved(low: float, high: float, top: float, wanted: float) -> tuple[float, float]:
+    """The interval that bisection of ``low`` ... ``high`` reaches around the frequency, without trying.
+
+    Close below the top of the band the slope of the variance over the frequency has no bound, and Newton's
+    method fails. In the angle a = arccos(k / top) the variance a / (top cos a) has no such place: from there
+    it is known on which side of a middle the root lies, unless they are as close as rounding errors.
+    """
+    a = math.acos(min(low / top, 1.0))
+    for _ in range(30):
+        cos = math.cos(a)
+        step = (a - wanted * top * cos) * cos / (cos + a * math.sin(a))
+        a -= step
+        if abs(step) <= 1e-12 * abs(a):  # the next step would be its square
+            break
+    else:
+        return low, high
+    root = top * math.cos(a)
+    below, above = root * (1.0 - _CLOSE), root * (1.0 + _CLOSE)
+    while low < (middle := 0.5 * (low + high)) < high and not below <= middle <= above:
+        low, high = (middle, high) if middle < root else (low, middle)
     return low, high
 
 
 def _draw_frequencies(edges: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """One frequency [cycles/m] from each bin, with probability in proportion to the variance density."""
-    low, high, top = edges[:-1].copy(), edges[1:].copy(), edges[-1]
-    share = rng.random(len(low))
-    wanted = (1.0 - share) * _variance_beyond(low, top) + share * _variance_beyond(high, top)
+    low, high, top = edges[:-1], edges[1:], float(edges[-1])
+    share, beyond_edge = rng.random(len(low)), _variance_beyond(edges, top)
+    wanted = (1.0 - share) * beyond_edge[:-1] + share * beyond_edge[1:]
     low, high = _narrowed(low, high, top, wanted)
-    for _ in range(60):  # bisection: the variance beyond a frequency falls with it
-        middle = 0.5 * (low + high)
-        if not ((middle != low) & (middle != high)).any():
+    middle, variance = np.empty((2, len(low)))
+    beyond = np.empty(len(low), dtype=bool)
+    for i in range(60):  # bisection: the variance beyond a frequency falls with it
+        np.add(low, high, out=middle)
+        np.multiply(0.5, middle, out=middle)
+        # Intervals are that long at first. One that has become as short as can be stays as it is.
+        if i >= _LEAST_HALVINGS and not ((middle != low) & (middle != high)).any():
             break
-        beyond = _variance_beyond(middle, top) > wanted
-        low, high = np.where(beyond, middle, low), np.where(beyond, high, middle)
+        np.divide(middle, top, out=variance)
+        np.arccos(variance, out=variance)
+        np.divide(variance, middle, out=variance)
+        np.greater(variance, wanted, out=beyond)
+        np.copyto(low, middle, where=beyond)
+        np.copyto(high, middle, where=np.logical_not(beyond, out=beyond))
     drawn: np.ndarray = 0.5 * (low + high)
     return drawn
 
@@ -279,7 +338,11 @@ def _drawn_waves(C: float, edges: np.ndarray, rng: np.random.Generator) -> np.nd
     golden = 0.5 * (math.sqrt(5.0) - 1.0)
     angle = math.pi * ((rng.random() + golden * np.arange(count)) % 1.0)  # half a turn: waves have no front
     phase = 2.0 * math.pi * rng.random(count)
-    return _waves(np.column_stack([amplitude, wavenumber * np.cos(angle), wavenumber * np.sin(angle), phase]))
+    waves = np.empty((count, 4))
+    waves[:, 0], waves[:, 3] = amplitude, phase
+    np.multiply(wavenumber, np.cos(angle), out=waves[:, 1])
+    np.multiply(wavenumber, np.sin(angle), out=waves[:, 2])
+    return waves
 
 
 def _checked_band(waves: int, band: tuple[float, float]) -> tuple[float, float]:

@@ -8,10 +8,10 @@ import math
 import numpy as np
 import pytest
 
-import offroad_env.environment.env as environment
+import offroad_env.environment.episode_row as episode_row
 from estimators.filters.navigation import NavigationFilter
 from estimators.filters.online_parameter_ukf import OnlineParameterUKF
-from offroad_env.environment.control_period import BELIEVE, DRIVE, REPORT
+from offroad_env.environment.control_period import BELIEVE, DRIVE, REPORT, period_full, period_paper
 from offroad_env.environment.env import OffroadBekkerEnv
 from offroad_env.environment.scenarios import SCENARIOS
 from offroad_env.physics import state as at
@@ -39,6 +39,9 @@ def command_of(env, action):
     return steer * v.steer_max, max(drive, 0.0) * v.drive_torque_max, max(-drive, 0.0) * v.brake_torque_max
 
 
+PERIODS = {"full": period_full, "paper": period_paper}
+
+
 class Watch:
     """Takes the compiled period apart: truth and sensors first, then what was made of the samples.
 
@@ -52,11 +55,12 @@ class Watch:
         self.samples, self.rims = [], []
         self._after = after
         self._replay = None if replay is None else iter(zip(replay.samples, replay.rims, strict=True))
-        for name in ("period_full", "period_paper"):
-            monkeypatch.setattr(environment, name, self._watched(getattr(environment, name)))
+        monkeypatch.setattr(episode_row, "period_of", self._watched)
 
-    def _watched(self, period):
-        def watched(episodes, *others):
+    def _watched(self, model, arguments):
+        period, (episodes, *others) = PERIODS[model], arguments
+
+        def watched():
             phases = episodes["phases"][0]
             if phases & DRIVE:
                 episodes["phases"] = DRIVE

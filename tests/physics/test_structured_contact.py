@@ -9,6 +9,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.optimize import brentq
 
 from helpers import measured_data
 from offroad_env.errors import InvalidParameter
@@ -43,76 +44,88 @@ def _row(rut=NO_RUT):
     return row
 
 
-def _grid_by_quad(soil, wheel, structure, h, motion, rut=NO_RUT, v_eps=0.2):
-    """(F_x, F_y, F_z, torque) of the grid laws, from their formulas, by adaptive quadrature."""
-    r, b = wheel
-    modulus = soil.k_c / b + soil.k_phi
-    rim, v_l, v_c = motion
-    per_speed = 1.0 / math.hypot(v_l, v_eps)
+class _Strip:
+    """A strip of the rim on the grid laws, from their formulas, by adaptive quadrature.
 
-    def strip(depth, j_start):
-        largest = modulus * h**soil.n
-        slope = math.hypot(structure.elastic_modulus, largest / h)
-        entry = math.acos(1.0 - (h - depth) / r)
-        peak = min(slope * (h - depth), largest) if depth > 0.0 else largest
-        leave = math.acos(1.0 - min(peak / (slope * r), (h - depth) / r))
+    ``depth`` and ``j_start``: of the rut in which it runs.
+    """
 
-        def sigma(theta):
-            z = h - r * (1.0 - math.cos(theta))
-            if theta < 0.0:
-                return max(peak - slope * r * (1.0 - math.cos(theta)), 0.0)
-            bekker = modulus * max(z, 0.0) ** soil.n
-            return min(max(slope * (z - depth), 0.0), bekker) if depth > 0.0 else bekker
+    def __init__(self, soil, wheel, structure, h, motion, depth=0.0, j_start=0.0, v_eps=0.2):
+        self.soil, self.wheel, self.motion, self.h = soil, wheel, motion, h
+        self.depth, self.j_start = depth, j_start
+        self.modulus = soil.k_c / wheel.b + soil.k_phi
+        self.largest = self.modulus * h**soil.n
+        self.slope = math.hypot(structure.elastic_modulus, self.largest / h)
+        self.per_speed = 1.0 / math.hypot(motion.v_l, v_eps)
+        self.entry = math.acos(1.0 - (h - depth) / wheel.r)
+        self.peak = min(self.slope * (h - depth), self.largest) if depth > 0.0 else self.largest
+        self.leave = math.acos(1.0 - min(self.peak / (self.slope * wheel.r), (h - depth) / wheel.r))
+        share = motion.v_l / motion.rim_speed
+        self.turns = [math.acos(share), -math.acos(share)] if 0.0 < share < 1.0 else []
 
-        def slip(theta):
-            return (rim * math.cos(theta) - v_l) / soil.k_x, -v_c / soil.k_y
+    def sigma(self, theta):
+        rise = self.wheel.r * (1.0 - math.cos(theta))
+        if theta < 0.0:
+            return max(self.peak - self.slope * rise, 0.0)
+        z = self.h - rise
+        bekker = self.modulus * max(z, 0.0) ** self.soil.n
+        return min(max(self.slope * (z - self.depth), 0.0), bekker) if self.depth > 0.0 else bekker
 
-        def displacement(theta):
-            turn = [math.acos(v_l / rim)] if 0.0 < v_l / rim < 1.0 else []
-            edges = sorted({theta, entry, *(t for s in turn for t in (-s, s) if theta < t < entry)})
-            grown = sum(
-                quad(lambda t: math.hypot(*slip(t)) * r * math.cos(t), a, c, epsrel=1e-11)[0]
-                for a, c in itertools.pairwise(edges)
+    def slip(self, theta):
+        along = self.motion.rim_speed * math.cos(theta) - self.motion.v_l
+        return along / self.soil.k_x, -self.motion.v_c / self.soil.k_y
+
+    def displacement(self, theta):
+        edges = sorted({theta, self.entry, *(t for t in self.turns if theta < t < self.entry)})
+        grown = sum(
+            quad(lambda t: math.hypot(*self.slip(t)) * self.wheel.r * math.cos(t), a, c, epsrel=1e-11)[0]
+            for a, c in itertools.pairwise(edges)
+        )
+        return self.j_start + grown * self.per_speed
+
+    def stresses(self, theta):
+        u_x, u_y = self.slip(theta)
+        strength = self.soil.c + self.sigma(theta) * math.tan(self.soil.phi)
+        tau = strength * (1.0 - math.exp(-self.displacement(theta)))
+        return tau * u_x / math.hypot(u_x, u_y), tau * u_y / math.hypot(u_x, u_y)
+
+    def kinks(self):
+        kinks = {-self.leave, 0.0, self.entry, *(t for t in self.turns if -self.leave < t < self.entry)}
+        if self.depth > 0.0 and self.slope * (self.h - self.depth) > self.largest:
+            met = brentq(
+                lambda z: self.slope * (z - self.depth) - self.modulus * z**self.soil.n, self.depth, self.h
             )
-            return j_start + grown * per_speed
+            kinks.add(math.acos(1.0 - (self.h - met) / self.wheel.r))
+        return sorted(kinks)
 
-        def stresses(theta):
-            u_x, u_y = slip(theta)
-            tau = (soil.c + sigma(theta) * math.tan(soil.phi)) * (1.0 - math.exp(-displacement(theta)))
-            size = math.hypot(u_x, u_y)
-            return tau * u_x / size, tau * u_y / size
-
-        kinks = {-leave, 0.0, entry}
-        if 0.0 < v_l / rim < 1.0:
-            kinks |= {t for t in (math.acos(v_l / rim), -math.acos(v_l / rim)) if -leave < t < entry}
-        if depth > 0.0 and slope * (h - depth) > largest:
-            low, high = depth, h
-            for _ in range(80):
-                middle = 0.5 * (low + high)
-                low, high = (
-                    (middle, high) if slope * (middle - depth) < modulus * middle**soil.n else (low, middle)
-                )
-            kinks.add(math.acos(1.0 - (h - low) / r))
+    def forces(self):
+        """(F_x, F_y, F_z, torque)."""
+        r, area = self.wheel.r, self.wheel.b * self.wheel.r
 
         def total(f):
-            edges = sorted(kinks)
-            return sum(quad(f, a, c, epsrel=1e-8)[0] for a, c in itertools.pairwise(edges))
+            return area * sum(
+                quad(lambda t: f(t) * math.cos(t), a, c, epsrel=1e-8)[0]
+                for a, c in itertools.pairwise(self.kinks())
+            )
 
         return np.array(
             [
-                total(lambda t: stresses(t)[0] * b * r * math.cos(t)),
-                total(lambda t: stresses(t)[1] * b * r * math.cos(t)),
-                total(lambda t: sigma(t) * b * r * math.cos(t)),
-                total(
-                    lambda t: (
-                        (stresses(t)[0] * math.cos(t) + sigma(t) * math.sin(t)) * r * b * r * math.cos(t)
-                    )
-                ),
+                total(lambda t: self.stresses(t)[0]),
+                total(lambda t: self.stresses(t)[1]),
+                total(self.sigma),
+                total(lambda t: r * (self.stresses(t)[0] * math.cos(t) + self.sigma(t) * math.sin(t))),
             ]
         )
 
-    found = (1.0 - rut.share) * strip(0.0, 0.0) if rut.share < 1.0 else np.zeros(4)
-    return found + (rut.share * strip(rut.depth, rut.shear) if rut.share > 0.0 else 0.0)
+
+def _grid_by_quad(soil, wheel, structure, h, motion, rut=NO_RUT):
+    """(F_x, F_y, F_z, torque) of the grid laws, from their formulas."""
+    found = np.zeros(4)
+    if rut.share < 1.0:
+        found += (1.0 - rut.share) * _Strip(soil, wheel, structure, h, motion).forces()
+    if rut.share > 0.0:
+        found += rut.share * _Strip(soil, wheel, structure, h, motion, rut.depth, rut.shear).forces()
+    return found
 
 
 @pytest.mark.parametrize(

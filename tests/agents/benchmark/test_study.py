@@ -113,7 +113,7 @@ def test_an_agent_of_ones_own_drives_the_same_episodes(tmp_path, monkeypatch):
     for name, words in (("own_agents:Mute", "no method act"), ("own_agents:Nobody", "no 'Nobody'")):
         with pytest.raises(InvalidParameter, match=words):
             find_agent(name, "brake", None)
-    with pytest.raises(InvalidParameter, match="no module .no_such_module."):
+    with pytest.raises(InvalidParameter, match=r"no module .no_such_module."):
         find_agent("no_such_module:Agent", "brake", None)
 
 
