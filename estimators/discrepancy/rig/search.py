@@ -224,6 +224,9 @@ def search_rig(
         if not trials or deviance(fit) - trials[0].deviance < threshold**2:
             break
         larger = pruned(_exchanged(trials[0].fit, candidates), threshold)
+        if deviance(fit) - deviance(larger) < _WORTH_A_SWAP:
+            # What was added went again: the step would be the same for ever.
+            break
         if apart is not None:
             gains.append(holdout_gain(fit, larger, apart))
             if gains[-1] <= 0.0:
