@@ -29,14 +29,16 @@ class Extension:
 
     model: str  #: "full", "paper" or "rig"
     effects: tuple[tuple[str, dict[str, float]], ...]  #: (effect, its parameters)
+    structure: str | None = None  #: laws of the wheels where they are not the log's, see `read_structure`
 
     def to_dict(self) -> dict[str, Any]:
         """The content of the file."""
-        return {
+        content: dict[str, Any] = {
             "format": _FORMAT,
             "model": self.model,
             "effects": [{"id": name, "parameters": dict(values)} for name, values in self.effects],
         }
+        return content if self.structure is None else content | {"structure": self.structure}
 
 
 def read_extension(path: str | Path) -> Extension:
@@ -59,7 +61,10 @@ def read_extension(path: str | Path) -> Extension:
         effects = tuple(_effect(entry, ids) for entry in content["effects"])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise DataError(f"{path}: effects must be a list of id and parameters: {error}") from None
-    return Extension(model=content["model"], effects=effects)
+    structure = content.get("structure")
+    if structure is not None and not isinstance(structure, str):
+        raise DataError(f'{path}: structure must be a text such as "full,ruts=none", got {structure!r}')
+    return Extension(model=content["model"], effects=effects, structure=structure)
 
 
 def _effect(entry: dict[str, Any], ids: Mapping[str, str]) -> tuple[str, dict[str, float]]:
