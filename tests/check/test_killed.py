@@ -22,7 +22,8 @@ from helpers import REPOSITORY
 #: Random moments at which each command is killed.
 MOMENTS = int(os.environ.get("OFFROAD_KILLS", "5"))
 #: Measured on a clock, so they differ between two runs of anything.
-CLOCKS = {"seconds", "wall_time", "step_time", "env_time", "periods_per_second", "crc", "before"}
+#: The command itself names its folder, and the stamp those sources that may be edited meanwhile.
+CLOCKS = {"seconds", "wall_time", "step_time", "env_time", "crc", "before", "stamp", "command"}
 
 
 class Command(NamedTuple):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import importlib
 import math
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,7 +17,7 @@ from estimators.analysis.consistency import innovation_flag
 from estimators.analysis.scores import score
 from estimators.discrepancy.checks.unmodelled_forces import JointSizes
 from estimators.discrepancy.search.holdout import HoldOutResult
-from estimators.discrepancy.verdict import RigChecks, RigDiagnosis, Verdict
+from estimators.discrepancy.verdict import RigChecks, RigDiagnosis, VehicleDiagnosis, Verdict
 from estimators.filters.belief_history import BeliefHistory
 from estimators.filters.model_evidence import EvidenceSettings, RobustPosterior
 
@@ -217,12 +216,13 @@ def named(found, remaining=0.0):
     search = SimpleNamespace(
         extended=SimpleNamespace(sizes=np.array([1.0, 1.0])),
         first=SimpleNamespace(z=np.array([9.0])),
-        last=SimpleNamespace(z=np.array([math.sqrt(remaining)])),
-        refused=True,
+        refused=False,
         threshold=3.0,
     )
     cause = SimpleNamespace(alternatives=(1,))
-    return replace(diagnosis(), search=search, causes=(cause, cause), joint=found).identifiable
+    inputs = (SimpleNamespace(excess=remaining, p_value=1.0),)
+    parts = {"search": search, "causes": (cause, cause), "joint": found, "unknown_inputs": inputs}
+    return VehicleDiagnosis(**parts).identifiable
 
 
 def test_causes_are_identifiable_by_their_information_their_share_and_their_size():

@@ -71,7 +71,6 @@ def test_mutated_files_are_read_or_refused_in_a_sentence(tmp_path):
     assert refused > _COUNT // 3
 
 
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize("file", crafted(), ids=lambda file: file.name)
 def test_a_file_that_is_dangerous_by_design_does_no_harm(file, tmp_path):
     sentence = answer(file, tmp_path)
