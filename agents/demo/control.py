@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from agents.benchmark.figure import arms_figure
 from agents.benchmark.runner import run_arms
-from agents.benchmark.statistics import Interval
 from agents.benchmark.summary import Benchmark
 from agents.demo.context import Run
 from agents.learning.policies import MissingExtraError
@@ -67,23 +66,21 @@ def arms_sentence(result: Benchmark) -> str:
     episodes, difference = len(result.arms[0].episodes), result.oracle_minus_uninformed
     if difference is None:
         return f"The arms drive the same {episodes} episodes."
-    against = f"{result.better_uninformed}, the better of the two that know nothing"
     low, high = sorted((abs(difference.low), abs(difference.high)))
-    size = f"{Interval(abs(difference.value), low, high, difference.level):.3g} {result.unit}"
+    size, interval = f"{abs(difference.value):.2g} {result.unit}", f"[{low:.2g}, {high:.2g}]"
+    without = f"{result.summary(result.better_uninformed).score.value:.0f} {result.unit}"
     if difference.high < 0.0:
-        verdict = f"the arm that knows the true n scores {size} better than {against}"
+        verdict = f"Knowing the soil saves {size} of {without} {interval}"
     elif difference.low > 0.0:
-        verdict = f"the arm that knows the true n scores {size} worse than {against}"
+        verdict = f"Knowing the soil adds {size} to {without} {interval}"
     else:
-        verdict = (
-            f"no difference shows between the arm that knows the true n and {against} "
-            f"({difference:+.3g} {result.unit})"
-        )
+        verdict = f"No difference shows between knowing the soil and not: {difference:+.2g} {result.unit}"
+    who = f"the arm that knows the true n against {result.better_uninformed}, the better of two that do not"
+    sentence = f"{verdict} (all but n known; {episodes} paired episodes; {who})"
     if result.recovered is not None:
-        verdict += (
-            f"; the arm with the estimate recovers {100.0 * result.recovered.value:.0f} % of the difference"
-        )
-    return f"Over {episodes} paired episodes, {verdict}."
+        share = 100.0 * result.recovered.value
+        sentence += f"; the arm with the estimate recovers {share:.0f} % of the difference"
+    return f"{sentence}."
 
 
 def learning_section(run: Run) -> Section:

@@ -18,7 +18,7 @@ __all__ = ["WorldOptions", "known_scenario"]
 class WorldOptions:
     """What is driven on and with: a name of the catalogue, a file *.yaml, or inline YAML "{base: ...}"."""
 
-    soil: str | None = None  #: in place of the scenario's; its n is replaced by the drawn one
+    soil: str | None = None  #: in place of the scenario's; of a catalogue name n is drawn
     vehicle: str | None = None  #: in place of the scenario's
     weights: str | None = None  #: of the reward, in place of the scenario's
     sensors: str | None = None  #: paper, ideal, automotive, consumer; default: paper

@@ -69,7 +69,8 @@ class Choices:
     """Scenario, soil, vehicle, reward and what differs from episode to episode."""
 
     scenario: Scenario
-    soil: NamedSoil  #: nominal; its n is replaced by the drawn one
+    soil: NamedSoil  #: nominal
+    own_n: float | None  #: true n of a soil of one's own [-]; None where n is drawn
     vehicle: NamedVehicle  #: nominal
     weights: RewardWeights
     n_range: tuple[float, float]  #: prior of the sinkage exponent [-]
@@ -99,9 +100,13 @@ class Choices:
         chosen = read_soil(task.soil if soil is None else soil)
         if n_range is None and randomise is not None:
             n_range = randomise.n_range
+        own_n = chosen.record.n if n_range is None and _is_own("soil", soil) else None
+        if own_n is not None:
+            n_range = (min(task.n_range[0], own_n), max(task.n_range[1], own_n))
         return cls(
             scenario=task,
             soil=chosen,
+            own_n=own_n,
             vehicle=read_vehicle(task.vehicle if vehicle is None else vehicle),
             weights=task.weights if weights is None else read_weights(weights, task.weights),
             n_range=checked_range(task.n_range if n_range is None else n_range, chosen.record),
@@ -141,11 +146,16 @@ def plain_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:
     return {name: _plain(name, value) for name, value in arguments.items()}
 
 
+def _is_own(name: str, value: Any) -> bool:
+    """Whether an argument is something of one's own, not a name that every process knows."""
+    if value is None:
+        return False
+    return not is_name(value) or is_registered(name, value) or (name == "scenario" and value not in BUILT_IN)
+
+
 def _plain(name: str, value: Any) -> Any:
-    if name not in _PLAIN or value is None or isinstance(value, bool):
-        return value
-    own = is_registered(name, value) or (name == "scenario" and is_name(value) and value not in BUILT_IN)
-    return value if is_name(value) and not own else _PLAIN[name](value)
+    known = name not in _PLAIN or isinstance(value, bool) or not _is_own(name, value)
+    return value if known else _PLAIN[name](value)
 
 
 def _plain_scenario(value: Any) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
+from functools import partial
 from types import MappingProxyType
 from typing import Annotated, Any
 
@@ -105,27 +106,25 @@ def _drawn(span: Span, share: float) -> float:
     return span
 
 
+def _number_or_pair(key: str, quantity: Quantity, value: Any) -> Span:
+    if not isinstance(value, list | tuple):
+        return quantity.check(key, value)
+    if len(value) != 2:
+        raise InvalidParameter(f"{key} must be a number or (lowest, highest), got {shown(value)}")
+    low, high = (quantity.check(f"{key}[{i}]", number) for i, number in enumerate(value))
+    if low > high:
+        raise InvalidParameter(f"{key} must be (lowest, highest), got {shown(value)}")
+    return low, high
+
+
 def _span(key: str, quantity: Quantity) -> Any:
     """Type of a key with a number or a pair."""
-
-    def check(value: Any) -> Span:
-        if not isinstance(value, list | tuple):
-            return quantity.check(key, value)
-        if len(value) != 2:
-            raise InvalidParameter(f"{key} must be a number or (lowest, highest), got {shown(value)}")
-        low, high = (quantity.check(f"{key}[{i}]", number) for i, number in enumerate(value))
-        if low > high:
-            raise InvalidParameter(f"{key} must be (lowest, highest), got {shown(value)}")
-        return low, high
-
-    return Annotated[Span | None, BeforeValidator(check)]
+    return Annotated[Span | None, BeforeValidator(partial(_number_or_pair, key, quantity))]
 
 
-def _pair(value: Any) -> tuple[float, float]:
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        raise InvalidParameter(f"radius must be (smallest, largest), got {shown(value)}")
-    low, high = (_RADIUS.check(f"radius[{i}]", number) for i, number in enumerate(value))
-    return low, high
+def _radius(value: Any) -> tuple[float, float]:
+    found = _number_or_pair("radius", _RADIUS, value)
+    return found if isinstance(found, tuple) else (found, found)
 
 
 def _points(value: Any) -> tuple[tuple[float, float], ...]:
@@ -137,7 +136,7 @@ def _points(value: Any) -> tuple[tuple[float, float], ...]:
 
 _OTHERS: dict[str, tuple[Any, str]] = {
     **{key: (_span(key, quantity), f"{quantity.allowed}, or a pair") for key, quantity in _SPANS.items()},
-    "radius": (Annotated[Any, BeforeValidator(_pair)], f"pair, each {_RADIUS.allowed}"),
+    "radius": (Annotated[Any, BeforeValidator(_radius)], f"{_RADIUS.allowed}, or a pair"),
     "waypoints": (Annotated[Any, BeforeValidator(_points)], "list of [x, y]"),
 }
 

@@ -126,7 +126,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
     terms, which add up to the reward. "climb" and "brake" have weights of their own.
 
     ## Starting State
-    Settled on the soil, on the path, rolling. n is drawn uniformly from ``n_range``;
+    Settled on the soil, on the path, rolling. n is drawn uniformly from ``n_range``, but for own soils;
     ``reset(options={"n": 0.7})`` sets it, ``options={"context": {...}}`` any key of ``randomise``.
     ``options={"mismatch": (mass, k_phi, lag)}`` multiplies these properties. All of this changes the truth;
     the nominal vehicle, soil and sensors, which estimator and briefing hold, stay.
@@ -148,8 +148,10 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         "bank") or "none"; None runs the parameter UKF when ``terrain_info="estimate"``. An
         `estimators.filters.online.OnBoard` also holds the rate, and vehicle, soil and ground of the filter's
         model, rightly or wrongly
-    n_range : (low, high) of the sinkage exponent, default the scenario's
-    soil, vehicle, weights : default the scenario's; the soil's n is replaced by the drawn one
+    n_range : (low, high) of the sinkage exponent, default the scenario's: n is drawn from it, and it is the
+        prior of the estimators
+    soil, vehicle, weights : default the scenario's. A soil of your own keeps its n, unless ``n_range`` is
+        given or ``randomise`` has n; of one named in the catalogue n is drawn
     sensors : one of `offroad_env.SENSORS` ("paper", "ideal", "automotive", "consumer"), or `make_sensors`
     structure : laws of the wheels, "full", "grid", "field" or departures from them ("grid,ruts=none"); None
         is "full". Estimators go on to assume "full"
@@ -271,6 +273,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         context = chosen.drawn(randomisation, self.np_random)
         self._context = context if context or randomisation is not None else None
         drawn: float | None = float(self.np_random.uniform(*self.n_range))
+        drawn = drawn if self._choices.own_n is None else self._choices.own_n
         self.course: Course = self.scenario.draw(self.np_random)
         self._path_length = self.course.path.length
         truth = Truth(self.vehicle, self._believed_soil, self.course.ground, self.sensors)

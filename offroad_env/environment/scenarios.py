@@ -57,7 +57,7 @@ class Scenario:
     target_speed: float = 0.0  #: speed to hold [m/s]; 0 = as fast as possible
     start_speed: float = 3.0  #: speed at the start [m/s]
     reason: str = ""  #: why the soil decides this task, from physics
-    soil: str | Soil = "dry_sand"  #: soil or its name; its n is replaced by the drawn one
+    soil: str | Soil = "dry_sand"  #: soil or its name; n is drawn from `n_range`
     vehicle: str | Vehicle = "mrzr"  #: vehicle or its name
     n_range: tuple[float, float] = (0.3, 1.1)  #: sinkage exponent, drawn uniformly [-]
     time_limit: float = 120.0  #: after which an episode is truncated [s]

@@ -279,3 +279,31 @@ def test_recorded_videos_of_gymnasium_hold_the_pictures(tmp_path):
     film.close()
     (video,) = (tmp_path / "video").glob("*.mp4")
     assert video.stat().st_size > 5000
+
+
+# ---------------------------------------------------------------------- the n of one's own soil
+
+
+def _ns(**options):
+    env = gym.make(ID, **options).unwrapped
+    return {env.reset(seed=seed)[1]["n"] for seed in range(3)}, env.n_range
+
+
+def test_a_soil_of_ones_own_keeps_its_n_and_one_of_the_catalogue_is_drawn(tmp_path):
+    mine = make_soil("dry_sand", n=0.61)
+    (tmp_path / "mine.yaml").write_text("soil: {base: dry_sand, n: 0.61}\n", encoding="utf-8")
+    for given in (mine, {"base": "dry_sand", "n": 0.61}, str(tmp_path / "mine.yaml")):
+        assert _ns(soil=given) == ({0.61}, SCENARIOS["track"].n_range)
+    assert len(_ns(soil="dry_sand")[0]) == 3
+    drawn, limits = _ns(soil=mine, n_range=(0.5, 0.7))
+    assert len(drawn) == 3
+    assert limits == (0.5, 0.7)
+    assert len(_ns(soil=mine, randomise={"n": (0.5, 0.7)})[0]) == 3
+    assert _ns(soil=mine, randomise={"soil.phi": (0.5, 0.6)})[0] == {0.61}
+
+
+def test_the_prior_of_n_does_not_tell_the_n_of_ones_own_soil_but_holds_it():
+    low, high = SCENARIOS["track"].n_range
+    stiff = make_soil("dry_sand", n=1.25)
+    assert high < 1.25
+    assert _ns(soil=stiff) == ({1.25}, (low, 1.25))
