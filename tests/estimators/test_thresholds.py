@@ -145,6 +145,19 @@ def test_a_run_diverges_silently_by_a_fifth_for_two_seconds_outside_of_its_inter
     assert not score(history(n, sd=sd, valid=False), 0.7).silent
 
 
+def test_the_late_error_counts_from_twenty_seconds_on():
+    found = score(history([0.8] * 200 + [0.7] * 100), 0.7)
+    assert found.late_mse == 0.0
+    assert found.mse == pytest.approx(0.01 * 200 / 300)
+    assert score(history([0.7] * 200 + [0.8] * 100), 0.7).late_mse == pytest.approx(0.01)
+
+
+def test_an_estimate_has_settled_where_its_error_stays_below_five_per_cent():
+    truth = 0.7
+    assert score(history([1.07 * truth] * 10 + [1.03 * truth] * 20), truth).time_to_5pct == pytest.approx(1.0)
+    assert score(history([1.03 * truth] * 10 + [1.07 * truth] * 20), truth).time_to_5pct == math.inf
+
+
 def test_a_flag_without_one_needs_innovations_as_expected_a_narrow_interval_and_time():
     calm, dt = np.full(600, 3.0), 0.01
     narrow, wide = np.full(600, 0.079), np.full(600, 0.081)
