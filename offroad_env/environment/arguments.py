@@ -17,7 +17,7 @@ from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics.records import Soil, Vehicle
 from offroad_env.simulation.drive import Command
 from offroad_env.simulation.simulator import make_plant, settled_state
-from offroad_env.world.soils import make_soil
+from offroad_env.world.soils import make_soil, with_exponent
 from offroad_env.world.terrain import flat
 from offroad_env.world.vehicles import make_vehicle
 
@@ -158,7 +158,7 @@ class ResetOptions:
         if self.n is not None:
             n = make_soil(soil, n=self.n).n
         if self.mismatch is None:
-            return vehicle, make_soil(soil, n=n)
+            return vehicle, with_exponent(soil, n)
         mass, k_phi, lag = self.mismatch
         return (
             make_vehicle(vehicle, m=mass * vehicle.m, torque_lag=lag * vehicle.torque_lag),

@@ -290,7 +290,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         if self._plants.is_natural:
             field = self._plants.soil_field(soil, int(self.np_random.integers(2**63)))
         self.plant = self._plants.truth(vehicle, soil, truth.ground, soils, field)
-        X, Y, yaw = (float(value) for value in self.course.path.nodes[0, :3])
+        X, Y, yaw = self.course.path.nodes[0, :3].tolist()
         start = self.scenario.start_speed
         if self.extension is not None:
             self._extended = ExtendedTruth(self.extension, self.plant, self._sensing.mount)
@@ -317,6 +317,8 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
     def _choose_estimator(self) -> None:
         """A new estimator at the start of the course, if one runs."""
         self.estimator = self._learner = None
+        if self._choice == "none":
+            return
         belief = self._plants.belief(self.vehicle, self._believed_soil, self.course.known_ground)
         if isinstance(self._choice, OnBoard):
             imu, gnss = self.sensors.imu, self.sensors.gnss or GnssConfig()
