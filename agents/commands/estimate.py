@@ -1,4 +1,4 @@
-"""``offroad estimate``: a filter on measured or simulated logs."""
+"""``offroad estimate``: the soil under measured or simulated drives, or one filter for n along them."""
 
 from __future__ import annotations
 
@@ -15,53 +15,116 @@ from offroad_env.errors import DataError, InvalidParameter
 if TYPE_CHECKING:
     import numpy as np
 
+    from estimators.belief.soil_belief import SoilBelief
     from estimators.log_estimation import LogEstimate
     from estimators.logs import Log, QualityReport
 
 __all__ = ["Estimate"]
 
+#: Filter of drives that cannot be replayed.
+_FALLBACK = "online_joint_ukf"
+
 
 @dataclass(kw_only=True)
 class Estimate(Results):
-    """Estimate the sinkage exponent from logs of drives.
+    """Estimate the soil from logs of drives.
 
     A log is a .csv, .parquet or ROS bag with a .yaml of the same name; docs/logs.md has the format.
-    Writes for each log estimate_LOG_FILTER.csv (t, n, sd, low, high, valid, nis; robust_sd, robust_valid;
-    evidence_n, evidence_sd) and a figure. sd and valid are stated by the filter, given its model; robust_sd
-    and robust_valid allow for errors of that model. Filters for any drive: online_parameter_ukf (parameter),
+    n and phi are taken as unknown, what else the description states as right to a tolerance; several
+    structures of wheel and soil compete (docs/belief.md). Prints one number a quantity with its 95 % interval
+    and writes a figure of each log.
+
+    With --filter one filter for n runs along the log instead, all else taken as exact. Writes
+    estimate_LOG_FILTER.csv (t, n, sd, low, high, valid, nis; robust_sd, robust_valid; evidence_n,
+    evidence_sd) and a figure. sd and valid are stated by the filter, given its model; robust_sd and
+    robust_valid allow for errors of that model. Filters for any drive: online_parameter_ukf (parameter),
     online_joint_ukf (joint), online_ukf_bank (bank); for the paper's half-car over a known ground:
-    map_joint_ukf (map_joint), map_ukf_bank (map_bank), map_ekf.
+    map_joint_ukf (map_joint), map_ukf_bank (map_bank), map_ekf. Drives without torques of the wheels can
+    only be filtered.
     """
 
     logs: Positional[tuple[Path, ...]]  #: one or more logs
-    filter: str = "online_joint_ukf"  #: id or short name of a filter
-    n_prior: float | None = None  #: mean of the prior [-]; default: n in the log's description
-    sd: float = 0.2  #: standard deviation of the prior [-]
+    structure: tuple[str, ...] = ("full", "grid", "field")  #: that compete: "grid,ruts=none", ...
+    tolerance: float = 0.05  #: relative sd of moduli, cohesion and K as the description states them [-]
+    details: bool = False  #: also what each structure finds
+    filter: str | None = None  #: instead: id or short name of a filter
+    n_prior: float | None = None  #: of a filter: mean of the prior [-]; default: n in the log's description
+    sd: float = 0.2  #: of a filter: standard deviation of the prior [-]
     accept: bool = False  #: go on where the checks of the data find a problem
 
     def run(self) -> None:
-        """Check, filter, draw and print, log by log."""
+        """Check, estimate, draw and print, log by log."""
         if not self.logs:
             raise InvalidParameter("logs must name at least one file")
         if not 0.0 < self.sd <= 1.0:
             raise InvalidParameter(f"sd must be in (0, 1], got {self.sd:g}")
+        from estimators.logs import read_logs
+
+        logs = read_logs(self.logs)
+        chosen = self.filter
+        if chosen is None and not all(_replayable(log) for log in logs):
+            chosen = _FALLBACK
+            say(f"note: a drive without torques of the wheels can only be filtered: --filter {chosen}")
+        if chosen is None:
+            self._believe(logs)
+        else:
+            self._filter_all(logs, chosen)
+
+    def _believe(self, logs: Sequence[Log]) -> None:
+        """The soil under every drive."""
+        from agents.reports.figures.soil_belief import soil_belief_figure
+        from agents.reports.soil_belief import Report, show_details, show_report
+        from estimators.belief.forecast import prediction_errors
+        from estimators.belief.limits import limits_of, sampled_limits
+        from estimators.logs import quality
+
+        runs = []
+        for log, name in zip(logs, _distinct([log.name for log in logs]), strict=True):
+            checks = quality(log)
+            self._show_quality(checks, brief=not self.details)
+            belief = self._believed(log)
+            holds = limits_of(sampled_limits(belief))
+            report = Report(belief=belief, holds=holds, prediction=prediction_errors(belief))
+            self.save_figure(soil_belief_figure(report), f"soil_{name}")
+            show_report(report)
+            if self.details:
+                show_details(report)
+            runs.append(report.numbers() | {"hash": log.hash, "quality": checks.to_dict()})
+        self.save_numbers({"runs": runs})
+
+    def _believed(self, log: Log) -> SoilBelief:
+        from rich.progress import Progress
+
+        from estimators.belief.soil_belief import believe_log
+        from estimators.belief.unknowns import Tolerances
+
+        with Progress(console=console(), transient=True) as bar:
+            task = bar.add_task(log.name, total=1.0)
+
+            def tell(share: float, doing: str) -> None:
+                bar.update(task, completed=share, description=f"{log.name}: {doing}")
+
+            tolerances = Tolerances(soil=self.tolerance)
+            return believe_log(log, structures=self.structure, tolerances=tolerances, progress=tell)
+
+    def _filter_all(self, logs: Sequence[Log], chosen: str) -> None:
+        """One filter along every drive."""
         from estimators.filters.registry import filter_id
         from estimators.log_estimation import LOG_FILTERS
-        from estimators.logs import quality, read_logs
+        from estimators.logs import quality
 
-        self.filter = filter_id(self.filter, LOG_FILTERS)
-        logs = read_logs(self.logs)
+        known = filter_id(chosen, LOG_FILTERS)
         names = _distinct([log.name for log in logs])
         rows, numbers = [], []
         for log, name in zip(logs, names, strict=True):
             report = quality(log)
             self._show_quality(report)
-            result, reference = self._filter(log), _reference(log)
+            result, reference = self._filter(log, known), _reference(log)
             for note in result.notes:
                 say(f"note: {note}")
             rows.append((name, *_row(result, reference)))
             numbers.append(_numbers(result, reference) | {"quality": report.to_dict(), "hash": log.hash})
-            self._write(result, reference, f"estimate_{name}_{self.filter}")
+            self._write(result, reference, f"estimate_{name}_{known}")
         heading = (
             "log",
             "n at the end",
@@ -73,16 +136,17 @@ class Estimate(Results):
             "x real time",
             "truth",
         )
-        console().print(table(f"filter {self.filter}", heading, rows))
+        console().print(table(f"filter {known}", heading, rows))
         say("n, flag: stated by the filter, given its model")
         say("robust: to errors of mass, moduli, sensors and steering in that model (docs/logs.md)")
-        self.save_numbers({"filter": self.filter, "logs": numbers})
+        self.save_numbers({"filter": known, "logs": numbers})
 
-    def _show_quality(self, report: QualityReport) -> None:
+    def _show_quality(self, report: QualityReport, *, brief: bool = False) -> None:
         """The table of the data, what it shows, and a refusal where a model would be blamed for the data."""
-        heading, rows = report.table()
-        title = f"{report.name}: {report.rows} rows, {report.duration:.1f} s"
-        console().print(table(title, heading, rows, texts=2))
+        if not brief:
+            heading, rows = report.table()
+            title = f"{report.name}: {report.rows} rows, {report.duration:.1f} s"
+            console().print(table(title, heading, rows, texts=2))
         for finding in report.findings:
             say(f"{finding.severity}: {finding.sentence}")
         if report.problems and not self.accept:
@@ -91,7 +155,7 @@ class Estimate(Results):
                 "mends it; or go on with --accept"
             )
 
-    def _filter(self, log: Log) -> LogEstimate:
+    def _filter(self, log: Log, known: str) -> LogEstimate:
         from rich.progress import Progress
 
         from estimators.log_estimation import estimate_log
@@ -102,13 +166,20 @@ class Estimate(Results):
             def tell(share: float) -> None:
                 bar.update(task, completed=share, total=1.0 if share > 0.0 else None)
 
-            return estimate_log(log, self.filter, n_prior=self.n_prior, sd=self.sd, progress=tell)
+            return estimate_log(log, known, n_prior=self.n_prior, sd=self.sd, progress=tell)
 
     def _write(self, result: LogEstimate, reference: np.ndarray | None, name: str) -> None:
         from agents.reports.figures.estimate_log import log_estimate_figure
 
         say(f"table: {write_bytes(self.out / f'{name}.csv', result.csv().encode())}")
         self.save_figure(log_estimate_figure(result, reference), name)
+
+
+def _replayable(log: Log) -> bool:
+    """Whether models can be replayed on the log: a drive with the torques of its wheels, or a stand-in's."""
+    config = log.config
+    driven = config.model == "full" and config.drivetrain == "torque"
+    return driven and "steer" in log.channels and bool({"torque_f", "torque_r"} & set(log.channels))
 
 
 def _distinct(names: Sequence[str]) -> list[str]:

@@ -68,7 +68,17 @@ STUDIES: dict[str, tuple[str, str, str]] = {
         "TyreStudy",
         "the flexible tyre against published stiffness, ruts, resistance and pull",
     ),
+    "belief": (
+        "belief",
+        "BeliefStudy",
+        "the soil under drives whose soil is known: errors and coverage of n and phi",
+    ),
     "model_mismatch": ("model_mismatch", "Mismatches", "filters whose model is wrong: error, coverage, flag"),
+    "soil_belief": (
+        "soil_belief",
+        "SoilBelief",
+        "what the soil holds when all of the soil is unknown, online",
+    ),
 }
 
 #: Shorter and former names of studies.

@@ -75,6 +75,8 @@ def _intro(summary: DiagnosisSummary) -> str:
 def _unreached(summary: DiagnosisSummary) -> str:
     if summary.verdict is Verdict.DATA_PROBLEM:
         return "Not reached: the data must be corrected before any model is fitted."
+    if summary.verdict is Verdict.OUTSIDE:
+        return "Not reached: no model of this kind can be right, so none is fitted."
     if not summary.causes:
         return "Nothing to show: no cause was found, so there is no extended model."
     return "Nothing to show: the runs are too short to keep test data."

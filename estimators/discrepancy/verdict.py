@@ -14,6 +14,7 @@ from estimators.discrepancy.checks.holdout_gain import ChannelGain, Held
 from estimators.discrepancy.checks.unmodelled_forces import JointSizes, UnmodelledForce
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.search.result import Cause, SearchResult
+from estimators.logs.channel_checks import OUTSIDE
 from estimators.logs.log import Log
 from estimators.logs.quality import QualityReport
 from estimators.logs.units import Finding
@@ -51,6 +52,7 @@ class Verdict(StrEnum):
     """Outcome of a diagnosis."""
 
     DATA_PROBLEM = "DATA PROBLEM"  #: the data must be corrected before any model is fitted
+    OUTSIDE = "OUTSIDE THE MODEL"  #: no model of this kind can be right, whatever its parameters
     NUMERICS = "NUMERICS"  #: the fit or the solver is not accurate enough
     NOT_TESTABLE = "NOT TESTABLE"  #: the data are not informative enough
     UNEXPLAINED = "UNEXPLAINED"  #: a model error that no effect of the library explains
@@ -237,7 +239,8 @@ class VehicleDiagnosis(Diagnosis):
     def verdict(self) -> Verdict:
         """Outcome; the data come first, then the numerics, then what remains unexplained."""
         if self.search is None:
-            return Verdict.DATA_PROBLEM
+            outside = bool(self.findings) and all(finding.kind == OUTSIDE for finding in self.findings)
+            return Verdict.OUTSIDE if outside else Verdict.DATA_PROBLEM
         if self.inaccurate:
             return Verdict.NUMERICS
         if self.incomplete:

@@ -62,6 +62,9 @@ def verdict_sentence(
 def _sentence_without_causes(verdict: Verdict, diagnosis: Diagnosis) -> str:
     if verdict is Verdict.DATA_PROBLEM:
         return f"The data must be corrected first: {diagnosis.findings[0].sentence}."
+    if verdict is Verdict.OUTSIDE:
+        sentence = diagnosis.findings[0].sentence
+        return f"No model of this kind can be right: {sentence}"
     if verdict is Verdict.NUMERICS:
         if diagnosis.checks is not None and not diagnosis.checks.converged:
             return "The fit did not converge: drive faster, or log positions."

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from estimators.logs.channel_checks import channel_findings, reconciled
 from estimators.logs.clocks import clock_findings
 from estimators.logs.log import Log
 from estimators.logs.schema import IMU, RIG_COLUMNS, VEHICLE_COLUMNS
@@ -140,7 +141,11 @@ def quality(log: Log) -> QualityReport:
     if log.rig:
         findings = _rig_findings(log)
     else:
-        findings, checks = suspicions(log)
+        single, checks = suspicions(log)
+        together, sound = channel_findings(log, single)
+        findings = reconciled(single, together, sound)
+        named = {f.channel for f in findings if f.severity == "problem"}
+        findings += [f for f in together if f.severity != "problem" or f.channel not in named]
         findings += _timing_findings("t", timing(log.times), 0.5)
         findings += clock_findings(log, {f.channel for f in findings if f.kind in ("axes", "sign")})
         findings += _excitation_findings(log)

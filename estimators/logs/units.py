@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.logs.log import Log
-from estimators.logs.signals import Likeness, Windows, likeness
+from estimators.logs.signals import Likeness, Windows, likeness, noise_sd
 from offroad_env.physics.numerics import GRAVITY
 
 __all__ = ["Check", "Finding", "suspicions"]
@@ -22,6 +22,8 @@ __all__ = ["Check", "Finding", "suspicions"]
 _DEGREES = math.degrees(1.0)
 #: Units of an acceleration by the factor that they give.
 _ACCELERATIONS = {"g": 1.0 / GRAVITY, "mg": 1000.0 / GRAVITY}
+#: Noise within this factor of what is stated is the stated noise.
+_ALIKE = 2.5
 _CLEAR = 0.8  # correlation from which two signals count as the same motion
 
 
@@ -303,6 +305,10 @@ def _gravity(log: Log, judge: _Judge) -> str | None:
     expected = 0.0 if kinematic else GRAVITY
     units = {"g": 1.0, "mg": 1000.0, "cm/s^2": 100.0 * GRAVITY, "ft/s^2": GRAVITY / 0.3048}
     unit = next((name for name, one in units.items() if abs(mean - one) < 0.15 * one), None)
+    if kinematic and unit is not None:
+        # A bias of the size of a unit of gravity is no unit: its noise is still that of the sensor.
+        noise, scale = noise_sd(values), units[unit] / GRAVITY
+        unit = unit if abs(math.log(max(noise, 1e-12) / (log.imu.sd_a * scale))) < math.log(_ALIKE) else None
     rest = "imu.kinematic is true, so it must average 0" if kinematic else "a specific force averages 9.81"
     verdict, kind = "agrees", None
     if unit is not None and not (kinematic and log.duration < 5.0):

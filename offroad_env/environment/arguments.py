@@ -23,6 +23,7 @@ from offroad_env.world.vehicles import make_vehicle
 
 __all__ = [
     "COMPILED",
+    "SOIL_BELIEF",
     "Mismatch",
     "ResetOptions",
     "believed_range",
@@ -37,6 +38,8 @@ __all__ = [
 
 #: The online filter that is part of the compiled control period.
 COMPILED = "online_parameter_ukf"
+#: The one whose belief ``terrain_info="belief"`` shows, and its updates a second [Hz]: one a control period.
+SOIL_BELIEF, _BELIEF_RATE = "online_soil_belief", 1.0 / CONTROL_PERIOD
 
 
 def require_choice(name: str, value: object, allowed: tuple[str | None, ...]) -> None:
@@ -48,12 +51,17 @@ def require_choice(name: str, value: object, allowed: tuple[str | None, ...]) ->
 def checked_estimator(estimator: str | OnBoard | None, terrain_info: str) -> str | OnBoard:
     """Which estimator runs; by default the compiled one, where it is observed."""
     if estimator is None:
-        estimator = COMPILED if terrain_info == "estimate" else "none"
+        estimator = {"estimate": COMPILED, "belief": SOIL_BELIEF}.get(terrain_info, "none")
     elif not isinstance(estimator, OnBoard):
         estimator = filter_id(estimator, KINDS, label="estimator", besides=("none",))
     if terrain_info == "estimate" and estimator == "none":
         raise InvalidParameter('terrain_info="estimate" needs an estimator, got estimator="none"')
-    return estimator
+    kind = estimator.kind if isinstance(estimator, OnBoard) else estimator
+    if terrain_info == "belief" and kind != SOIL_BELIEF:
+        raise InvalidParameter(f'terrain_info="belief" needs estimator={SOIL_BELIEF!r}, got {kind!r}')
+    if isinstance(estimator, OnBoard) or estimator in ("none", COMPILED):
+        return estimator
+    return OnBoard(kind=estimator, rate=_BELIEF_RATE) if kind == SOIL_BELIEF else OnBoard(kind=estimator)
 
 
 def require_rate(rate: float) -> None:

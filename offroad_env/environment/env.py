@@ -13,10 +13,12 @@ from gymnasium import spaces
 from estimators.filters.navigation import NavigationFilter, NavigationNoise
 from estimators.filters.online import OnBoard, make_estimator
 from estimators.filters.online_parameter_ukf import CHANGING_SOIL, OnlineParameterUKF
+from estimators.filters.online_soil_belief import POPULATION_RANGE, population_n
 from estimators.filters.protocol import Estimate, Estimator
 from offroad_env.effects import Extension, read_extension
 from offroad_env.environment.arguments import (
     COMPILED,
+    SOIL_BELIEF,
     ResetOptions,
     believed_range,
     checked_estimator,
@@ -79,7 +81,7 @@ __all__ = [
     "Snapshot",
 ]
 
-TERRAIN_INFO = ("none", "estimate", "truth")
+TERRAIN_INFO = ("none", "estimate", "truth", "belief")
 _STEPS = round(CONTROL_PERIOD / SAMPLES / FULL_STEP)  # steps of the plant per IMU sample
 _EVERYTHING = DRIVE | BELIEVE | REPORT
 
@@ -118,6 +120,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
     | | | (0 = as fast as possible), curvature [1/m] at 0, 3, 6, 10, 15, 20, 30, 40 m ahead, |
     | | | distance to the end of the path [m] |
     | ``terrain`` | (3,) | n, its standard deviation, valid (0/1); absent with ``terrain_info="none"`` |
+    | | or (15,) | with ``terrain_info="belief"``: what the soil holds, see docs/environment.md |
 
     ## Rewards
     0.1 per metre of progress along the path, less the cost of time, of distance from the path, of
@@ -140,7 +143,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
     ## Arguments
     scenario : "track", "speed", "climb", "brake", "ride" or "patches" (`offroad_env.SCENARIOS`). Scenario,
         soil, vehicle, weights, sensors, structure, tyre: a name, an object, a mapping or YAML (docs/own.md)
-    terrain_info : "none", "estimate" or "truth"
+    terrain_info : "none", "estimate", "truth" or "belief"
     model : "full", "paper", or the file of an extended model that ``offroad diagnose`` has written: the truth
         then has its effects
     vehicle_model : "half_car", "bicycle", or "four_wheel" with roll and a contact for every wheel
@@ -234,12 +237,10 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self._context: dict[str, Any] | None = None  #: what was drawn or set for the episode
         self._navigation = NavigationFilter(self.vehicle, NavigationNoise.of(self.sensors.gnss))
         #: The parameter UKF runs inside the compiled period, the others beside it.
-        if isinstance(estimator, str) and estimator not in ("none", COMPILED):
-            estimator = OnBoard(kind=estimator)
         self._choice = estimator
         self.estimator: Estimator | None = None
         self._extended: ExtendedTruth | None = None  # of an extended model; moves outside the compiled period
-        self._layout = Layout(self.vehicle.steer_max, terrain=terrain_info != "none")
+        self._layout = Layout(self.vehicle.steer_max, terrain_info=terrain_info)
         self._renderer: Renderer | None = None
         self._learner: OnlineParameterUKF | None = None  # the estimator inside the compiled period
         self.join(Memory(1, self.sizes), 0)
@@ -312,18 +313,23 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         info = self.result()[0]
         if self.render_mode == "human":
             self.render()
-        return self._layout.split(self._shown), info
+        return self.observation, info
 
     def _choose_estimator(self) -> None:
         """A new estimator at the start of the course, if one runs."""
         self.estimator = self._learner = None
         if self._choice == "none":
             return
-        belief = self._plants.belief(self.vehicle, self._believed_soil, self.course.known_ground)
+        whole = isinstance(self._choice, OnBoard) and self._choice.kind == SOIL_BELIEF
+        known = self.course.known_ground
+        belief = self._plants.belief(self.vehicle, self._believed_soil, known, wheels=whole)
         if isinstance(self._choice, OnBoard):
             imu, gnss = self.sensors.imu, self.sensors.gnss or GnssConfig()
-            self.estimator = make_estimator(self._choice, belief, believed_range(self.n_range), imu, gnss)
-            self.estimator.reset(*self.prior, self._navigation.pose)
+            n_range, prior = believed_range(self.n_range), self.prior
+            if whole and self._choices.draws_soils:
+                n_range, prior = POPULATION_RANGE, population_n()
+            self.estimator = make_estimator(self._choice, belief, n_range, imu, gnss)
+            self.estimator.reset(*prior, self._navigation.pose)
         elif self._choice == COMPILED:
             self.estimator = self._learner = OnlineParameterUKF(
                 belief,
@@ -377,7 +383,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
             self.render()
         terminated = info["success"] or info["failure"] != ""
         late = not terminated and info["time"] > self.scenario.time_limit - 0.5 * CONTROL_PERIOD
-        return self._layout.split(self._shown), reward, terminated, late, info
+        return self.observation, reward, terminated, late, info
 
     # ------------------------------------------------------------------ one period
 

@@ -124,7 +124,7 @@ class LogUniform:
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal, with what falls outside ``low ... high`` drawn again; by default 3 sd to both sides."""
+    """Normal, with what falls outside ``low`` to ``high`` drawn again; by default 3 sd to both sides."""
 
     mean: float
     sd: float

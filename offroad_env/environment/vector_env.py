@@ -120,7 +120,7 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         self.single_action_space, self.single_observation_space = first.action_space, first.observation_space
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self._layout = Layout(first.vehicle.steer_max, terrain=first.terrain_info != "none")
+        self._layout = Layout(first.vehicle.steer_max, terrain_info=first.terrain_info)
         self._period = period_full if first.model == "full" else period_paper
         self._memory = Memory(self.num_envs, first.sizes)
         for row, env in enumerate(self.envs):
@@ -163,7 +163,7 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
             self._restart(i, seeds[i], row_options)
         present = np.zeros(self.num_envs, np.bool_)
         present[rows] = True
-        return self._layout.split(self._memory.shown), self._infos(present)
+        return self._observations(), self._infos(present)
 
     def step(
         self, actions: np.ndarray
@@ -193,13 +193,13 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         infos: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             for i in np.flatnonzero(ended).tolist():
-                final = {"final_obs": self._layout.split(self._memory.shown[i])}
+                final = {"final_obs": self.envs[i].observation}
                 infos = self._add_info(infos, {**final, "final_info": self.envs[i].result()[0]}, i)
                 self._restart(i, None, {})
         else:
             self._over = ended
         infos |= self._infos(np.ones(self.num_envs, np.bool_))
-        return self._layout.split(self._memory.shown), rewards, terminated, truncated, infos
+        return self._observations(), rewards, terminated, truncated, infos
 
     def render(self) -> tuple[Any, ...]:
         """What every single environment draws."""
@@ -263,6 +263,10 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
             if len(values) != self.num_envs:
                 raise ValueError(f"{key} must be one for all or {self.num_envs}, got {len(values)}")
         return [{**options, **{key: values[i] for key, values in lists.items()}} for i in rows]
+
+    def _observations(self) -> dict[str, np.ndarray]:
+        """What all agents see now."""
+        return self._layout.split(self._memory.shown, [row for env in self.envs for row in env.soil_belief])
 
     def _restart(self, row: int, seed: int | None, options: dict[str, Any]) -> None:
         self.envs[row].reset(seed=seed, options=options)

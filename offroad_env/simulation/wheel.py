@@ -159,7 +159,7 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     sinkage : array_like, optional
         Sinkage [m], less than the radius.
     slip : array_like
-        (r omega - v) / max(|r omega|, |v|) [-], -1 (locked) ... 1 (on the spot), v the speed along the wheel.
+        ``(r omega - v) / max(|r omega|, |v|)`` [-], -1 (locked) ... 1 (on the spot), v along the wheel.
     slip_angle : array_like
         Angle of the travel from the wheel's heading [rad], -pi/2 ... pi/2; positive when the wheel
         slides to its left, which gives a negative side force.

@@ -132,6 +132,35 @@ def test_estimate_reads_a_drive_and_writes_table_figure_and_numbers(tmp_path, ca
     assert "signal/noise" in capsys.readouterr().out
 
 
+def test_estimate_gives_the_soil_with_one_number_and_one_interval_a_quantity(tmp_path, capsys):
+    path = write_log(tmp_path / "weave.csv", driven(duration=6.0))
+    numbers = tmp_path / "numbers.json"
+    options = ("--structure", "full", "--details", "--out", tmp_path, "--json", numbers)
+    assert offroad("estimate", path, *options) == 0
+    (found,) = json.loads(numbers.read_text())["runs"]
+    n = found["soil"]["n"]
+    assert n["low"] < 0.55 < n["high"]
+    assert n["low"] < n["mean"] < n["high"]
+    assert set(found["soil"]) == {"n", "phi", "k_phi", "c", "K"}
+    assert {"lateral", "pull", "resistance"} <= set(found["holds"])
+    assert 0.0 <= found["valid_share"] <= 1.0
+    assert found["structure"][0]["structure"] == "full"
+    assert set(found["prediction"]) == {"1", "3"}
+    assert (tmp_path / "soil_weave.png").stat().st_size > 10000
+    printed = capsys.readouterr().out
+    assert printed.count("sinkage exponent n") == 1
+    assert found["sentence"] in printed
+    assert "n given it" in printed
+
+
+def test_estimate_falls_back_to_a_filter_where_no_torque_was_measured(tmp_path, capsys):
+    path = write_log(tmp_path / "forced.csv", driven(duration=4.0, model="paper"))
+    numbers = tmp_path / "numbers.json"
+    assert offroad("estimate", path, "--out", tmp_path, "--json", numbers) == 0
+    assert "can only be filtered: --filter online_joint_ukf" in capsys.readouterr().out
+    assert json.loads(numbers.read_text())["filter"] == "online_joint_ukf"
+
+
 def test_estimate_blames_the_data_before_the_model(tmp_path, capsys):
     log = driven(duration=4.0)
     flat = np.where(np.isnan(log.channels["yaw_rate"]), np.nan, 0.25)
@@ -156,7 +185,8 @@ def test_estimate_takes_logs_of_an_independent_simulator(offroad_data, tmp_path)
     """A multibody vehicle on a soil grid: the filter is certain of a wrong n, the model evidence is not."""
     path = offroad_data("chrono_scm") / "clay_0.01_sin02_R0.csv"
     numbers = tmp_path / "numbers.json"
-    assert offroad("estimate", path, "--n-prior", 0.6, "--out", tmp_path, "--json", numbers) == 0
+    options = ("--filter", "joint", "--n-prior", 0.6, "--out", tmp_path, "--json", numbers)
+    assert offroad("estimate", path, *options) == 0
     (found,) = json.loads(numbers.read_text())["logs"]
     assert 0.2 < found["n"] < 0.8
     true_n = 0.5

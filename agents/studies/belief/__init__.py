@@ -1,0 +1,1 @@
+"""The belief over the soil on drives whose soil is known: errors, coverage, widths."""

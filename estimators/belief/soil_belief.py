@@ -1,0 +1,201 @@
+"""The soil under a drive when n and phi are unknown and no structure is given.
+
+Several structures are fitted to the same windows (`fit`) and weighted by how they predict windows that were
+left out (`structure_choice`). The posterior is the mixture: where the drive does not decide between two
+structures, the interval spans both.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.belief.fit import Fit, fit_unknowns, searched
+from estimators.belief.structure_choice import structure_weights
+from estimators.belief.unknowns import MODULUS, PHI, C, K, N, Tolerances, Unknowns, unknowns_of
+from estimators.belief.windows import LogWindows, cut
+from estimators.logs.log import Log
+from estimators.replay.structures import Case, plant_for
+from offroad_env.errors import DataError
+from offroad_env.physics.records import FloatArray
+
+__all__ = ["ADEQUATE", "CANDIDATES", "DISCREPANCY", "Marginal", "SoilBelief", "StructureFit", "believe_log"]
+
+#: Structures that compete where none is asked for.
+CANDIDATES = ("full", "grid", "field")
+#: Least weight after the search, on a third of the windows, with which a structure is fitted to all of them;
+#: least weight with which it is also tried with four wheels.
+_HOPELESS, _PROMISING = 1e-3, 0.05
+#: What even the right structure errs by in n [-] and phi [rad], one standard deviation: see docs/belief.md.
+DISCREPANCY = (0.02, 0.03)
+#: Root mean square residual up to which a window counts as predicted [scales of `windows.SCALES`].
+ADEQUATE = 1.0
+#: Width of the 95 % interval of n up to which an estimate is an answer [-].
+_ANSWER = 0.3
+_LEVEL = 0.95
+
+
+@dataclass(frozen=True, kw_only=True)
+class Marginal:
+    """What is known of one quantity."""
+
+    mean: float
+    sd: float
+    low: float  #: 2.5 %
+    high: float  #: 97.5 %
+
+
+@dataclass(frozen=True, kw_only=True)
+class StructureFit:
+    """One structure's part of the posterior."""
+
+    case: Case
+    weight: float
+    fit: Fit
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoilBelief:
+    """Posterior of the soil under a drive."""
+
+    log: str
+    parts: tuple[StructureFit, ...]  #: by weight, the largest first
+    windows: LogWindows
+    unknowns: Unknowns
+    left_out: tuple[str, ...]  #: structures far off already after the search
+
+    @property
+    def valid_share(self) -> float:
+        """Share of the windows that the structures predict, each by its weight."""
+        shares = [part.weight * float((part.fit.misfit < ADEQUATE).mean()) for part in self.parts]
+        return float(sum(shares))
+
+    @property
+    def valid(self) -> bool:
+        """Whether some structure predicts most of the drive."""
+        return self.valid_share >= 0.5
+
+    @property
+    def answered(self) -> bool:
+        """Whether n is known to an interval of 0.3 at most, by a structure that predicts the drive."""
+        n = self.marginal(N)
+        return self.valid and n.high - n.low <= _ANSWER
+
+    def marginal(self, place: int) -> Marginal:
+        """What is known of the unknown in this column of `UNKNOWN_NAMES`."""
+        own = {N: DISCREPANCY[0], PHI: DISCREPANCY[1]}.get(place, 0.0)
+        means = np.array([part.fit.values[place] for part in self.parts])
+        sds = np.array([math.hypot(math.sqrt(part.fit.covariance[place, place]), own) for part in self.parts])
+        return mixture([part.weight for part in self.parts], means, sds)
+
+    def soil(self) -> dict[str, Marginal]:
+        """n, phi and the stated parameters as they come out of the drive."""
+        stated, (n, phi) = self.windows.log.config.soil, (self.marginal(N), self.marginal(PHI))
+        return {
+            "n": n,
+            "phi": phi,
+            "k_phi": _lognormal(stated.k_phi, self.marginal(MODULUS)),
+            "c": _lognormal(stated.c, self.marginal(C)),
+            "K": _lognormal(stated.k_x, self.marginal(K)),
+        }
+
+
+def _lognormal(stated: float, factor: Marginal) -> Marginal:
+    """A stated number times the exponential of a normal variable."""
+    mean = stated * math.exp(factor.mean)
+    low, high = stated * math.exp(factor.low), stated * math.exp(factor.high)
+    return Marginal(mean=mean, sd=mean * factor.sd, low=low, high=high)
+
+
+def mixture(weights: Sequence[float], means: FloatArray, sds: FloatArray) -> Marginal:
+    """Mean, standard deviation and central 95 % of a mixture of normal distributions."""
+    from scipy import optimize, special
+
+    shares = np.asarray(weights)
+    mean = float(shares @ means)
+    sd = math.sqrt(float(shares @ (sds**2 + (means - mean) ** 2)))
+
+    def below(x: float) -> float:
+        return float(shares @ special.ndtr((x - means) / sds))
+
+    ends = float((means - 6.0 * sds).min()), float((means + 6.0 * sds).max())
+    outside = 0.5 * (1.0 - _LEVEL)
+    low = optimize.brentq(lambda x: below(x) - outside, *ends)
+    high = optimize.brentq(lambda x: below(x) - 1.0 + outside, *ends)
+    return Marginal(mean=mean, sd=sd, low=float(low), high=float(high))
+
+
+def believe_log(
+    log: Log,
+    *,
+    structures: Sequence[str] = CANDIDATES,
+    tolerances: Tolerances | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> SoilBelief:
+    """The soil under a drive.
+
+    Parameters
+    ----------
+    log
+        Of a vehicle on deformable soil, with steering and torques of the wheels. n and phi of its description
+        are not read.
+    structures
+        That compete, as `world.structures.read_structure` knows them; and the one that the log states.
+    tolerances
+        Of what the description states.
+    progress
+        Called with the share that is done and what is being done.
+
+    Raises
+    ------
+    DataError
+        For a log that cannot be replayed, or soil that no structure lets carry the vehicle.
+    """
+    if log.config.soil.rigid > 0.5:
+        raise DataError(f"{log.name}: stands on hard ground, which has no sinkage exponent to estimate")
+
+    def tell(share: float, doing: str) -> None:
+        if progress is not None:
+            progress(share, doing)
+
+    tell(0.0, "smoothing")
+    windows, unknowns = cut(log), unknowns_of(tolerances)
+    names = structures if log.config.structure in structures else (*structures, log.config.structure)
+    found: dict[str, Fit] = {}
+    for i, name in enumerate(names):
+        tell(0.05 + 0.45 * i / len(names), f"searching with {name}")
+        found[name] = searched(windows, plant_for(log, Case(name, "half_car")), unknowns)
+    if all(np.isnan(fit.alone).all() for fit in found.values()):
+        raise DataError(f"{log.name}: under no structure does the soil carry the vehicle")
+    kept = _promising(found, _HOPELESS)
+    fits: dict[Case, Fit] = {}
+    for i, name in enumerate(kept):
+        tell(0.5 + 0.2 * i / len(kept), f"fitting {name}")
+        case = Case(name, "half_car")
+        fits[case] = fit_unknowns(windows, plant_for(log, case), unknowns, found[name].values)
+    likely = _promising({case.structure: fit for case, fit in fits.items()}, _PROMISING)
+    for i, name in enumerate(likely if _has_four_wheels(log) else ()):
+        tell(0.7 + 0.3 * i / len(likely), f"fitting {name} with four wheels")
+        case, start = Case(name, "four_wheel"), fits[Case(name, "half_car")].values
+        fits[case] = fit_unknowns(windows, plant_for(log, case), unknowns, start)
+    weights = structure_weights(list(fits.values()))
+    parts = [
+        StructureFit(case=case, weight=float(weight), fit=fit)
+        for (case, fit), weight in zip(fits.items(), weights, strict=True)
+    ]
+    parts.sort(key=lambda part: -part.weight)
+    left_out = tuple(name for name in names if name not in kept)
+    return SoilBelief(log=log.name, parts=tuple(parts), windows=windows, unknowns=unknowns, left_out=left_out)
+
+
+def _promising(fits: Mapping[str, Fit], least: float) -> list[str]:
+    """Structures with this weight at least."""
+    weights = structure_weights(list(fits.values()))
+    return [name for name, weight in zip(fits, weights, strict=True) if weight >= least]
+
+
+def _has_four_wheels(log: Log) -> bool:
+    return log.vehicle.wheels_per_axle == 2 and log.vehicle.track > 0.0

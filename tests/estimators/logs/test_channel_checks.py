@@ -1,0 +1,77 @@
+"""Every channel is compared with all others that physics ties to it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.discrepancy.diagnosis import diagnose
+from estimators.discrepancy.faults.drive import draw_case, simulated_log
+from estimators.discrepancy.faults.library import FAULTS
+from estimators.discrepancy.summarise import summarise
+from estimators.discrepancy.verdict import Verdict
+from estimators.logs import quality, read_log
+from estimators.logs.channel_checks import OUTSIDE
+from estimators.logs.corruptions import CORRUPTIONS, corrupted, corruptible
+from estimators.logs.log import Log
+from tests.helpers import measured_data
+
+
+@pytest.fixture(scope="module")
+def drive() -> Log:
+    """30 s on flat ground with bends and braking."""
+    return simulated_log(draw_case(43, duration=30.0))
+
+
+def _named(log: Log) -> set[str]:
+    return {finding.channel for finding in quality(log).problems}
+
+
+#: What the drive cannot show: nothing else measures the vertical motion, and a steering or a pitch of a few
+#: times its size is within what soil or road does.
+_UNDECIDABLE = {("a_z", "x3.6"), ("a_z", "sign"), ("a_z", "noise"), ("pitch_rate", "noise"), ("a_x", "x3.6")}
+
+
+def test_nearly_every_damage_to_one_channel_is_named(drive):
+    cases = [(channel, kind) for channel in corruptible(drive) for kind in CORRUPTIONS]
+    # A third of all cases, so that every channel and every kind has its turn.
+    missed = {case for case in cases[::3] if case[0] not in _named(corrupted(drive, *case))}
+    assert missed <= _UNDECIDABLE
+
+
+def test_a_sound_drive_has_no_problem_and_says_what_could_not_be_checked(drive):
+    report = quality(drive)
+    assert not report.problems
+    assert {f.channel for f in report.findings if f.kind == "unchecked"} == {"a_z"}
+
+
+@pytest.mark.parametrize(
+    ("fault", "size"), [("cg_shift", 0.5), ("rolling_resistance", 0.1), ("steer_gain", 0.5)]
+)
+def test_a_wrong_model_is_no_problem_of_the_data(fault, size):
+    assert not quality(simulated_log(draw_case(107, duration=30.0), FAULTS[fault](size))).problems
+
+
+def test_wheels_that_spin_up_are_no_problem_of_the_data():
+    folder = measured_data("scm_drives")
+    assert not quality(read_log(folder / "train_29_steps_flat_steps.parquet")).problems
+
+
+def test_where_one_channel_is_wrong_only_that_one_is_blamed(drive):
+    for channel in ("yaw_rate", "course", "a_x", "omega_r"):
+        assert _named(corrupted(drive, channel, "sign")) == {channel}
+
+
+def test_a_vehicle_that_turns_without_steering_is_outside_the_model(drive):
+    straight = replace(drive, channels={**drive.channels, "steer": np.zeros(len(drive))})
+    found = diagnose([straight])
+    assert found.verdict is Verdict.OUTSIDE
+    assert found.search is None  # nothing was fitted
+    assert "skid steer" in summarise(found).sentence
+    assert {finding.kind for finding in found.findings} == {OUTSIDE}
+
+
+def test_a_stuck_speed_gets_no_verdict(drive):
+    found = diagnose([corrupted(drive, "speed", "stuck")])
+    assert found.verdict is Verdict.DATA_PROBLEM
+    assert found.findings[0].channel == "speed"
