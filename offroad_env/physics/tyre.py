@@ -50,6 +50,7 @@ LAST_STEP, ROUGH_STEP = 5e-5, 0.03
 #: Sharpness of the smaller of two strengths: where they are equal the result is 3 % below both.
 _ROUNDING = 0.004
 _SMALLEST = 1e-300
+_THIRD, _SIXTH, _TWENTY_FOURTH = 1.0 / 3.0, 1.0 / 6.0, 1.0 / 24.0
 #: Bekker modulus of ground that does not yield [Pa/m].
 _UNYIELDING = 1e30
 
@@ -192,15 +193,18 @@ def displacement_in_series(u: float, soil: float, tread: float) -> float:
 
     y is the share of the strength, u = soil v + tread y: Janosi & Hanamoto's law of the soil, whose
     displacement is soil v, and a linear tread under the same stress. ``soil`` is the engaged Janosi modulus,
-    ``tread`` the tread's displacement at full strength, all in the same unit. Householder's method of order 4
-    (A. S. Householder, The Numerical Treatment of a Single Nonlinear Equation, 1970): one step from v = 0 for
-    small displacements, one step from there or from full strength, with one exponential. The stress errs by
-    1e-5 of the strength, by 3e-4 where the tread has more than 0.95 of the displacement.
+    ``tread`` the tread's displacement at full strength, all in the same unit. Householder's method (A. S.
+    Householder, The Numerical Treatment of a Single Nonlinear Equation, 1970): a step of order 5 from v = 0
+    for small displacements; from there, or from full strength, a step of order 4 with the one exponential.
+    The stress u - soil v over the tread errs by 1e-5 of the strength, by 8e-5 where the tread has almost all
+    of the displacement.
     """
     both = soil + tread
-    early = min(u, 1.1 * both)
+    early = min(u, 1.05 * both)
     product, square = early * tread, both * both
-    first = early * (6.0 * square - 3.0 * product) / (6.0 * both * (square - product) + early * product)
+    nearly = early * (square * both - product * (both - early * _SIXTH))
+    least = both * (square * both - product * (1.5 * both - early * _THIRD))
+    first = nearly / (least + product * (0.25 * product - early * early * _TWENTY_FOURTH))
     v = max(first, (u - tread) * (1.0 / soil))
     bending = tread * fast_exp(-min(v, 700.0))
     miss, slope = soil * v + (tread - bending) - u, soil + bending
@@ -214,7 +218,8 @@ def mobilised_in_series(u: float, soil: float, tread: float) -> float:
 
     For ``tread`` = 0 this is 1 - exp(-u/soil), for ``soil`` -> 0 the brush model's min(u/tread, 1).
     """
-    return 1.0 - fast_exp(-min(displacement_in_series(u, soil, tread), 700.0))
+    v = displacement_in_series(u, soil, tread)
+    return (u - soil * v) / tread if tread > soil else 1.0 - fast_exp(-min(v, 700.0))
 
 
 @inline_kernel
