@@ -16,7 +16,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help venv install demo docs test check lint study-wheel study-soak speed golden clean
+.PHONY: help venv install demo docs test check lint fuzz mutants study-wheel study-soak soak speed golden clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [VENV=.venv] [PYTEST_ARGS=...]"
@@ -50,11 +50,20 @@ lint: $(VENV)/.installed-test  ## check style, format, the floors of imports and
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/python -m mypy
 
+fuzz: $(VENV)/.installed-test  ## long: 2,400 damaged files of all kinds, each read in a process of its own
+	$(BIN)/python benchmarks/fuzz.py
+
+mutants: $(VENV)/.installed-test  ## long: breaks chosen places of the code one by one: does a test notice?
+	$(BIN)/python benchmarks/mutants.py
+
 study-wheel: $(VENV)/.installed-test  ## long: wheel forces against an independent evaluation, 2,000 inputs
 	$(BIN)/python benchmarks/accuracy_wheel.py
 
 study-soak: $(VENV)/.installed-test  ## long: a million random steps of vehicles, and a million of the environment
 	$(BIN)/python -m pytest -m study -k soak $(PYTEST_ARGS)
+
+soak: $(VENV)/.installed-test  ## hours: ten million random steps over all structures and vehicles; goes on where it stopped
+	$(BIN)/python benchmarks/soak.py
 
 speed: $(VENV)/.installed-test  ## speed, as ratios to other environments in the same run
 	$(BIN)/offroad speed

@@ -25,6 +25,7 @@ __all__ = [
     "RunSummary",
     "Score",
     "SinkageExponent",
+    "StructureRow",
     "UnknownInput",
     "UnknownInputShape",
 ]
@@ -95,6 +96,7 @@ class CauseSummary:
     delta_loglik: float  #: gain of the log-likelihood
     named: bool  #: whether the verdict names it
     joint: JointEstimate | None  #: where unknown inputs are present
+    structural: bool = False  #: whether the members are laws of the wheel, which have no sizes
 
     @property
     def best(self) -> CauseMember:
@@ -110,6 +112,7 @@ class CauseSummary:
         """As JSON takes it."""
         return {
             "set": self.effects,
+            "structural": self.structural,
             "parameters": {
                 one.name: {"value": one.value, "low": one.low, "high": one.high, "unit": one.unit}
                 for one in self.parameters
@@ -129,6 +132,22 @@ class CauseSummary:
                 for member in self.members
             ],
         }
+
+
+@dataclass(frozen=True, kw_only=True)
+class StructureRow:
+    """A structure of the wheel that was compared."""
+
+    laws: tuple[str, ...]  #: structural causes that it stands for; empty for the log's own
+    structure: str  #: as `offroad_env.world.structures.read_structure` takes it
+    effects: tuple[str, ...]  #: of its best model
+    n: float
+    lacks_loglik: float  #: penalised log-likelihood less than that of the best
+    holdout_gain: float | None  #: gain over the log's own in the log-likelihood of the hold-out conditions
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON takes it."""
+        return asdict(self) | {"laws": list(self.laws), "effects": list(self.effects)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,6 +188,7 @@ class SinkageExponent:
     before: Estimate  #: with the nominal model
     after: Mapping[str, Estimate]  #: with each member of each cause
     single: Estimate | None  #: the value to quote; None where members disagree or a discrepancy remains
+    wide: Estimate | None = None  #: of trials: with the interval by the slip angles that are left out
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON takes it."""
@@ -177,6 +197,7 @@ class SinkageExponent:
             "before": asdict(self.before),
             "after": {name: asdict(entry) for name, entry in self.after.items()},
             "single": None if self.single is None else asdict(self.single),
+            "wide": None if self.wide is None else asdict(self.wide),
         }
 
 
@@ -230,6 +251,10 @@ class DiagnosisSummary:
     scores: tuple[Score, ...]  #: strongest first, then the effects that these data cannot test
     isolability: tuple[tuple[str, ...], np.ndarray]  #: effects, and cosines of their whitened traces (E, E)
     extension: tuple[tuple[str, dict[str, float]], ...]  #: causes as `offroad_env.effects.apply` takes them
+    structures: tuple[StructureRow, ...]  #: compared with each other, best first
+    structure: str | None  #: of the extended model, where it is not the log's
+    families: tuple[tuple[str, ...], ...]  #: families of the members of every cause; empty where unknown
+    failed: Mapping[str, str]  #: part of the diagnosis that could not be computed -> why
     limitations: tuple[str, ...]  #: effects that are not judged, and what was fitted in their place
     evidence: Evidence | None  #: None where none was asked for
 
@@ -249,6 +274,10 @@ class DiagnosisSummary:
             "verdict": self.verdict.value,
             "sentence": self.sentence,
             "causes": [cause.to_dict() for cause in self.causes],
+            "families": [list(family) for family in self.families],
+            "structure": self.structure,
+            "failed": dict(self.failed),
+            "structures": [row.to_dict() for row in self.structures],
             "unexplained": [self._unexplained_dict(one) for one in self.unexplained] or None,
             "not_testable": {name: _finite(limit) for name, limit in self.not_testable.items()},
             "missing_channels": dict(self.missing_channels),

@@ -23,6 +23,7 @@ from estimators.filters.protocol import Estimator
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.axle import Plant
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig
+from offroad_env.world.yaml_text import shown
 
 __all__ = [
     "FILTERS",
@@ -207,6 +208,8 @@ def filter_id(
     InvalidParameter
         For a name that stands for none of them.
     """
+    if not isinstance(name, str):
+        raise InvalidParameter(f"{label} must be the name of a filter, got {shown(name)}")
     ids = tuple(among)
     if name in ids or name in besides:
         return name
@@ -215,5 +218,5 @@ def filter_id(
             return known
     short = ", ".join(dict.fromkeys(alias for known in ids for alias in FILTERS[known].aliases))
     raise InvalidParameter(
-        f"{label} must be one of {', '.join((*ids, *besides))} (short names: {short}), got {name!r}"
+        f"{label} must be one of {', '.join((*ids, *besides))} (short names: {short}), got {shown(name)}"
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,6 +11,8 @@ from typing import Any
 from offroad_env.effects.library import FORMER_IDS, find_effect
 from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.simulation.simulator import MODELS
+from offroad_env.world.files import read_json
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["Extension", "read_extension"]
 
@@ -28,14 +29,16 @@ class Extension:
 
     model: str  #: "full", "paper" or "rig"
     effects: tuple[tuple[str, dict[str, float]], ...]  #: (effect, its parameters)
+    structure: str | None = None  #: laws of the wheels where they are not the log's, see `read_structure`
 
     def to_dict(self) -> dict[str, Any]:
         """The content of the file."""
-        return {
+        content: dict[str, Any] = {
             "format": _FORMAT,
             "model": self.model,
             "effects": [{"id": name, "parameters": dict(values)} for name, values in self.effects],
         }
+        return content if self.structure is None else content | {"structure": self.structure}
 
 
 def read_extension(path: str | Path) -> Extension:
@@ -46,22 +49,22 @@ def read_extension(path: str | Path) -> Extension:
     DataError
         If the file is missing, is no such file, or names an effect or parameter that does not exist.
     """
-    try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except ValueError as error:
-        raise DataError(f"{path}: is not JSON: {error}") from None
-    if not isinstance(content, dict) or content.get("format") not in (_FORMAT, _OLDER_FORMAT):
+    content = read_json(path)
+    if content.get("format") not in (_FORMAT, _OLDER_FORMAT):
         raise DataError(f"{path}: is no extended model; its format must be {_FORMAT!r}")
     ids = FORMER_IDS if content["format"] == _OLDER_FORMAT else {}
     if content.get("model") not in _MODELS:
-        raise DataError(f"{path}: model must be one of {', '.join(_MODELS)}, got {content.get('model')!r}")
+        raise DataError(
+            f"{path}: model must be one of {', '.join(_MODELS)}, got {shown(content.get('model'))}"
+        )
     try:
         effects = tuple(_effect(entry, ids) for entry in content["effects"])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise DataError(f"{path}: effects must be a list of id and parameters: {error}") from None
-    return Extension(model=content["model"], effects=effects)
+    structure = content.get("structure")
+    if structure is not None and not isinstance(structure, str):
+        raise DataError(f'{path}: structure must be a text such as "full,ruts=none", got {structure!r}')
+    return Extension(model=content["model"], effects=effects, structure=structure)
 
 
 def _effect(entry: dict[str, Any], ids: Mapping[str, str]) -> tuple[str, dict[str, float]]:
@@ -71,4 +74,6 @@ def _effect(entry: dict[str, Any], ids: Mapping[str, str]) -> tuple[str, dict[st
     names = {parameter.name for parameter in effect.parameters}
     if set(values) != names or not all(map(math.isfinite, values.values())):
         raise InvalidParameter(f"{effect.id} takes {', '.join(sorted(names))}, each a number")
+    for parameter in effect.parameters:
+        parameter.check(values[parameter.name], effect.id)
     return effect.id, values

@@ -21,10 +21,12 @@ from offroad_env.environment.arguments import (
     SOIL_BELIEF,
     ResetOptions,
     believed_range,
+    checked_actions,
     checked_estimator,
     command_of,
     require_choice,
     require_rate,
+    require_seed,
 )
 from offroad_env.environment.choices import Choices, PlainSpec
 from offroad_env.environment.control_period import (
@@ -65,7 +67,7 @@ from offroad_env.simulation.simulator import (
 )
 from offroad_env.world.descriptions import Description, choose_structure, choose_tyre
 from offroad_env.world.four_wheel_vehicles import FourWheelVehicle
-from offroad_env.world.natural_soil import SoilSpread
+from offroad_env.world.natural_soil import SoilSpread, spread_of
 from offroad_env.world.soils import make_soil
 
 if TYPE_CHECKING:
@@ -205,10 +207,11 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
             randomise=randomise,
         )
         self.scenario, self.weights, self.n_range = chosen.scenario, chosen.weights, chosen.n_range
-        estimator = checked_estimator(estimator, terrain_info)
-        self.extension: Extension | None = read_extension(model) if model.endswith(".json") else None
-        model = model if self.extension is None else self.extension.model
         require_choice("terrain_info", terrain_info, TERRAIN_INFO)
+        estimator = checked_estimator(estimator, terrain_info)
+        own = isinstance(model, str) and model.endswith(".json")
+        self.extension: Extension | None = read_extension(model) if own else None
+        model = model if self.extension is None else self.extension.model
         require_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         self.terrain_info, self.model, self.vehicle_model = terrain_info, model, vehicle_model
         self.render_mode = render_mode
@@ -221,7 +224,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
             vehicle_model=vehicle_model,
             structure=choose_structure(structure),
             tyre=choose_tyre(tyre),
-            natural_soil=SoilSpread(**natural_soil) if isinstance(natural_soil, Mapping) else natural_soil,
+            natural_soil=spread_of(natural_soil),
         )
         low, high = self.n_range
         self.prior = (0.5 * (low + high), max((high - low) / math.sqrt(12.0), 1e-3))
@@ -242,6 +245,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self._extended: ExtendedTruth | None = None  # of an extended model; moves outside the compiled period
         self._layout = Layout(self.vehicle.steer_max, terrain_info=terrain_info)
         self._renderer: Renderer | None = None
+        self._begun = False  # an episode
         self._learner: OnlineParameterUKF | None = None  # the estimator inside the compiled period
         self.join(Memory(1, self.sizes), 0)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -268,8 +272,9 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         the true soil's k_phi by these factors; what estimator and briefing hold stays nominal. The draws
         happen in the same order whatever is observed: same seed, same episode.
         """
-        super().reset(seed=seed)
+        require_seed(seed)
         chosen = ResetOptions.read(options)
+        super().reset(seed=seed)
         randomisation = self._choices.randomisation
         context = chosen.drawn(randomisation, self.np_random)
         self._context = context if context or randomisation is not None else None
@@ -310,6 +315,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self._episode["count"], self._episode["steps"] = 1, 0
         self._advance()
         self._episode["count"], self._episode["steps"] = SAMPLES, _STEPS
+        self._begun = True
         info = self.result()[0]
         if self.render_mode == "human":
             self.render()
@@ -371,9 +377,9 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Hold ``action`` for 0.02 s. See the class for its meaning and the results."""
-        values = np.asarray(action, dtype=np.float64)
-        if values.shape != (2,) or not all(map(math.isfinite, values.tolist())):
-            raise InvalidParameter(f"action must be 2 finite numbers (steer, drive), got {action!r}")
+        values = checked_actions("action", action, (2,))
+        if not self._begun:
+            raise gym.error.ResetNeeded("step needs reset before it: no episode has begun")
         self._actions[:] = values
         if self._episode["noise_row"] > LAST_ROW:
             self.draw_noise()
