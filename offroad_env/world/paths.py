@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.path_geometry import PathTable
 from offroad_env.world.catalogue import Quantity
-from offroad_env.world.road_directions import write_directions
 from offroad_env.world.yaml_text import shown
 
 __all__ = [
@@ -214,23 +213,48 @@ def from_waypoints(points: ArrayLike) -> PathTable:
 
 @lru_cache(maxsize=8)
 def _nodes_within(length: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(arc length at the nodes (N + 1,), at the Gauss nodes in between (N, 6), distances (N,)) [m]."""
+    """(arc length at the nodes (N + 1,), at the Gauss nodes in between (6, N), distances (N,)) [m]."""
     s = _stations(length)
     steps = np.diff(s)
-    kept = s, s[:-1, None] + steps[:, None] * _GAUSS, steps
+    kept = s, s[:-1] + steps * _GAUSS[:, None], steps
     for array in kept:
         array.flags.writeable = False  # kept for the next road
     return kept
 
 
-def _pieces(breaks: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """The pieces of a curvature that is linear between breaks, as `write_directions` takes them."""
-    steps = breaks[1:] - breaks[:-1]
-    pieces = np.zeros((4, len(steps)))
-    pieces[0], pieces[2] = breaks[:-1], values[:-1]
-    np.multiply(0.5, (values[1:] - values[:-1]) / steps, out=pieces[1])
-    np.cumsum((0.5 * steps * (values[:-1] + values[1:]))[:-1], out=pieces[3, 1:])
-    return pieces
+class _Bends:
+    """A curvature that is linear between breaks, and the yaw that it turns to from 0.
+
+    ``table``, (4, pieces): where each piece starts [m], half its slope [1/m^2], and its first curvature [1/m]
+    and yaw [rad].
+    """
+
+    def __init__(self, breaks: np.ndarray, values: np.ndarray) -> None:
+        steps = breaks[1:] - breaks[:-1]
+        self.breaks = breaks
+        self.table = np.zeros((4, len(steps)))
+        self.table[0], self.table[2] = breaks[:-1], values[:-1]
+        np.multiply(0.5, (values[1:] - values[:-1]) / steps, out=self.table[1])
+        np.cumsum((0.5 * steps * (values[:-1] + values[1:]))[:-1], out=self.table[3, 1:])
+
+    def pieces(self, s: np.ndarray) -> np.ndarray:
+        """Which piece the arc lengths ``s`` [m] fall into."""
+        found: np.ndarray = self.breaks.searchsorted(s, side="right") - 1
+        clipped: np.ndarray = np.minimum(found, len(self.breaks) - 2)
+        return clipped
+
+
+def _turned(s: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Yaw [rad], and half of how much the curvature has grown [1/m], at the arc lengths ``s`` [m].
+
+    Of the pieces in ``table``, see `_Bends`.
+    """
+    start, half_slope, first, yaw_at = table
+    travelled = s - start
+    half = half_slope * travelled
+    yaw = first + half
+    np.multiply(yaw, travelled, out=yaw)
+    return np.add(yaw, yaw_at, out=yaw), half
 
 
 def _integrate(breaks: np.ndarray, values: np.ndarray, length: float) -> PathTable:
@@ -238,13 +262,23 @@ def _integrate(breaks: np.ndarray, values: np.ndarray, length: float) -> PathTab
 
     The last break lies at or beyond the end of the path.
     """
-    s, inner, steps = _nodes_within(length)
-    nodes, direction = np.zeros((len(s), 4)), np.empty(inner.shape)
-    write_directions(_pieces(breaks, values), s, inner, direction, nodes)
+    (s, inner, steps), bends = _nodes_within(length), _Bends(breaks, values)
+    marks = s.searchsorted(breaks)  # the first node of every piece
+    marks[-1] = len(s)
+    pieces = np.repeat(bends.table, marks[1:] - marks[:-1], axis=1)
+    direction, _ = _turned(inner, pieces[:, :-1])
+    # Few stations have a break between them: for all others one search does for all nodes.
+    broken = marks[1:-1][marks[1:-1] < len(s)] - 1
+    between = inner[:, broken]
+    direction[:, broken], _ = _turned(between, bends.table[:, bends.pieces(between)])
+    direction = direction.T.copy()
+    nodes = np.zeros((len(s), 4))
     for column, function in enumerate((np.cos, np.sin)):
         gained = function(direction) @ _WEIGHT
         np.multiply(steps, gained, out=gained)
         nodes[1:, column] = np.cumsum(gained, out=gained)
+    nodes[:, 2], half = _turned(s, pieces)
+    np.add(pieces[2], 2.0 * half, out=nodes[:, 3])
     return PathTable(length / (len(nodes) - 1), nodes)
 
 
