@@ -13,6 +13,7 @@ from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT, REPORT, SELECT
 from estimators.discrepancy.search.result import Cause, SearchResult
 from estimators.discrepancy.search.stepwise import search
+from estimators.discrepancy.structure_comparison import compare_structures
 from estimators.discrepancy.verdict import VehicleChecks, VehicleDiagnosis
 from estimators.logs.clocks import pose_age
 from estimators.logs.log import Log
@@ -96,6 +97,13 @@ def diagnose(
         not_judged=not_judged,
         checks=_checks(found, solver_error, ordered),
     )
+    if result.incomplete or result.inaccurate:
+        progress("structures")
+        result = replace(result, structure=compare_structures(ordered))
+    if result.restructured is not None:
+        # Effects found within a wrong structure stand in for it.
+        stand_ins = tuple(cause.best.candidate.effect for cause in found.causes)
+        return replace(result, causes=(), unknown_inputs=(), stand_ins=stand_ins)
     if result.causes and result.incomplete:
         result = replace(result, joint=sizes_with_unknown_inputs(found.extended))
     progress("test data")

@@ -25,7 +25,7 @@ from estimators.discrepancy.summary import (
     UnknownInput,
     UnknownInputShape,
 )
-from estimators.discrepancy.verdict import Diagnosis, RigDiagnosis
+from estimators.discrepancy.verdict import Diagnosis, RigDiagnosis, VehicleDiagnosis
 from estimators.discrepancy.wording import (
     advice_sentence,
     amount,
@@ -82,6 +82,8 @@ def summarise(diagnosis: Diagnosis, evidence: Evidence | None = None) -> Diagnos
         extension=_extension(diagnosis),
         limitations=limitation_sentences(diagnosis),
         evidence=evidence,
+        structure=diagnosis.structure if isinstance(diagnosis, VehicleDiagnosis) else None,
+        stand_ins=diagnosis.stand_ins if isinstance(diagnosis, VehicleDiagnosis) else (),
     )
 
 

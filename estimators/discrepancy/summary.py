@@ -12,7 +12,9 @@ import numpy as np
 from estimators.discrepancy.checks.holdout_gain import ChannelGain
 from estimators.discrepancy.evidence import Evidence, rounded
 from estimators.discrepancy.next_experiment import Advice
+from estimators.discrepancy.structure_comparison import StructureComparison
 from estimators.discrepancy.verdict import FitChecks, Verdict
+from offroad_env.effects import Extension
 
 __all__ = [
     "CauseMember",
@@ -232,6 +234,21 @@ class DiagnosisSummary:
     extension: tuple[tuple[str, dict[str, float]], ...]  #: causes as `offroad_env.effects.apply` takes them
     limitations: tuple[str, ...]  #: effects that are not judged, and what was fitted in their place
     evidence: Evidence | None  #: None where none was asked for
+    structure: StructureComparison | None = None  #: where the nominal structure was inadequate
+    stand_ins: tuple[str, ...] = ()  #: effects that are not judged, because the structure is wrong
+
+    @property
+    def extended_model(self) -> Extension | None:
+        """The model with the causes for the environment; None where there is none."""
+        if self.structure is not None and self.structure.found:
+            case = self.structure.best.case
+            return Extension(
+                model=self.model,
+                effects=(),
+                structure=case.structure,
+                vehicle_model=case.vehicle_model,
+            )
+        return Extension(model=self.model, effects=self.extension) if self.extension else None
 
     @property
     def effects(self) -> list[list[str]]:
@@ -252,6 +269,8 @@ class DiagnosisSummary:
             "unexplained": [self._unexplained_dict(one) for one in self.unexplained] or None,
             "not_testable": {name: _finite(limit) for name, limit in self.not_testable.items()},
             "missing_channels": dict(self.missing_channels),
+            "structure": None if self.structure is None else self.structure.to_dict(),
+            "stand_ins": list(self.stand_ins),
             "not_judged": dict(self.not_judged),
             "limits": {name: _finite(limit) for name, limit in self.limits.items()},
             "gain": {gain.channel: self._gain_dict(gain) for gain in self.gains},

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from estimators.discrepancy.checks.forecast import Prediction
+from estimators.discrepancy.structure_comparison import StructureComparison
 from estimators.discrepancy.summary import CauseSummary, DiagnosisSummary, UnknownInput, UnknownInputShape
 from estimators.discrepancy.verdict import Diagnosis, VehicleDiagnosis, Verdict
 from offroad_env.effects import EFFECTS
@@ -14,6 +15,7 @@ __all__ = [
     "amount",
     "correlation_phrase",
     "limitation_sentences",
+    "structure_lines",
     "terminal_lines",
     "verdict_sentence",
 ]
@@ -45,6 +47,8 @@ def verdict_sentence(
     unexplained: Sequence[UnknownInput] = (),
 ) -> str:
     """The verdict on a diagnosis in one plain sentence."""
+    if isinstance(diagnosis, VehicleDiagnosis) and diagnosis.restructured is not None:
+        return _structure_sentence(diagnosis.restructured)
     if verdict is Verdict.UNEXPLAINED:
         rest = _discrepancy_phrase(diagnosis, causes, unexplained)
         return f"The model is wrong in a way that no effect of the library explains: {rest}."
@@ -57,6 +61,36 @@ def verdict_sentence(
             sentence += "; or a single cause that the library lacks: their sizes are correlated"
         return sentence + "."
     return _sentence_without_causes(verdict, diagnosis)
+
+
+def _structure_sentence(found: StructureComparison) -> str:
+    parts = "; ".join(cause.sentence for cause in found.causes)
+    return (
+        f"The structure of the model is wrong: {parts}. With another one the errors of predictions fall by "
+        f"{100.0 * found.gain:.0f} % on windows to which nothing was fitted."
+    )
+
+
+def structure_lines(summary: DiagnosisSummary) -> list[str]:
+    """The other structure in lines: its causes, its n, what it gains and what is as good."""
+    found = summary.structure
+    if found is None or not found.found:
+        return []
+    lines = [
+        f"cause: {cause.id}: {cause.sentence} (errors grow by {100.0 * cause.gain:.0f} % without it)"
+        for cause in found.causes
+    ]
+    case = found.best.case
+    lines.append(f"structure: {case.structure}, vehicle model {case.vehicle_model}, n {found.n:.3f}")
+    lines += [f"as good: {one.structure}, vehicle model {one.vehicle_model}" for one in found.equals]
+    lines += [
+        f"error within 3 s, {gain.channel}: {gain.nominal:.3g} -> {gain.extended:.3g} "
+        f"({100.0 * gain.low:.0f} to {100.0 * gain.high:.0f} % less)"
+        for gain in found.gains
+    ]
+    if summary.stand_ins:
+        lines.append(f"not judged within the wrong structure: {', '.join(summary.stand_ins)}")
+    return lines
 
 
 def _sentence_without_causes(verdict: Verdict, diagnosis: Diagnosis) -> str:
@@ -96,13 +130,18 @@ def _discrepancy_phrase(
     phrase = "effects that improve the fit in one part of the runs make it worse in another"
     if unexplained:
         phrase = _largest(unexplained).phrase
+    impossible = [
+        cause.best.effect for cause, possible in zip(causes, diagnosis.physical, strict=True) if not possible
+    ]
+    if impossible:
+        phrase += f"; {', '.join(impossible)} would explain it with a size that physics does not allow"
     names = [" or ".join(cause.effects) for cause in causes]
     confounded = diagnosis.confounded
     mutually = [name for name, one in zip(names, confounded, strict=True) if one]
     with_inputs = [
         name
         for name, one, identifiable in zip(names, confounded, diagnosis.identifiable, strict=True)
-        if not one and not identifiable
+        if not one and not identifiable and name not in impossible
     ]
     if with_inputs:
         phrase += f", confounded with {', '.join(with_inputs)}"
@@ -170,6 +209,7 @@ def limitation_sentences(diagnosis: Diagnosis) -> tuple[str, ...]:
 def terminal_lines(summary: DiagnosisSummary) -> list[str]:
     """The summary for a terminal: with the names of the files that follow it, at most 25 lines."""
     lines = [f"{summary.verdict}: {summary.sentence}"]
+    lines += structure_lines(summary)
     for cause in summary.causes:
         what = "cause" if cause.named else "candidate, confounded with a discrepancy that remains"
         lines.append(f"{what}: log-likelihood gain {cause.delta_loglik:.0f}, p-value {cause.p_value:.1g}")

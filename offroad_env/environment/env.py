@@ -204,7 +204,12 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self.scenario, self.weights, self.n_range = chosen.scenario, chosen.weights, chosen.n_range
         estimator = checked_estimator(estimator, terrain_info)
         self.extension: Extension | None = read_extension(model) if model.endswith(".json") else None
-        model = model if self.extension is None else self.extension.model
+        if self.extension is not None:
+            model = self.extension.model
+            structure = self.extension.structure if structure is None else structure
+            vehicle_model = self.extension.vehicle_model or vehicle_model
+            # Laws of wheel and soil are part of the plant; only effects need the step call by call.
+            self.extension = self.extension if self.extension.effects else None
         require_choice("terrain_info", terrain_info, TERRAIN_INFO)
         require_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         self.terrain_info, self.model, self.vehicle_model = terrain_info, model, vehicle_model
