@@ -1,8 +1,8 @@
 """How often another structure is named: ``python benchmarks/structure_rates.py LOG... --out FILE``.
 
 Compares the structures on each log as `offroad diagnose` does, with errors on windows to which nothing was
-fitted. Results are kept by log in FILE, one JSON line each, so that a stopped run goes on. ``--sound N`` adds N
-drives of this project's own model, each with a fault of the library at its largest plausible size: there no
+fitted. Results are kept by log in FILE, one JSON line each, so that a stopped run goes on. ``--sound N`` adds
+N drives of this project's own model, each with a fault of the library at its largest plausible size: there no
 structure may be named.
 """
 

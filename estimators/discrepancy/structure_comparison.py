@@ -75,7 +75,7 @@ _STEPS, _LEAST, _MOST, _ACCURACY, _BESIDE = (-0.35, -0.2, -0.1, 0.0, 0.1, 0.2, 0
 _WORTH = 0.3
 #: A structure is named if errors fall by this share of themselves at least (mean logarithm over channels),
 #: with this p-value over the windows apart, of which there must be so many.
-_GAIN, _P_VALUE, _WINDOWS = 0.35, 5e-3, 3
+_GAIN, _P_VALUE, _WINDOWS = 0.35, 1e-2, 3
 #: A law stays if errors grow by this mean logarithm without it, and is named with this p-value.
 _LOSS, _LOSS_P = 0.03, 0.01
 _SEED = 0
@@ -88,6 +88,17 @@ class StructureTrial:
     case: Case
     change: float  #: of n, against the stated one [-]
     errors: np.ndarray  #: (W, C) root mean square errors by window and channel of `_FLOORS`
+
+    @staticmethod
+    def channels() -> tuple[str, ...]:
+        """Compared channels, the columns of ``errors``."""
+        return tuple(_FLOORS)
+
+    @property
+    def pooled(self) -> list[float | None]:
+        """Root mean square over the windows by channel; None where one is missing or a window failed."""
+        squares = np.mean(self.errors**2, axis=0)
+        return [float(np.sqrt(value)) if math.isfinite(value) else None for value in squares]
 
     def logarithms(self) -> np.ndarray:
         """Logarithms of the errors with their floors, (W, C)."""
@@ -150,17 +161,11 @@ class StructureComparison:
                     "structure": one.case.structure,
                     "vehicle_model": one.case.vehicle_model,
                     "change_of_n": one.change,
-                    "error": dict(zip(_FLOORS, _pooled(one.errors), strict=True)),
+                    "error": dict(zip(_FLOORS, one.pooled, strict=True)),
                 }
                 for one in (self.nominal, *self.trials)
             ],
         }
-
-
-def _pooled(errors: np.ndarray) -> list[float | None]:
-    """Root mean square over windows; None where a channel is missing or a window failed."""
-    squares = np.mean(errors**2, axis=0)
-    return [float(np.sqrt(value)) if math.isfinite(value) else None for value in squares]
 
 
 class _Trials:
