@@ -30,6 +30,7 @@ from estimators.discrepancy.wording import (
     advice_sentence,
     amount,
     correlation_phrase,
+    interval_text,
     limitation_sentences,
     verdict_sentence,
 )
@@ -119,7 +120,7 @@ def _member(one: Alternative) -> CauseMember:
         high=high,
         lacks_loglik=0.5 * one.likelihood_ratio,
         sentence=sentence,
-        phrase=f"{sentence} (95 %: {low:.3g} to {amount(effect.id, high)})",
+        phrase=f"{sentence} (95 %: {interval_text(effect, low, high)})",
     )
 
 

@@ -9,11 +9,13 @@ from estimators.discrepancy.structure_comparison import StructureComparison
 from estimators.discrepancy.summary import CauseSummary, DiagnosisSummary, UnknownInput, UnknownInputShape
 from estimators.discrepancy.verdict import Diagnosis, VehicleDiagnosis, Verdict
 from offroad_env.effects import EFFECTS
+from offroad_env.effects.protocol import Effect
 
 __all__ = [
     "advice_sentence",
     "amount",
     "correlation_phrase",
+    "interval_text",
     "limitation_sentences",
     "structure_lines",
     "terminal_lines",
@@ -35,6 +37,15 @@ _LINES = 21
 def amount(effect: str, size: float) -> str:
     """A size of an effect with its unit."""
     return f"{size:.3g} {EFFECTS[effect].size.unit}".removesuffix(" -")
+
+
+def interval_text(effect: Effect, low: float, high: float) -> str:
+    """An interval of sizes with its unit, by the sign and in the unit of the sentence for its middle."""
+    _, sign = effect.wording(0.5 * (low + high))
+    first, last = sorted((sign * low, sign * high))
+    if effect.amount(1.0).endswith("%"):
+        return f"{100.0 * first:.3g} to {effect.amount(last)}"
+    return f"{first:.3g} to {effect.amount(last)}"
 
 
 # ------------------------------------------------------------------ the verdict
@@ -118,8 +129,8 @@ def _cause_phrase(cause: CauseSummary) -> str:
     """A cause that the verdict names; its size with unknown inputs fitted jointly, where they are present."""
     first, *others = (member.phrase for member in cause.members)
     if cause.joint is not None:
-        high = amount(cause.best.effect, cause.joint.high)
-        first += f", {cause.joint.low:.3g} to {high} with unknown inputs fitted jointly"
+        interval = interval_text(EFFECTS[cause.best.effect], cause.joint.low, cause.joint.high)
+        first += f", {interval} with unknown inputs fitted jointly"
     return "one of: " + "; or ".join([first, *others]) if others else first
 
 
