@@ -16,7 +16,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help venv install demo test check lint study-wheel study-soak speed golden clean
+.PHONY: help venv install demo docs test check lint fuzz mutants study-wheel study-soak soak speed golden clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [VENV=.venv] [PYTEST_ARGS=...]"
@@ -30,11 +30,16 @@ demo: $(VENV)/.installed-demo  ## set up, run the main job and write its page in
 	@echo "== running the demo"
 	$(BIN)/offroad demo --out demo
 
+docs: $(VENV)/.installed-test  ## build the documentation site into build/docs, examples included
+	@echo "== building the site"
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	@echo "== open build/docs/index.html"
+
 test: lint  ## set up, check style and floors, run the tests
 	@echo "== running the tests"
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile $(PYTEST_ARGS)
 
-check: $(VENV)/.installed-test  ## slower checks: the built package in an empty environment
+check: $(VENV)/.installed-test  ## slower checks: the built package in an empty environment, the site, long fuzz
 	@echo "== running the slower checks"
 	$(BIN)/python -m pytest -m check $(PYTEST_ARGS)
 
@@ -45,11 +50,20 @@ lint: $(VENV)/.installed-test  ## check style, format, the floors of imports and
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/python -m mypy
 
+fuzz: $(VENV)/.installed-test  ## long: 2,400 damaged files of all kinds, each read in a process of its own
+	$(BIN)/python benchmarks/fuzz.py
+
+mutants: $(VENV)/.installed-test  ## long: breaks chosen places of the code one by one: does a test notice?
+	$(BIN)/python benchmarks/mutants.py
+
 study-wheel: $(VENV)/.installed-test  ## long: wheel forces against an independent evaluation, 2,000 inputs
 	$(BIN)/python benchmarks/accuracy_wheel.py
 
 study-soak: $(VENV)/.installed-test  ## long: a million random steps of vehicles, and a million of the environment
 	$(BIN)/python -m pytest -m study -k soak $(PYTEST_ARGS)
+
+soak: $(VENV)/.installed-test  ## hours: ten million random steps over all structures and vehicles; goes on where it stopped
+	$(BIN)/python benchmarks/soak.py
 
 speed: $(VENV)/.installed-test  ## speed, as ratios to other environments in the same run
 	$(BIN)/offroad speed
@@ -59,7 +73,7 @@ golden: $(VENV)/.installed-test  ## long: the main commands on BASE=COMMIT and h
 	$(BIN)/python benchmarks/golden.py --base "$(BASE)" --cases $(CASES) $(GOLDEN_ARGS)
 
 clean:  ## delete caches and what the commands wrote (for a fresh set-up, delete .venv as well)
-	rm -rf demo out build dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache *.egg-info
+	rm -rf demo out build dist docs/gallery docs/reference docs/sg_execution_times.rst .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache *.egg-info
 	find agents benchmarks estimators offroad_env tests -type d -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true
 
 # An environment that works is kept. Otherwise the first Python that is new enough and can make one wins.

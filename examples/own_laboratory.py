@@ -1,6 +1,7 @@
-"""One's own soil, vehicle, course, reward and agent: learn, film, compare, log, estimate, diagnose.
+"""Your own laboratory
+===================
 
-Needs the extras rl and view; takes some minutes and writes into the working directory.
+Own soil, vehicle, course, reward: learn, film, compare, log, estimate. Needs the extras rl and view.
 """
 
 import subprocess

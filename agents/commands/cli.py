@@ -6,7 +6,9 @@ Nothing heavy is imported here, and a subcommand is imported only when it is cal
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+import io
 import os
 import sys
 from collections.abc import Iterable, Sequence
@@ -61,10 +63,43 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # Small matrices everywhere: the threads of BLAS only wait for each other.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    _open_streams()
     sys.exit(_run(list(sys.argv[1:] if arguments is None else arguments)))
 
 
+def _open_streams() -> None:
+    """Streams that take every sign, in any locale; a closed one swallows what is written."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - for the whole run
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
 def _run(arguments: list[str]) -> int:
+    """The exit status; errors of the system become sentences."""
+    try:
+        status = _run_command(arguments)
+        sys.stdout.flush()
+        return status
+    except BrokenPipeError:  # the reader of a pipe, such as head, has seen enough
+        return _drop_output(0)
+    except OSError as error:
+        place = f" {error.filename}" if error.filename else ""
+        return _drop_output(_complain(f"cannot write{place}: {error.strerror or error}", 1))
+    except MemoryError:
+        return _complain("not enough memory", 1)
+
+
+def _drop_output(status: int) -> int:
+    """What could not be written is lost: the end of the interpreter must not try again."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return status
+
+
+def _run_command(arguments: list[str]) -> int:
     arguments, engine = _take_engine(arguments)
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(_overview())
@@ -93,8 +128,6 @@ def _run(arguments: list[str]) -> int:
         return _complain(str(error), 1)
     except KeyboardInterrupt as stop:
         return _complain(f"stopped: {stop}" if str(stop) else "stopped", 130)
-    except BrokenPipeError:  # the reader of a pipe, such as head, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 
@@ -175,7 +208,9 @@ def _listing(entries: dict[str, tuple[str, str, str]]) -> list[str]:
 
 
 def _complain(sentence: str, status: int) -> int:
-    print(f"offroad: {' '.join(sentence.split())}", file=sys.stderr)
+    from agents.reports.output import printable
+
+    print(f"offroad: {printable(' '.join(sentence.split()))}", file=sys.stderr)
     return status
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from tyro.conf import Positional
 
-from agents.reports.output import Results, say, write_bytes, write_json
+from agents.reports.output import Results, console, say, table, write_bytes, write_json
 from offroad_env.errors import DataError
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class Diagnose(Results):
     logs: Positional[tuple[Path, ...]]  #: logs: CSV or Parquet with a YAML of the same name, or ROS bags
     rig: bool = False  #: the logs are trials of a wheel rig
     structure: str | None = None  #: laws of the wheels instead of the logs', such as grid or field
-    check: tuple[Path, ...] = ()  #: other runs of the vehicle, to measure the gain without a fit
+    check: tuple[Path, ...] = ()  #: other runs, or trials of another wheel, to measure the gain without a fit
 
     def run(self) -> None:
         """Read, diagnose, write, and print the verdict."""
@@ -54,8 +54,6 @@ class Diagnose(Results):
         if logs[0].rig != self.rig:
             kind = "trials of a wheel rig: add --rig" if logs[0].rig else "a drive, not trials of a wheel rig"
             raise DataError(f"{logs[0].name}: holds {kind}")
-        if self.rig and self.check:
-            raise DataError("--check takes runs of a vehicle: trials of a rig are split by condition")
         if self.rig:
             diagnosis = self._with_bar(lambda progress: diagnose_rig(logs, progress=progress))
             self.publish(diagnosis, summarise(diagnosis))
@@ -88,7 +86,7 @@ class Diagnose(Results):
         for line in terminal_lines(summary)[2 * bad :]:
             say(line)
         if self.check and not bad:
-            numbers["gain_on_other_runs"] = self._checked(diagnosis)
+            numbers |= self._transferred(diagnosis) if self.rig else self._checked(diagnosis)
         if summary.evidence is not None:
             page = render_diagnosis(summary, command).encode()
             say(f"report: {write_bytes(self.out / 'diagnosis.html', page)}")
@@ -104,7 +102,39 @@ class Diagnose(Results):
         if bad:
             raise DataError(f"{summary.verdict}: {summary.sentence}")
 
-    def _checked(self, diagnosis: Diagnosis) -> dict[str, tuple[ChannelGain, ...]]:
+    def _transferred(self, diagnosis: Diagnosis) -> dict[str, Any]:
+        """Errors on the trials of ``--check``, printed and as numbers."""
+        from estimators.discrepancy.rig.other_trials import transfer_to
+        from estimators.discrepancy.verdict import RigDiagnosis
+        from estimators.logs import read_logs
+
+        if not isinstance(diagnosis, RigDiagnosis):
+            raise TypeError(f"needs the diagnosis of a rig, got {type(diagnosis).__name__}")
+        transfers = transfer_to(diagnosis, read_logs(self.check))
+        for other in transfers:
+            rows = [
+                (
+                    f"{gain.channel.replace('_', ' ')} [{other.unit[gain.channel]}]",
+                    f"{other.stated[gain.channel]:.3g}",
+                    f"{gain.nominal:.3g}",
+                    f"{gain.extended:.3g}",
+                    f"{-100.0 * (1.0 - gain.extended / max(gain.nominal, 1e-300)):+.0f} % "
+                    f"({-100.0 * gain.high:+.0f} to {-100.0 * gain.low:+.0f})",
+                )
+                for gain in other.gains
+            ]
+            title = f"errors on {other.log}, {other.trials} trials, nothing fitted to them"
+            heading = (
+                "channel",
+                "as stated",
+                "n from the diagnosis",
+                "with the causes",
+                "change by the causes",
+            )
+            console().print(table(title, heading, rows))
+        return {"transfer": [asdict(other) for other in transfers]}
+
+    def _checked(self, diagnosis: Diagnosis) -> dict[str, dict[str, tuple[ChannelGain, ...]]]:
         """Gains on the logs of ``--check``, printed and as numbers."""
         from estimators.discrepancy.other_runs import gains_on, restructured_gains_on
         from estimators.logs import read_logs, with_structure
@@ -113,14 +143,14 @@ class Diagnose(Results):
         found = restructured_gains_on(diagnosis, logs)
         if not diagnosis.causes and not found:
             say("no causes, so nothing to gain on other runs")
-            return {}
+            return {"gain_on_other_runs": {}}
         found = found or gains_on(diagnosis, logs)
         for name, gains in found.items():
             parts = (
                 f"{g.channel} {100.0 * (1.0 - g.extended / max(g.nominal, 1e-300)):+.0f} %" for g in gains
             )
             say(f"reduction of errors on {name}: {', '.join(parts)}")
-        return found
+        return {"gain_on_other_runs": found}
 
     def _with_bar(self, work: Callable[[Callable[[str], None]], _Result]) -> _Result:
         """The result of ``work``, which reports its stages to a progress bar."""

@@ -230,15 +230,11 @@ def _text(value: Any) -> str:
 
 def _load_policy(folder: Path, terrain_info: str | None) -> tuple[Agent, str]:
     """The policy, and the terrain information it gets: by default that of its training."""
-    import json
+    from agents.learning.policies import KIND, load_policy, policy_kind
 
-    from agents.learning.policies import KIND, load_policy
-
-    try:
-        kind = json.loads((folder / KIND).read_text(encoding="utf-8"))
-        agent, trained = load_policy(folder), kind["terrain_info"]
-    except (OSError, ValueError, KeyError) as error:
-        raise DataError(f"no policy in {folder} - train one with: offroad train --out {folder}") from error
+    if not (folder / KIND).exists():
+        raise DataError(f"no policy in {folder} - train one with: offroad train --out {folder}")
+    agent, trained = load_policy(folder), policy_kind(folder)["terrain_info"]
     if terrain_info == "none" and trained != "none":
         raise InvalidParameter(f'terrain_info must not be "none": the policy was trained with {trained!r}')
     return agent, terrain_info or trained

@@ -74,6 +74,11 @@ STUDIES: dict[str, tuple[str, str, str]] = {
         "the soil under drives whose soil is known: errors and coverage of n and phi",
     ),
     "model_mismatch": ("model_mismatch", "Mismatches", "filters whose model is wrong: error, coverage, flag"),
+    "soil_belief": (
+        "soil_belief",
+        "SoilBelief",
+        "what the soil holds when all of the soil is unknown, online",
+    ),
 }
 
 #: Shorter and former names of studies.

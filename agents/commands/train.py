@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +9,8 @@ from agents.learning.train import BOARD, REPORT, TrainArgs, TrainResult, configu
 from agents.reports.output import console, say, table, write_json
 from offroad_env.environment.scenario_descriptions import find_scenario
 from offroad_env.environment.scenarios import MEASURES
-from offroad_env.errors import InvalidParameter
+from offroad_env.errors import DataError, InvalidParameter
+from offroad_env.world.files import read_json
 
 __all__ = ["Train"]
 
@@ -61,10 +61,10 @@ class Train(TrainArgs):
     def _is_finished(self) -> bool:
         """Whether the folder holds the end of this very run."""
         try:
-            found = json.loads((self.out / REPORT).read_text(encoding="utf-8"))["result"]
-        except (OSError, ValueError, KeyError):
+            found = read_json(self.out / REPORT).get("result")
+        except DataError:  # not there, or cut off
             return False
-        return bool(found["configuration"] == configuration_hash(self))
+        return isinstance(found, dict) and found.get("configuration") == configuration_hash(self)
 
     def _show_curve(self, result: TrainResult) -> None:
         """The learning curve where the tuning episodes were driven."""
@@ -91,5 +91,7 @@ class Train(TrainArgs):
         for name in ("learning_rate", "charge", "first_charge"):
             if (value := getattr(self, name)) is not None and not value > 0.0:
                 raise InvalidParameter(f"{name} must be > 0, got {value:g}")
+        if self.algorithm == "sac" and self.frames > 1:
+            raise InvalidParameter("frames must be 1 with sac, whose memory holds single observations")
         if not self.hidden or min(self.hidden) < 1:
             raise InvalidParameter(f"hidden must hold sizes >= 1, got {self.hidden}")

@@ -7,7 +7,7 @@ whoever wants to see a shipped policy drive needs neither PyTorch nor the extra 
 from __future__ import annotations
 
 import importlib.resources
-import json
+import io
 from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,8 +16,12 @@ from typing import Any
 import numpy as np
 
 from agents.controllers.protocol import Observation
-from agents.learning.action_interface import ActionInterface, make_interface, mirrored
-from offroad_env.errors import InvalidParameter, OffroadError
+from agents.learning.action_interface import ActionInterface, find_interface, make_interface, mirrored
+from agents.learning.learners import ALGORITHMS, MissingExtraError, find_learner
+from agents.reports.output import write_bytes
+from offroad_env.errors import DataError
+from offroad_env.world.files import read_arrays, read_json, require_keys
+from offroad_env.world.yaml_text import shown
 
 __all__ = [
     "ALGORITHMS",
@@ -33,10 +37,11 @@ __all__ = [
     "find_learner",
     "learned_folder",
     "load_policy",
+    "packed_arrays",
+    "policy_kind",
     "shipped_seeds",
 ]
 
-ALGORITHMS = ("ppo", "recurrent_ppo", "sac")
 #: Arm of a learned policy -> terrain information in its observation.
 LEARNED = {
     "ppo_aware": "estimate",
@@ -50,37 +55,10 @@ LEARNED = {
 WEIGHTS, ZIP, SCALING, KIND = "weights.npz", "policy.zip", "scaling.npz", "policy.json"
 #: Key of the action interface in files of former versions.
 _FORMER_KEY = "guide"  # alias
+#: Numbers of an action, and the largest networks that are read.
+_ACTIONS, _WIDEST, _DEEPEST, _MOST_FRAMES = 2, 4096, 16, 1000
 #: Scaled observations are clipped to this size [standard deviations].
 CLIP = 10.0
-
-
-class MissingExtraError(OffroadError, ImportError):
-    """Learning needs packages that the base install leaves out."""
-
-
-def find_learner(algorithm: str) -> Any:
-    """The class of stable-baselines3 or sb3-contrib.
-
-    Raises
-    ------
-    InvalidParameter
-        For an unknown algorithm.
-    MissingExtraError
-        Without these packages.
-    """
-    if algorithm not in ALGORITHMS:
-        raise InvalidParameter(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {algorithm!r}")
-    try:
-        import sb3_contrib
-        import stable_baselines3
-    except ImportError as error:
-        raise MissingExtraError(
-            f"learning needs stable-baselines3, sb3-contrib and torch ({error}): "
-            "pip install offroad-bekker[rl]"
-        ) from error
-    if algorithm == "recurrent_ppo":
-        return sb3_contrib.RecurrentPPO
-    return stable_baselines3.SAC if algorithm == "sac" else stable_baselines3.PPO
 
 
 class Network:
@@ -121,13 +99,32 @@ class Network:
             for i, layer in enumerate(self.layers)
             for name, part in zip("wb", layer, strict=True)
         }
-        np.savez(path, **parts)  # type: ignore[arg-type]  # NumPy names a keyword of its own
+        write_bytes(path, packed_arrays(parts))
 
     @classmethod
     def read(cls, path: Path) -> Network:
-        """A file that `save` has written."""
-        with np.load(path) as table:
-            return cls([(table[f"w{i}"], table[f"b{i}"]) for i in range(len(table.files) // 2)])
+        """A file that `save` has written.
+
+        Raises
+        ------
+        DataError
+            If it is damaged, or the layers do not fit each other.
+        """
+        table = read_arrays(path)
+        count = len(table) // 2
+        try:
+            layers = [(table[f"w{i}"], table[f"b{i}"]) for i in range(count)]
+        except KeyError as error:
+            raise DataError(f"{path}: lacks the array {error}") from None
+        width = layers[0][0].shape[-1] if layers and layers[0][0].ndim == 2 else -1
+        for weight, bias in layers:
+            numbers = weight.dtype.kind == bias.dtype.kind == "f" and np.isfinite(weight).all()
+            if not numbers or weight.shape != (*bias.shape, width) or not np.isfinite(bias).all():
+                raise DataError(f"{path}: its layers are no numbers, or do not fit each other")
+            width = len(bias)
+        if width != _ACTIONS:
+            raise DataError(f"{path}: the network has {max(width, 0)} outputs; an action has {_ACTIONS}")
+        return cls(layers)
 
 
 class PolicyAgent:
@@ -194,26 +191,78 @@ class PolicyAgent:
         return np.asarray(action)
 
 
+def packed_arrays(arrays: Mapping[str, np.ndarray]) -> bytes:
+    """Content of an ``.npz`` file."""
+    sink = io.BytesIO()
+    np.savez(sink, **arrays)  # type: ignore[arg-type]  # NumPy names a keyword of its own
+    return sink.getvalue()
+
+
 def load_policy(folder: Path) -> PolicyAgent:
-    """The policy that `agents.learning.train.train` saved in ``folder``.
+    """The policy that `agents.learning.train.train` saved in ``folder``; nothing in its files is run.
 
     Raises
     ------
     MissingExtraError
         For a policy with a recurrent network or of SAC, without stable-baselines3.
-    FileNotFoundError
-        If ``folder`` holds no policy.
+    DataError
+        If ``folder`` holds no policy, or its files are damaged or do not fit each other.
     """
-    kind = json.loads((folder / KIND).read_text(encoding="utf-8"))
+    kind = policy_kind(folder)
+    scaling = _read_scaling(folder / SCALING)
+    widths = {key: kind["frames"] * len(mean) for key, (mean, _) in scaling.items()}
     if kind["algorithm"] == "ppo":
-        model = Network.read(folder / WEIGHTS)
+        model: Any = Network.read(folder / WEIGHTS)
+        if model.layers[0][0].shape[1] != sum(widths.values()):
+            raise DataError(f"{folder}: {WEIGHTS} and {SCALING} are of different observations")
     else:
-        model = find_learner(kind["algorithm"]).load(folder / ZIP, device="cpu")
-    with np.load(folder / SCALING) as table:
-        keys = sorted({name.partition(".")[0] for name in table.files})
-        scaling = {key: (table[f"{key}.mean"], table[f"{key}.sd"]) for key in keys}
-    interface = kind.get("action_interface") or kind[_FORMER_KEY]
-    return PolicyAgent(model, scaling, frames=kind["frames"], action_interface=interface)
+        find_learner(kind["algorithm"])  # names what to install
+        from agents.learning.models import trained_model
+
+        model = trained_model(kind, widths, folder / ZIP)
+    return PolicyAgent(model, scaling, frames=kind["frames"], action_interface=kind["action_interface"])
+
+
+def policy_kind(folder: Path) -> dict[str, Any]:
+    """What a policy is, by its folder: settings of its training.
+
+    Raises
+    ------
+    DataError
+        If it is missing, damaged or of another version.
+    """
+    file = str(folder / KIND)
+    kind = read_json(folder / KIND)
+    kind["action_interface"] = kind.get("action_interface") or kind.get(_FORMER_KEY)
+    texts = dict.fromkeys(("algorithm", "terrain_info", "scenario", "action_interface"), str)
+    require_keys(kind, {**texts, "frames": int, "hidden": list}, file)
+    find_interface(kind["action_interface"])
+    sizes = kind["hidden"]
+    plain = all(isinstance(size, int) and 1 <= size <= _WIDEST for size in sizes)
+    if kind["algorithm"] not in ALGORITHMS or not plain or len(sizes) > _DEEPEST:
+        raise DataError(f"{file}: algorithm or hidden layers are none that offroad train makes")
+    if not 1 <= kind["frames"] <= _MOST_FRAMES:
+        raise DataError(f"{file}: frames must be in [1, {_MOST_FRAMES}], is {shown(kind['frames'])}")
+    if kind["algorithm"] != "ppo":
+        require_keys(kind, {"log_std": (int, float), "noise_steps": int}, file)
+    return kind
+
+
+def _read_scaling(path: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Key of the observation -> (mean, standard deviation)."""
+    table = read_arrays(path)
+    scaling = {}
+    for key in sorted({name.partition(".")[0] for name in table}):
+        mean, sd = table.get(f"{key}.mean"), table.get(f"{key}.sd")
+        if mean is None or sd is None or mean.ndim != 1 or mean.shape != sd.shape:
+            raise DataError(f"{path}: the scaling of {key!r} is missing or of another shape")
+        numbers = mean.dtype.kind == sd.dtype.kind == "f" and np.isfinite(mean).all()
+        if not numbers or not (np.isfinite(sd) & (sd > 0.0)).all():
+            raise DataError(f"{path}: the scaling of {key!r} is no mean and standard deviation")
+        scaling[key] = (mean, sd)
+    if not scaling:
+        raise DataError(f"{path}: holds no scaling")
+    return scaling
 
 
 def learned_folder(scenario: str, arm: str, seed: int) -> Path:

@@ -29,7 +29,15 @@ from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
 from agents.controllers.protocol import EpisodeResult
 from agents.driving.world_options import WorldOptions
 from agents.learning.action_interface import find_interface
-from agents.learning.checkpoint import Environments, read_checkpoint, restore_random_state, write_checkpoint
+from agents.learning.checkpoint import (
+    CHECKPOINT,
+    Environments,
+    read_checkpoint,
+    restore_model,
+    restore_random_state,
+    write_checkpoint,
+)
+from agents.learning.models import make_model, policy_settings
 from agents.learning.policies import (
     CLIP,
     KIND,
@@ -41,8 +49,9 @@ from agents.learning.policies import (
     PolicyAgent,
     find_learner,
     load_policy,
+    packed_arrays,
 )
-from agents.reports.output import write_bytes
+from agents.reports.output import only_writer, write_bytes
 from offroad_env.environment.scenario_descriptions import find_scenario, scenario_mapping
 from offroad_env.environment.scenarios import BUILT_IN
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv, make_vec
@@ -200,16 +209,11 @@ def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> Environments:
 
 
 def _make_model(args: TrainArgs, envs: Environments, held: dict[str, Any] | None) -> Any:
-    learner = find_learner(args.algorithm)
-    if held is None:
-        policy = "MultiInputLstmPolicy" if args.algorithm == "recurrent_ppo" else "MultiInputPolicy"
-        model = learner(policy, envs.seen, seed=args.seed, device="cpu", **_settings(args))
-    else:
-        model = learner.load(io.BytesIO(held["model"]), env=envs.seen, device="cpu", force_reset=False)
-        if held["memory"] is not None:
-            model._last_lstm_states = held["memory"]
-        if held["replay"] is not None:
-            model.replay_buffer = held["replay"]
+    # The seed of a run that goes on is in its checkpoint.
+    seed = args.seed if held is None else None
+    model = make_model(args.algorithm, envs.seen, seed=seed, settings=_settings(args))
+    if held is not None:
+        restore_model(model, held, str(args.out / CHECKPOINT))
     if args.tensorboard:
         model.tensorboard_log = _board(args)
     return model
@@ -228,20 +232,15 @@ def _settings(args: TrainArgs) -> dict[str, Any]:
     """Arguments of the learner."""
     from stable_baselines3.common.utils import LinearSchedule
 
-    network: dict[str, Any] = {"net_arch": list(args.hidden)}
     common = {
+        **policy_settings(args.algorithm, args.hidden, log_std=args.log_std, noise_steps=args.noise_steps),
         "batch_size": args.batch_size,
         "learning_rate": LinearSchedule(args.learning_rate, 0.0, 1.0),
         "gamma": args.gamma,
-        "policy_kwargs": network,
     }
     if args.algorithm == "sac":
         return {**common, "buffer_size": args.buffer_size, "learning_starts": 10 * args.batch_size}
-    network["log_std_init"] = args.log_std
-    found = {**common, "n_steps": args.n_steps, "n_epochs": args.n_epochs, "gae_lambda": args.gae_lambda}
-    if args.noise_steps > 1:
-        found |= {"use_sde": True, "sde_sample_freq": args.noise_steps}
-    return found
+    return {**common, "n_steps": args.n_steps, "n_epochs": args.n_epochs, "gae_lambda": args.gae_lambda}
 
 
 def _scaling(scaler: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -254,16 +253,17 @@ def _scaling(scaler: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 def _save(model: Any, scaler: Any, args: TrainArgs) -> None:
     """Write the policy so that `load_policy` finds it."""
     folder = args.out
-    folder.mkdir(parents=True, exist_ok=True)
-    model.save(folder / ZIP)
+    packed = io.BytesIO()
+    model.save(packed)
+    write_bytes(folder / ZIP, packed.getvalue())
     if args.algorithm == "ppo":
         Network.of(model).save(folder / WEIGHTS)
     kind = {"configuration": configuration_hash(args), **_decisive(args)}
-    (folder / KIND).write_text(json.dumps(kind, indent=1) + "\n", encoding="utf-8")
+    write_bytes(folder / KIND, f"{json.dumps(kind, indent=1)}\n".encode())
     table = {}
     for key, (mean, sd) in _scaling(scaler).items():
         table[f"{key}.mean"], table[f"{key}.sd"] = mean, sd
-    np.savez(folder / SCALING, **table)  # type: ignore[arg-type]  # NumPy names a keyword of its own
+    write_bytes(folder / SCALING, packed_arrays(table))
 
 
 class _Watch:
@@ -409,7 +409,15 @@ def train(args: TrainArgs, *, progress: Callable[[int, float], None] | None = No
         Without stable-baselines3.
     """
     find_learner(args.algorithm)
-    held = read_checkpoint(args.out, configuration_hash(args)) if args.resume else None
+    with only_writer(args.out / CHECKPOINT):
+        return _train(args, progress)
+
+
+def _train(args: TrainArgs, progress: Callable[[int, float], None] | None) -> TrainResult:
+    """As the only process that writes to the folder."""
+    held = None
+    if args.resume:
+        held = read_checkpoint(args.out, configuration_hash(args), find_scenario(args.scenario))
     envs = _make_envs(args, held)
     model = _make_model(args, envs, held)
     watch = _Watch(args, envs, held, progress)

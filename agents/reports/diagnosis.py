@@ -79,7 +79,7 @@ def _unreached(summary: DiagnosisSummary) -> str:
         return "Not reached: the data must be corrected before any model is fitted."
     if summary.verdict is Verdict.OUTSIDE:
         return "Not reached: no model of this kind can be right, so none is fitted."
-    if summary.structure is not None and summary.structure.found:
+    if summary.comparison is not None and summary.comparison.found:
         return (
             "Not judged: the structure of the model is wrong, and effects within it would stand in for that."
         )
@@ -96,8 +96,8 @@ def _verdict(summary: DiagnosisSummary) -> Section:
     heading = ("cause", "effect", "size", "95 % interval", "log-likelihood gained", "p-value")
     notes = [f"Finding: {finding}." for finding in summary.findings]
     notes += [figures.sentence(line) for line in summary.limitations]
-    if summary.structure is not None and summary.structure.found:
-        return _structure(summary, summary.structure, notes)
+    if summary.comparison is not None and summary.comparison.found:
+        return _structure(summary, summary.comparison, notes)
     if not summary.causes and summary.limits:
         notes.append("Part 4 lists the smallest detectable size of every effect.")
     return Section(

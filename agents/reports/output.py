@@ -6,20 +6,40 @@ import dataclasses
 import json
 import math
 import os
-import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from offroad_env.errors import OffroadError
+from offroad_env.world.files import write_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import Console
     from rich.table import Table
 
-__all__ = ["OutputError", "Results", "console", "plain", "say", "table", "write_bytes", "write_json"]
+__all__ = [
+    "OutputError",
+    "Results",
+    "console",
+    "only_writer",
+    "plain",
+    "printable",
+    "say",
+    "table",
+    "write_bytes",
+    "write_json",
+]
+
+#: What a terminal would obey instead of showing: control characters but tab and line feed, and marks that
+#: turn the direction of writing.
+_COMMANDS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+#: Longest name that is printed whole [characters].
+_LONGEST_NAME = 400
+_LONG_NAME = re.compile(rf"\S{{{_LONGEST_NAME + 1},}}")
 
 #: Width of tables that are written to a file or a pipe [characters].
 _FILE_WIDTH = 120
@@ -41,9 +61,15 @@ def console() -> Console:
     return Console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)
 
 
+def printable(text: str) -> str:
+    """Text of which parts come from files: terminal commands are escaped, very long names are cut."""
+    text = _LONG_NAME.sub(lambda name: f"{name[0][:_LONGEST_NAME]}... ({len(name[0])} characters)", text)
+    return _COMMANDS.sub(lambda sign: sign[0].encode("unicode_escape").decode(), text)
+
+
 def say(line: str, screen: Console | None = None) -> None:
     """Print a line of text as it is, however long, on a ``screen`` that a progress bar may share."""
-    (screen or console()).print(line, markup=False, soft_wrap=True)
+    (screen or console()).print(printable(line), markup=False, soft_wrap=True)
 
 
 def table(title: str, heading: Sequence[str], rows: Iterable[Sequence[str]], *, texts: int = 1) -> Table:
@@ -52,7 +78,7 @@ def table(title: str, heading: Sequence[str], rows: Iterable[Sequence[str]], *, 
     from rich.table import Table
 
     result = Table(
-        title=escape(title),
+        title=escape(printable(title)),
         title_justify="left",
         title_style="bold",
         box=None,
@@ -60,9 +86,9 @@ def table(title: str, heading: Sequence[str], rows: Iterable[Sequence[str]], *, 
         show_header=any(heading),
     )
     for index, name in enumerate(heading):
-        result.add_column(escape(name), justify="left" if index < texts else "right")
+        result.add_column(escape(printable(name)), justify="left" if index < texts else "right")
     for row in rows:
-        result.add_row(*map(escape, row))
+        result.add_row(*(escape(printable(cell)) for cell in row))
     return result
 
 
@@ -84,7 +110,7 @@ def plain(value: Any) -> Any:
 
 
 def write_bytes(path: Path, content: bytes) -> Path:
-    """Write a file whole or not at all: into a temporary neighbour, then renamed.
+    """Write a file whole or not at all; a device or a pipe is written to.
 
     Raises
     ------
@@ -92,26 +118,47 @@ def write_bytes(path: Path, content: bytes) -> Path:
         When the folder cannot be made or written to.
     """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-            os.chmod(name, 0o666 & ~_umask())
-            os.replace(name, path)
-        except BaseException:
-            os.unlink(name)
-            raise
+        write_file(path, content)
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
     return path
 
 
-def _umask() -> int:
-    """The mask that a file opened in the usual way would get; a temporary file is private instead."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+@contextmanager
+def only_writer(path: Path) -> Iterator[None]:
+    """Within it no other process enters the same for this path; its end, however sudden, gives it free.
+
+    Raises
+    ------
+    OutputError
+        If another process is within, or the folder cannot be written to.
+    """
+    lock = path.parent / f".{path.name}.lock"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+    try:
+        _lock(handle, path)
+        yield
+    finally:
+        os.close(handle)  # which also unlocks
+
+
+def _lock(handle: int, path: Path) -> None:
+    try:
+        import fcntl
+    except ImportError:  # not on Windows
+        return
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise OutputError(
+            f"another process is writing {path}: wait for its end, or give another folder (--out)"
+        ) from None
+    except OSError:  # a file system without locks
+        return
 
 
 def write_json(path: Path, content: Any) -> Path:

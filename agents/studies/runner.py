@@ -8,16 +8,22 @@ that it was made with: after a change of those, the unit is run again.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+import os
+import zlib
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from agents.reports.output import OutputError, console
+from agents.reports.output import OutputError, console, only_writer
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics._jit import cache_folder
+from offroad_env.world.files import open_file
 
 __all__ = ["Key", "Result", "checked_rows", "checked_seeds", "run_units", "stamp_of"]
+
+#: Longest file of results [bytes].
+_LONGEST = 2_000_000_000
 
 Key = tuple[Any, ...]
 Result = dict[str, Any]
@@ -29,27 +35,49 @@ def stamp_of(*modules: str) -> str:
     return "-".join(cache_folder(module).name[:10] for module in modules)
 
 
+def _line(key: Key, stamp: str, result: Result) -> str:
+    """A unit as a line with its own check sum: a damaged number must not count."""
+    # Infinite numbers stay what they are: this file is read by this module only.
+    unit = {"key": key, "stamp": stamp, "result": result}
+    return json.dumps({**unit, "crc": _check_sum(unit)})
+
+
+def _check_sum(unit: Mapping[str, Any]) -> int:
+    return zlib.crc32(json.dumps(unit).encode())
+
+
+def _entry(line: str) -> tuple[Key, str, Result]:
+    """(key, stamp, result) of a line; one of many errors where it is none."""
+    entry = json.loads(line)
+    if entry.pop("crc") != _check_sum(entry):
+        raise ValueError("damaged")
+    return tuple(entry["key"]), entry["stamp"], entry["result"]
+
+
 def _read(path: Path, stamps: dict[Key, str]) -> dict[Key, Result]:
-    """Results of earlier runs that still hold; a line that was cut off is no result."""
+    """Results of earlier runs that still hold; a line that is cut off or damaged is no result."""
     found: dict[Key, Result] = {}
-    if not path.is_file():
+    if not path.exists():
         return found
-    for line in path.read_text(encoding="utf-8").splitlines():
-        try:
-            entry = json.loads(line)
-            key = tuple(entry["key"])
-            if stamps.get(key) == entry["stamp"]:
-                found[key] = entry["result"]
-        except (ValueError, KeyError, TypeError):
-            continue
+    with open_file(path, most=_LONGEST) as file:
+        for line in file:
+            try:
+                key, stamp, result = _entry(line.decode())
+                if stamps.get(key) == stamp:
+                    found[key] = result
+            except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+                continue
     return found
 
 
 def _end_line(path: Path) -> None:
     """Close a last line that an interrupted run has left open."""
-    if path.is_file() and path.stat().st_size > 0 and not path.read_bytes().endswith(b"\n"):
-        with path.open("a", encoding="utf-8") as file:
-            file.write("\n")
+    if not path.is_file() or path.stat().st_size == 0:
+        return
+    with path.open("rb+") as file:
+        file.seek(-1, os.SEEK_END)
+        if file.read(1) != b"\n":
+            file.write(b"\n")
 
 
 def run_units(
@@ -74,7 +102,20 @@ def run_units(
         Of the progress bar.
     n_jobs
         Local processes; 1 runs in this one.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written, or another process is writing it.
     """
+    with only_writer(path):
+        return _run_missing(path, work, stamps, label, n_jobs)
+
+
+def _run_missing(
+    path: Path, work: Callable[..., Result], stamps: dict[Key, str], label: str, n_jobs: int
+) -> dict[Key, Result]:
+    """What is not in the file yet."""
     from joblib import Parallel, delayed
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -82,15 +123,12 @@ def run_units(
     missing = [key for key in stamps if key not in done]
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         _end_line(path)
         with path.open("a", encoding="utf-8") as file, Progress(*columns, console=console()) as bar:
             task = bar.add_task(label, total=len(stamps), completed=len(done))
             tasks = (delayed(_one)(work, key) for key in missing)
             for key, result in Parallel(n_jobs=n_jobs, return_as="generator_unordered")(tasks):
-                # Infinite numbers stay what they are: this file is read by this function only.
-                line = {"key": key, "stamp": stamps[key], "result": result}
-                file.write(f"{json.dumps(line)}\n")
+                file.write(f"{_line(key, stamps[key], result)}\n")
                 file.flush()
                 done[key] = result
                 bar.advance(task)

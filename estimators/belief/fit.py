@@ -26,7 +26,7 @@ _NU = 6.0
 #: Residual [scales] that a window in which the soil gives way is counted with.
 FAILED = 20.0
 #: Values of n and phi [-, rad] from which the best is the start; every third window is enough to find it.
-_START_N, _START_PHI = np.arange(0.35, 1.4, 0.2), (0.33, 0.55)
+_START_N, _START_PHI = np.arange(0.15, 1.4, 0.2), (0.33, 0.55)
 _SPARSE = 3
 #: Iterations of a fit and of the search, and the gain in loss below which they end.
 _ITERATIONS, _SEARCHING, _ENOUGH = 8, 3, 0.1

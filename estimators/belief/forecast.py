@@ -12,7 +12,7 @@ from estimators.belief.windows import LogWindows, cut
 from estimators.replay.planar_smoother import V_X, X, Y
 from estimators.replay.prediction import Predicted, predict_windows
 from estimators.replay.structures import plant_for
-from offroad_env.errors import DataError
+from offroad_env.errors import DataError, SolverFailure
 from offroad_env.physics import state as at
 
 __all__ = ["HORIZONS", "prediction_errors"]
@@ -25,7 +25,8 @@ def prediction_errors(belief: SoilBelief) -> dict[str, dict[str, float]]:
     """Root mean square errors of position [m] and speed [m/s] by horizon.
 
     The most probable structure with its most probable values, open loop from the smoothed sensors along the
-    whole drive that it was fitted to. Horizons that the log has no room for are left out.
+    whole drive that it was fitted to. Horizons that the log has no room for, or in which the soil never
+    carries the vehicle, are left out.
     """
     log, part = belief.windows.log, belief.parts[0]
     found = {}
@@ -35,9 +36,12 @@ def prediction_errors(belief: SoilBelief) -> dict[str, dict[str, float]]:
         except DataError:
             continue
         plant, inputs = applied(plant_for(log, part.case), windows.inputs, part.fit.values)
-        predicted = predict_windows(
-            plant, windows.motion, inputs, windows.first, windows.lengths, windows.steps
-        )
+        try:
+            predicted = predict_windows(
+                plant, windows.motion, inputs, windows.first, windows.lengths, windows.steps
+            )
+        except SolverFailure:
+            continue
         found[f"{horizon:g}"] = _errors_at_the_end(windows, predicted)
     return found
 

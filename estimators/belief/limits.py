@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimators.belief.soil_belief import DISCREPANCY, Marginal, SoilBelief, StructureFit
-from estimators.belief.unknowns import PHI, N, applied
+from estimators.belief.soil_belief import Marginal, SoilBelief, StructureFit
+from estimators.belief.unknowns import applied
 from estimators.replay.structures import plant_for
 from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.soil_holds import SoilHolds, what_soil_holds
@@ -35,11 +35,8 @@ def sampled_limits(belief: SoilBelief, draws: int = _DRAWS, seed: int = _SEED) -
 def _sampled(belief: SoilBelief, part: StructureFit, draws: int, rng: np.random.Generator) -> list[SoilHolds]:
     """Limits under one structure."""
     plant = plant_for(belief.windows.log, part.case)
-    covariance = part.fit.covariance.copy()
-    for place, sd in zip((N, PHI), DISCREPANCY, strict=True):
-        covariance[place, place] += sd**2
     low, high = belief.unknowns.bounds
-    values = np.clip(rng.multivariate_normal(part.fit.values, covariance, size=draws), low, high)
+    values = np.clip(rng.multivariate_normal(part.fit.values, part.covariance, size=draws), low, high)
     return [what_soil_holds(applied(plant, belief.windows.inputs, row)[0]) for row in values]
 
 

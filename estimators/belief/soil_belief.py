@@ -29,8 +29,9 @@ CANDIDATES = ("full", "grid", "field")
 #: Least weight after the search, on a third of the windows, with which a structure is fitted to all of them;
 #: least weight with which it is also tried with four wheels.
 _HOPELESS, _PROMISING = 1e-3, 0.05
-#: What even the right structure errs by in n [-] and phi [rad], one standard deviation: see docs/belief.md.
-DISCREPANCY = (0.02, 0.03)
+#: What even the best structure errs by in n [-] and phi [rad] for each scale of residual that it leaves, one
+#: standard deviation (docs/belief.md); residuals below the second number are the noise of the start [scales].
+DISCREPANCY, _LEAST_MISFIT = (0.05, 0.08), 0.25
 #: Root mean square residual up to which a window counts as predicted [scales of `windows.SCALES`].
 ADEQUATE = 1.0
 #: Width of the 95 % interval of n up to which an estimate is an answer [-].
@@ -55,6 +56,15 @@ class StructureFit:
     case: Case
     weight: float
     fit: Fit
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(9, 9) covariance of the unknowns, with what the structure itself may be wrong by."""
+        left = max(float(np.median(self.fit.misfit)), _LEAST_MISFIT)
+        widened = self.fit.covariance.copy()
+        for place, growth in zip((N, PHI), DISCREPANCY, strict=True):
+            widened[place, place] += (growth * left) ** 2
+        return widened
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,9 +96,8 @@ class SoilBelief:
 
     def marginal(self, place: int) -> Marginal:
         """What is known of the unknown in this column of `UNKNOWN_NAMES`."""
-        own = {N: DISCREPANCY[0], PHI: DISCREPANCY[1]}.get(place, 0.0)
         means = np.array([part.fit.values[place] for part in self.parts])
-        sds = np.array([math.hypot(math.sqrt(part.fit.covariance[place, place]), own) for part in self.parts])
+        sds = np.sqrt([part.covariance[place, place] for part in self.parts])
         return mixture([part.weight for part in self.parts], means, sds)
 
     def soil(self) -> dict[str, Marginal]:

@@ -25,9 +25,9 @@ __all__ = ["UNKNOWN_NAMES", "Tolerances", "Unknowns", "applied", "unknowns_of"]
 #: of the steering [rad].
 UNKNOWN_NAMES = ("n", "phi", "modulus", "c", "K", "mass", "radius", "torque", "steer")
 (N, PHI, MODULUS, C, K, MASS, RADIUS, TORQUE, STEER) = range(len(UNKNOWN_NAMES))
-#: Where the unknowns are looked for; n and phi as the soils that `make_soil` accepts and a vehicle meets.
-_LOWEST = np.array([0.2, 0.08, -0.7, -0.7, -0.7, -0.2, -0.03, -0.2, -0.03])
-_HIGHEST = np.array([1.6, 0.85, 0.7, 0.7, 0.7, 0.2, 0.03, 0.2, 0.03])
+#: Where the unknowns are looked for; n and phi in the range of `SoilPrior.sample` that carries vehicles.
+_LOWEST = np.array([0.05, 0.03, -0.7, -0.7, -0.7, -0.2, -0.03, -0.2, -0.03])
+_HIGHEST = np.array([2.0, 0.9, 0.7, 0.7, 0.7, 0.2, 0.03, 0.2, 0.03])
 #: Steps of the difference quotients: the solver's own errors lie far below what these change.
 _STEPS = np.array([0.01, 0.01, 0.02, 0.05, 0.05, 0.01, 0.001, 0.01, 0.001])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.stats import f as fisher
@@ -15,22 +16,30 @@ from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.protocol import Channel
 from estimators.discrepancy.model.windows import FIT, REPORT, SELECT
 from estimators.discrepancy.rig.fit import fit_rig, held_out_trials
+from estimators.discrepancy.rig.jackknife import ground_by_blocks
 from estimators.discrepancy.rig.repeat_noise import rig_noise
-from estimators.discrepancy.rig.search import search_rig
-from estimators.discrepancy.rig.trial_model import RigModel, Trials, trials_of
+from estimators.discrepancy.rig.search import scored_only, search_rig
+from estimators.discrepancy.rig.settings import measured_trials
+from estimators.discrepancy.rig.structure_search import StructuralCause, search_structures
+from estimators.discrepancy.rig.trial_model import RigModel, trials_of
+from estimators.discrepancy.rig.trial_table import Trials
 from estimators.discrepancy.search.result import SearchResult
-from estimators.discrepancy.verdict import RigChecks, RigDiagnosis
+from estimators.discrepancy.verdict import REST_RATE, RigChecks, RigDiagnosis
 from estimators.logs.log import Log
 from estimators.logs.quality import quality
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 
-__all__ = ["RigRest", "diagnose_rig", "rig_library"]
+__all__ = ["UNITS", "RigRest", "diagnose_rig", "rig_gains", "rig_library"]
 
+_Result = TypeVar("_Result")
+
+#: Least number of conditions beyond the terms of a surface that is fitted to their means.
+_SPARE = 4
 #: Use of a condition -> its name in the checks.
 _USES = {FIT: "search", SELECT: "gate", REPORT: "report"}
 #: Units of the channels that are no forces.
-_UNITS = {"sinkage": "m", "torque": "N m"}
+UNITS = {"sinkage": "m", "torque": "N m"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,38 +88,89 @@ def diagnose_rig(
     problems = tuple(finding for report in reports for finding in report.problems)
     if problems:
         return RigDiagnosis(logs=tuple(logs), quality=reports, findings=problems)
-    trials = Trials.of(logs)
+    trials = measured_trials(logs)
     use = trials.uses(held)
     parts = {u: RigModel(logs[0], trials.only(use == u)) for u in _USES if (use == u).any()}
     progress("nominal model")
     nominal = fit_rig(parts[FIT], white=white)
     progress("scores")
-    found = search_rig(nominal, library, SCREEN_RATE, parts.get(SELECT), progress)
+    failed: dict[str, str] = {}
+    found = _search(nominal, library, parts.get(SELECT), progress, failed)
+    without: tuple[SearchResult, StructuralCause | None] = (found, None)
+    found, structure = _attempt(
+        "laws of the wheel",
+        lambda: _other_laws(without[0], library, parts.get(SELECT), progress),
+        without,
+        failed,
+    )
     progress("unknown inputs")
-    solver_error = found.solver_error()
-    limits = _limits(found)
-    residuals = lack_of_fit(found.extended)
     result = RigDiagnosis(
         logs=tuple(logs),
         quality=reports,
         search=found,
         causes=found.causes,
-        unknown_inputs=residuals,
+        structure=structure,
+        unknown_inputs=_attempt("unknown inputs", lambda: lack_of_fit(found.extended), (), failed),
         nominal_excess=sum(rest.excess for rest in lack_of_fit(nominal)),
-        limits=limits,
-        not_testable=_not_testable(parts[FIT], limits),
-        checks=RigChecks(
-            solver=solver_error,
-            gate=tuple(found.holdout_gains),
-            converged=nominal.converged,
-            threshold=found.threshold,
-            trials=len(trials),
-            left_out=trials.left_out,
-            conditions={name: len(np.unique(trials.condition[use == u])) for u, name in _USES.items()},
-        ),
+        limits=_limits(found),
+        not_testable=_not_testable(parts[FIT], _limits(found)),
+        failed=failed,
+        checks=_checks(found, trials, use, failed),
     )
     progress("test data")
     return _on_test_data(result, found, parts.get(REPORT))
+
+
+def _checks(found: SearchResult, trials: Trials, use: np.ndarray, failed: dict[str, str]) -> RigChecks:
+    """Numerical checks, and what the settings and n are worth."""
+    return RigChecks(
+        solver=found.solver_error(),
+        gate=tuple(found.holdout_gains),
+        converged=found.extended.converged,
+        threshold=found.threshold,
+        trials=len(trials),
+        left_out=trials.left_out,
+        conditions={name: len(np.unique(trials.condition[use == u])) for u, name in _USES.items()},
+        ground_by_blocks=_attempt("n by slip angle", lambda: ground_by_blocks(found.extended), (), failed),
+        setting_errors=(float(trials.load_error.max()), float(trials.slip_error.max())),
+    )
+
+
+def _attempt(part: str, work: Callable[[], _Result], otherwise: _Result, failed: dict[str, str]) -> _Result:
+    """What ``work`` returns; where it breaks down ``otherwise``, with the reason noted in ``failed``."""
+    try:
+        return work()
+    except (OffroadError, ArithmeticError, np.linalg.LinAlgError) as error:
+        failed[part] = f"{type(error).__name__}: {error}"
+        return otherwise
+
+
+def _search(
+    nominal: FitResult,
+    library: Sequence[str],
+    apart: RigModel | None,
+    progress: Callable[[str], None],
+    failed: dict[str, str],
+) -> SearchResult:
+    """The search for effects; where it breaks down, the scores alone."""
+    found = _attempt(
+        "search", lambda: search_rig(nominal, library, SCREEN_RATE, apart, progress), None, failed
+    )
+    return scored_only(nominal, library, SCREEN_RATE) if found is None else found
+
+
+def _other_laws(
+    found: SearchResult,
+    library: Sequence[str],
+    apart: RigModel | None,
+    progress: Callable[[str], None],
+) -> tuple[SearchResult, StructuralCause | None]:
+    """Other laws of the wheel, where the model is inadequate and a single effect does not mend it."""
+    alarm = float(np.abs(found.first.z).max(initial=0.0)) > found.threshold
+    rest = any(one.p_value < REST_RATE for one in lack_of_fit(found.extended))
+    if not rest and (len(found.causes) == 1 or not alarm):
+        return found, None
+    return search_structures(found, library, SCREEN_RATE, apart, progress)
 
 
 def _limits(found: SearchResult) -> dict[str, float]:
@@ -145,7 +205,7 @@ def lack_of_fit(fit: FitResult) -> tuple[RigRest, ...]:
                 force=mean,
                 deviation=np.sqrt(scatter / count),
                 shapes=shapes_of(settings, mean, count),
-                unit=_UNITS.get(channel.name, "N"),
+                unit=UNITS.get(channel.name, "N"),
             )
         )
     return tuple(found)
@@ -168,12 +228,16 @@ def _shape_p_value(settings: dict[str, np.ndarray], mean: np.ndarray, weight: np
     table = np.stack(list(settings.values()), axis=1)
     table = table[:, np.ptp(table, axis=0) > 1e-6]
     table = (table - table.mean(axis=0)) / table.std(axis=0)
-    products = [table[:, i] * table[:, j] for i in range(table.shape[1]) for j in range(i + 1)]
     root = np.sqrt(weight)
-    basis = root[:, None] * np.column_stack([np.ones(len(mean)), table, *products])
-    solution, _, rank, _ = np.linalg.lstsq(basis, root * mean, rcond=1e-6)
-    spare = len(mean) - rank
-    if spare < 4:
+    products = [table[:, i] * table[:, j] for i in range(table.shape[1]) for j in range(i + 1)]
+    # Few conditions do not determine all products.
+    for more in (products, table.T**2, ()):
+        basis = root[:, None] * np.column_stack([np.ones(len(mean)), table, *more])
+        solution, _, rank, _ = np.linalg.lstsq(basis, root * mean, rcond=1e-6)
+        spare = len(mean) - rank
+        if spare >= _SPARE:
+            break
+    else:
         return 1.0
     follows, keeps = np.sum((basis @ solution) ** 2), np.sum((root * mean - basis @ solution) ** 2)
     return float(fisher.sf(follows / rank * spare / max(keeps, 1e-300), rank, spare))
@@ -181,7 +245,7 @@ def _shape_p_value(settings: dict[str, np.ndarray], mean: np.ndarray, weight: np
 
 def _on_test_data(result: RigDiagnosis, found: SearchResult, run: RigModel | None) -> RigDiagnosis:
     """The result with both models on the test conditions: used once, after everything is decided."""
-    if not found.causes or run is None:
+    if result.model is found.nominal or run is None:
         return result
     try:
         nominal, extended = held_out_trials(found.nominal, run), held_out_trials(found.extended, run)

@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.stats import t as student
 
 from estimators.discrepancy.checks.unmodelled_forces import JointSizes, UnmodelledForce
 from estimators.discrepancy.evidence import Evidence
 from estimators.discrepancy.model.fit_result import FitResult
+from estimators.discrepancy.rig.families import families_of
+from estimators.discrepancy.rig.jackknife import jackknife_deviation
 from estimators.discrepancy.rig_diagnosis import RigRest
 from estimators.discrepancy.search.result import Alternative, Cause
+from estimators.discrepancy.search.stepwise import p_value_of_score
 from estimators.discrepancy.summary import (
     CauseMember,
     CauseSummary,
@@ -22,6 +26,7 @@ from estimators.discrepancy.summary import (
     RunSummary,
     Score,
     SinkageExponent,
+    StructureRow,
     UnknownInput,
     UnknownInputShape,
 )
@@ -32,9 +37,11 @@ from estimators.discrepancy.wording import (
     correlation_phrase,
     interval_text,
     limitation_sentences,
+    structure_sentence,
     verdict_sentence,
 )
 from offroad_env.effects import EFFECTS
+from offroad_env.world.structures import structure_text
 
 __all__ = ["summarise", "summarise_causes"]
 
@@ -50,7 +57,7 @@ def summarise(diagnosis: Diagnosis, evidence: Evidence | None = None) -> Diagnos
     evidence
         From `gather`; None leaves out what only the report shows.
     """
-    causes = summarise_causes(diagnosis)
+    causes = (*_structural_causes(diagnosis), *summarise_causes(diagnosis))
     unexplained = tuple(_unknown_input(rest) for rest in diagnosis.unexplained)
     verdict = diagnosis.verdict
     advised = advice_sentence(verdict, causes, unexplained)
@@ -81,9 +88,15 @@ def summarise(diagnosis: Diagnosis, evidence: Evidence | None = None) -> Diagnos
         scores=_scores(diagnosis),
         isolability=isolability,
         extension=_extension(diagnosis),
+        failed=diagnosis.failed,
+        structures=_structures(diagnosis),
+        structure=_structure_name(diagnosis),
+        families=tuple(families_of(cause.effects) for cause in causes)
+        if isinstance(diagnosis, RigDiagnosis)
+        else (),
         limitations=limitation_sentences(diagnosis),
         evidence=evidence,
-        structure=diagnosis.structure if isinstance(diagnosis, VehicleDiagnosis) else None,
+        comparison=diagnosis.structure if isinstance(diagnosis, VehicleDiagnosis) else None,
         stand_ins=diagnosis.stand_ins if isinstance(diagnosis, VehicleDiagnosis) else (),
     )
 
@@ -94,6 +107,70 @@ def summarise(diagnosis: Diagnosis, evidence: Evidence | None = None) -> Diagnos
 def summarise_causes(diagnosis: Diagnosis) -> tuple[CauseSummary, ...]:
     """The causes with their members, sizes and intervals."""
     return tuple(_cause(diagnosis, k) for k in range(len(diagnosis.causes)))
+
+
+def _structural_causes(diagnosis: Diagnosis) -> tuple[CauseSummary, ...]:
+    """Laws of the wheel that are not those of the log, one cause each."""
+    if not isinstance(diagnosis, RigDiagnosis) or diagnosis.structure is None or diagnosis.search is None:
+        return ()
+    found, first = diagnosis.structure, diagnosis.search.first
+    lacks = {row.laws: 0.5 * row.lacks for row in found.trials}
+    causes = []
+    for law in found.laws:
+        members = [_structural_member((law,), 0.0)]
+        # Structures that do as well without this law have others in its place.
+        for laws in found.alternatives:
+            if law not in laws:
+                instead = tuple(other for other in laws if other not in found.laws)
+                members.append(_structural_member(instead, lacks.get(laws, 0.0)))
+        causes.append(
+            CauseSummary(
+                members=tuple(members),
+                parameters=(),
+                p_value=p_value_of_score(first, math.sqrt(found.likelihood_ratio)),
+                delta_loglik=0.5 * found.likelihood_ratio,
+                named=diagnosis.explained,
+                joint=None,
+                structural=True,
+            )
+        )
+    return tuple(causes)
+
+
+def _structural_member(laws: tuple[str, ...], lacks: float) -> CauseMember:
+    sentence = structure_sentence(laws)
+    return CauseMember(
+        effect=" + ".join(laws) or "own_structure",
+        size=1.0,
+        deviation=0.0,
+        low=1.0,
+        high=1.0,
+        lacks_loglik=lacks,
+        sentence=sentence,
+        phrase=sentence,
+    )
+
+
+def _structures(diagnosis: Diagnosis) -> tuple[StructureRow, ...]:
+    if not isinstance(diagnosis, RigDiagnosis) or diagnosis.structure is None:
+        return ()
+    return tuple(
+        StructureRow(
+            laws=row.laws,
+            structure=row.text,
+            effects=row.effects,
+            n=row.ground,
+            lacks_loglik=0.5 * row.lacks,
+            holdout_gain=row.holdout_gain,
+        )
+        for row in diagnosis.structure.trials
+    )
+
+
+def _structure_name(diagnosis: Diagnosis) -> str | None:
+    if not isinstance(diagnosis, RigDiagnosis) or diagnosis.structure is None:
+        return None
+    return structure_text(diagnosis.structure.structure)
 
 
 def _cause(diagnosis: Diagnosis, k: int) -> CauseSummary:
@@ -251,7 +328,21 @@ def _sinkage_exponent(diagnosis: Diagnosis) -> SinkageExponent | None:
         before=before,
         after=after,
         single=best if agreed and not diagnosis.incomplete else None,
+        wide=_wide(diagnosis),
     )
+
+
+def _wide(diagnosis: Diagnosis) -> Estimate | None:
+    """n of the fitted model with the interval by the slip angles that are left out."""
+    if not isinstance(diagnosis, RigDiagnosis) or diagnosis.checks is None or diagnosis.model is None:
+        return None
+    values = diagnosis.checks.ground_by_blocks
+    deviation = jackknife_deviation(values)
+    if not math.isfinite(deviation):
+        return None
+    model, reach = diagnosis.model, student.ppf(0.975, len(values) - 1) * deviation
+    value = float(model.runs[0].setup.plant.soil.n + model.nuisances[0])
+    return Estimate(value=value, deviation=deviation, low=float(value - reach), high=float(value + reach))
 
 
 def _noise_memory(model: FitResult | None) -> dict[str, int] | None:

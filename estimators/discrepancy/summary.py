@@ -27,6 +27,7 @@ __all__ = [
     "RunSummary",
     "Score",
     "SinkageExponent",
+    "StructureRow",
     "UnknownInput",
     "UnknownInputShape",
 ]
@@ -97,6 +98,7 @@ class CauseSummary:
     delta_loglik: float  #: gain of the log-likelihood
     named: bool  #: whether the verdict names it
     joint: JointEstimate | None  #: where unknown inputs are present
+    structural: bool = False  #: whether the members are laws of the wheel, which have no sizes
 
     @property
     def best(self) -> CauseMember:
@@ -112,6 +114,7 @@ class CauseSummary:
         """As JSON takes it."""
         return {
             "set": self.effects,
+            "structural": self.structural,
             "parameters": {
                 one.name: {"value": one.value, "low": one.low, "high": one.high, "unit": one.unit}
                 for one in self.parameters
@@ -131,6 +134,22 @@ class CauseSummary:
                 for member in self.members
             ],
         }
+
+
+@dataclass(frozen=True, kw_only=True)
+class StructureRow:
+    """A structure of the wheel that was compared."""
+
+    laws: tuple[str, ...]  #: structural causes that it stands for; empty for the log's own
+    structure: str  #: as `offroad_env.world.structures.read_structure` takes it
+    effects: tuple[str, ...]  #: of its best model
+    n: float
+    lacks_loglik: float  #: penalised log-likelihood less than that of the best
+    holdout_gain: float | None  #: gain over the log's own in the log-likelihood of the hold-out conditions
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON takes it."""
+        return asdict(self) | {"laws": list(self.laws), "effects": list(self.effects)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,6 +190,7 @@ class SinkageExponent:
     before: Estimate  #: with the nominal model
     after: Mapping[str, Estimate]  #: with each member of each cause
     single: Estimate | None  #: the value to quote; None where members disagree or a discrepancy remains
+    wide: Estimate | None = None  #: of trials: with the interval by the slip angles that are left out
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON takes it."""
@@ -179,6 +199,7 @@ class SinkageExponent:
             "before": asdict(self.before),
             "after": {name: asdict(entry) for name, entry in self.after.items()},
             "single": None if self.single is None else asdict(self.single),
+            "wide": None if self.wide is None else asdict(self.wide),
         }
 
 
@@ -232,23 +253,29 @@ class DiagnosisSummary:
     scores: tuple[Score, ...]  #: strongest first, then the effects that these data cannot test
     isolability: tuple[tuple[str, ...], np.ndarray]  #: effects, and cosines of their whitened traces (E, E)
     extension: tuple[tuple[str, dict[str, float]], ...]  #: causes as `offroad_env.effects.apply` takes them
+    structures: tuple[StructureRow, ...]  #: compared with each other, best first
+    structure: str | None  #: of the extended model, where it is not the log's
+    families: tuple[tuple[str, ...], ...]  #: families of the members of every cause; empty where unknown
+    failed: Mapping[str, str]  #: part of the diagnosis that could not be computed -> why
     limitations: tuple[str, ...]  #: effects that are not judged, and what was fitted in their place
     evidence: Evidence | None  #: None where none was asked for
-    structure: StructureComparison | None = None  #: where the nominal structure was inadequate
+    comparison: StructureComparison | None = None  #: of structures, where effects leave a discrepancy
     stand_ins: tuple[str, ...] = ()  #: effects that are not judged, because the structure is wrong
 
     @property
     def extended_model(self) -> Extension | None:
         """The model with the causes for the environment; None where there is none."""
-        if self.structure is not None and self.structure.found:
-            case = self.structure.best.case
+        if self.comparison is not None and self.comparison.found:
+            case = self.comparison.best.case
             return Extension(
                 model=self.model,
                 effects=(),
                 structure=case.structure,
                 vehicle_model=case.vehicle_model,
             )
-        return Extension(model=self.model, effects=self.extension) if self.extension else None
+        if not self.extension and self.structure is None:
+            return None
+        return Extension(model=self.model, effects=self.extension, structure=self.structure)
 
     @property
     def effects(self) -> list[list[str]]:
@@ -266,10 +293,14 @@ class DiagnosisSummary:
             "verdict": self.verdict.value,
             "sentence": self.sentence,
             "causes": [cause.to_dict() for cause in self.causes],
+            "families": [list(family) for family in self.families],
+            "structure": self.structure,
+            "failed": dict(self.failed),
+            "structures": [row.to_dict() for row in self.structures],
             "unexplained": [self._unexplained_dict(one) for one in self.unexplained] or None,
             "not_testable": {name: _finite(limit) for name, limit in self.not_testable.items()},
             "missing_channels": dict(self.missing_channels),
-            "structure": None if self.structure is None else self.structure.to_dict(),
+            "structure_comparison": None if self.comparison is None else self.comparison.to_dict(),
             "stand_ins": list(self.stand_ins),
             "not_judged": dict(self.not_judged),
             "limits": {name: _finite(limit) for name, limit in self.limits.items()},

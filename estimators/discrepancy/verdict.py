@@ -14,6 +14,7 @@ from estimators.discrepancy.checks.holdout_gain import ChannelGain, Held
 from estimators.discrepancy.checks.unmodelled_forces import JointSizes, UnmodelledForce
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.physical_ranges import is_physical
+from estimators.discrepancy.rig.structure_search import StructuralCause
 from estimators.discrepancy.search.result import Cause, SearchResult
 from estimators.discrepancy.structure_comparison import StructureComparison
 from estimators.logs.channel_checks import OUTSIDE
@@ -111,12 +112,18 @@ class RigChecks(FitChecks):
     trials: int
     left_out: int  #: trials that could not be used
     conditions: Mapping[str, int]  #: by use: "search", "gate" (hold-out test), "report" (test data)
+    #: Fitted change of n without each slip angle in turn [-].
+    ground_by_blocks: tuple[float, ...] = ()
+    #: Standard deviations of the mean load [N] and slip [-] of a condition, the largest.
+    setting_errors: tuple[float, float] = (0.0, 0.0)
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON takes it."""
         return super().to_dict() | {
             "trials": {"used": self.trials, "left_out": self.left_out},
             "conditions": dict(self.conditions),
+            "n_without_each_angle": list(self.ground_by_blocks),
+            "setting_errors": {"load": self.setting_errors[0], "slip": self.setting_errors[1]},
         }
 
 
@@ -130,6 +137,7 @@ class Diagnosis(ABC):
     search: SearchResult | None = None
     causes: tuple[Cause, ...] = ()
     unknown_inputs: tuple[UnmodelledForce, ...] = ()  #: by equation, beyond the causes
+    failed: Mapping[str, str] = field(default_factory=dict)  #: part that could not be computed -> why
     joint: JointSizes | None = None  #: the causes with unknown inputs fitted jointly, where such are present
     limits: Mapping[str, float] = field(default_factory=dict)  #: smallest detectable size by effect
     not_testable: Mapping[str, float] = field(default_factory=dict)  #: limits beyond all plausible sizes
@@ -283,7 +291,27 @@ class RigDiagnosis(Diagnosis):
     """Result of a diagnosis of rig trials; unknown inputs are what the means of the conditions leave."""
 
     checks: RigChecks | None = None
+    structure: StructuralCause | None = None  #: laws of the wheel that are not those of the log
     nominal_excess: float = 0.0  #: excess of the nominal model, as `UnmodelledForce.excess`
+
+    @property
+    def model(self) -> FitResult | None:
+        """The fit with the causes, laws of the wheel among them, or the nominal one without any."""
+        if self.search is None:
+            return None
+        return self.search.extended if self.causes or self.structure else self.search.nominal
+
+    @property
+    def explained(self) -> bool:
+        """Whether the causes remove most of what the nominal model leaves."""
+        excess = sum(rest.excess for rest in self.unknown_inputs)
+        found = bool(self.causes) or self.structure is not None
+        return not self.unexplained or bool(found and excess <= _REMAINING * self.nominal_excess)
+
+    @property
+    def identifiable(self) -> tuple[bool, ...]:
+        """No cause is named beside a discrepancy that the causes do not explain."""
+        return (self.explained,) * len(self.causes)
 
     @property
     def verdict(self) -> Verdict:
@@ -293,9 +321,11 @@ class RigDiagnosis(Diagnosis):
         if self.inaccurate:
             return Verdict.NUMERICS
         if self.unexplained:
-            excess = sum(rest.excess for rest in self.unknown_inputs)
-            explains = bool(self.causes) and excess <= _REMAINING * self.nominal_excess
-            return Verdict.NAMED_WITH_REST if explains else Verdict.UNEXPLAINED
-        if self.causes:
-            return Verdict.ONE_OF if self._with_alternatives() else Verdict.NAMED
+            return Verdict.NAMED_WITH_REST if self.explained else Verdict.UNEXPLAINED
+        if self.search.refused and self.structure is None:
+            # Significant scores, and no effect of a physical size that would hold on other conditions.
+            return Verdict.UNEXPLAINED
+        if self.causes or self.structure is not None:
+            several = self.structure is not None and self.structure.ambiguous
+            return Verdict.ONE_OF if several or self._with_alternatives() else Verdict.NAMED
         return self._without_causes(len(self.limits))

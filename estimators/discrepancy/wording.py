@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from estimators.discrepancy.checks.forecast import Prediction
 from estimators.discrepancy.structure_comparison import StructureComparison
 from estimators.discrepancy.summary import CauseSummary, DiagnosisSummary, UnknownInput, UnknownInputShape
-from estimators.discrepancy.verdict import Diagnosis, VehicleDiagnosis, Verdict
+from estimators.discrepancy.verdict import Diagnosis, RigDiagnosis, VehicleDiagnosis, Verdict
 from offroad_env.effects import EFFECTS
 from offroad_env.effects.protocol import Effect
 
@@ -18,6 +18,7 @@ __all__ = [
     "interval_text",
     "limitation_sentences",
     "structure_lines",
+    "structure_sentence",
     "terminal_lines",
     "verdict_sentence",
 ]
@@ -27,6 +28,14 @@ _CHANGES = {
     "time": "drive the same line again, later",
     "position x": "drive the same ground the other way and at another speed",
     "position y": "drive the same ground the other way and at another speed",
+}
+#: Structural cause -> what the wheel does that the log's model does not.
+_STRUCTURES = {
+    "pressure_distribution": "the pressure follows the own sinkage of every rim point, not Wong-Reece angles",
+    "pressure_direction": "the pressure acts along the undeformed ground's normal, not the rim's",
+    "soil_frame_shear": "shear displacement follows a point's path in the soil, not in the wheel's frame",
+    "shear_strengths": "the shear stresses along and across the wheel have a strength each",
+    "effective_width": "the soil bears over the width of the contact's hull, not of the rim",
 }
 #: Correlation from which an unknown input is said to depend on a quantity.
 _CORRELATED = 0.5
@@ -84,7 +93,7 @@ def _structure_sentence(found: StructureComparison) -> str:
 
 def structure_lines(summary: DiagnosisSummary) -> list[str]:
     """The other structure in lines: its causes, its n, what it gains and what is as good."""
-    found = summary.structure
+    found = summary.comparison
     if found is None or not found.found:
         return []
     lines = [
@@ -125,6 +134,11 @@ def _sentence_without_causes(verdict: Verdict, diagnosis: Diagnosis) -> str:
     return f"No error of the model is detected; {testable} effects were testable."
 
 
+def structure_sentence(laws: Sequence[str]) -> str:
+    """What the wheel does under these structural causes."""
+    return ", and ".join(_STRUCTURES[law] for law in laws) or "the laws of the log's own model"
+
+
 def _cause_phrase(cause: CauseSummary) -> str:
     """A cause that the verdict names; its size with unknown inputs fitted jointly, where they are present."""
     first, *others = (member.phrase for member in cause.members)
@@ -139,6 +153,8 @@ def _discrepancy_phrase(
 ) -> str:
     """What the causes leave, and the causes that are confounded with it or with each other."""
     phrase = "effects that improve the fit in one part of the runs make it worse in another"
+    if isinstance(diagnosis, RigDiagnosis):
+        phrase = "no effect of a physical size explains it on the conditions of the hold-out test, too"
     if unexplained:
         phrase = _largest(unexplained).phrase
     impossible = [
@@ -146,7 +162,7 @@ def _discrepancy_phrase(
     ]
     if impossible:
         phrase += f"; {', '.join(impossible)} would explain it with a size that physics does not allow"
-    names = [" or ".join(cause.effects) for cause in causes]
+    names = [" or ".join(cause.effects) for cause in causes if not cause.structural]
     confounded = diagnosis.confounded
     mutually = [name for name, one in zip(names, confounded, strict=True) if one]
     with_inputs = [
@@ -192,7 +208,7 @@ def advice_sentence(
     for cause in causes:
         if len(cause.members) > 1:
             names = " from ".join(cause.effects[:2])
-            advice = (EFFECTS[effect].separated_by for effect in cause.effects)
+            advice = (EFFECTS[name].separated_by for name in cause.effects if name in EFFECTS)
             return f"to distinguish {names}: {next((text for text in advice if text), 'another manoeuvre')}"
     if verdict is Verdict.NOT_TESTABLE:
         return "drive with steering, acceleration and braking, and log position or speed over ground"
@@ -233,6 +249,7 @@ def terminal_lines(summary: DiagnosisSummary) -> list[str]:
         lines.append(f"not testable with these data: {', '.join(summary.not_testable)}")
     if summary.missing_channels:
         lines.append(f"no channel for: {', '.join(summary.missing_channels)}")
+    lines += [f"missing: {part}: {why}" for part, why in summary.failed.items()]
     lines += summary.limitations
     advice = summary.next_experiment
     last = [] if advice is None else [f"next experiment: {advice.sentence}"]
@@ -245,6 +262,10 @@ def _exponent_lines(summary: DiagnosisSummary) -> list[str]:
         return []
     after = ", ".join(f"{entry.value:.3f} with {name}" for name, entry in n.after.items())
     lines = [f"n: {n.prior:.3f} stated, {n.before.value:.3f} with the nominal model; {after}"]
+    if (wide := n.wide) is not None:
+        lines.append(
+            f"n: {wide.value:.2f}, {wide.low:.2f} to {wide.high:.2f} (95 %) with slip angles left out in turn"
+        )
     if n.single is None:
         lines.append("n: no single value can be quoted, the explanations differ")
     return lines

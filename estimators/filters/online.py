@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.filters.protocol import Estimate, Estimator, Pose
-from estimators.filters.registry import FILTERS, ONLINE_FILTERS, OnlineSetup, filter_id
+from estimators.filters.registry import FILTERS, ONLINE_FILTERS, SOIL_FILTERS, OnlineSetup, filter_id
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import Ground, Soil, Vehicle
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig
@@ -16,7 +16,7 @@ from offroad_env.simulation.simulator import VEHICLE_MODELS, Plant, make_plant, 
 __all__ = ["KINDS", "OnBoard", "Thinned", "make_estimator"]
 
 #: Ids of the online filters.
-KINDS = ONLINE_FILTERS
+KINDS = (*ONLINE_FILTERS, *SOIL_FILTERS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,7 @@ class OnBoard:
         has no setting for it.
     """
 
-    kind: str = "online_joint_ukf"  #: one of `KINDS`, or a short name: "parameter", "joint", "bank"
+    kind: str = "online_joint_ukf"  #: one of `KINDS`, or a short name: "parameter", "joint", "bank", "belief"
     rate: float = 100.0  #: updates a second [Hz]; must divide the rate of the inertial unit
     vehicle: Vehicle | None = None  #: vehicle of the filter's model
     soil: Soil | None = None  #: its soil, all but n
@@ -59,6 +59,7 @@ class OnBoard:
             model=plant_model(plant),
             vehicle_model=self.vehicle_model or half_car,
             slip=plant.slip,
+            structure=plant.structure,
         )
 
 

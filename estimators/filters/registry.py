@@ -18,12 +18,23 @@ from typing import NamedTuple
 
 from estimators.filters.online_joint_ukf import OnlineJointSettings, OnlineJointUKF
 from estimators.filters.online_parameter_ukf import CHANGING_SOIL, OnlineParameterUKF
+from estimators.filters.online_soil_belief import OnlineSoilBelief
 from estimators.filters.protocol import Estimator
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.axle import Plant
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig
+from offroad_env.world.yaml_text import shown
 
-__all__ = ["FILTERS", "MAP_FILTERS", "ONLINE_FILTERS", "SENSORS", "FilterEntry", "OnlineSetup", "filter_id"]
+__all__ = [
+    "FILTERS",
+    "MAP_FILTERS",
+    "ONLINE_FILTERS",
+    "SENSORS",
+    "SOIL_FILTERS",
+    "FilterEntry",
+    "OnlineSetup",
+    "filter_id",
+]
 
 #: Sensors -> columns of `estimators.filters.joint_ukf.CHANNELS` that they measure.
 SENSORS: dict[str, tuple[int, ...]] = {
@@ -62,6 +73,10 @@ def _joint_bank(setup: OnlineSetup) -> Estimator:
     )
 
 
+def _soil_belief(setup: OnlineSetup) -> Estimator:
+    return OnlineSoilBelief(setup.belief, setup.n_range, dt=setup.dt, imu=setup.imu, gnss=setup.gnss)
+
+
 @dataclass(frozen=True, kw_only=True)
 class FilterEntry:
     """One filter."""
@@ -73,6 +88,7 @@ class FilterEntry:
     more_sensors: bool  #: it uses the others where they are measured
     module: str  #: that it lives in
     aliases: tuple[str, ...]  #: short names
+    whole_soil: bool = False  #: every number of the soil is unknown to it, not n alone
     exact_model: bool = True  #: it takes its model for exact: its interval holds given that model
     make: Callable[[OnlineSetup], Estimator] | None = None  #: of an online filter, sample by sample
 
@@ -148,10 +164,25 @@ _ENTRIES = (
     ),
     _while_driving("online_joint_ukf", "online joint UKF", "online_joint_ukf", _joint_filter, "joint"),
     _while_driving("online_ukf_bank", "online bank of joint UKFs", "online_joint_ukf", _joint_bank, "bank"),
+    FilterEntry(
+        id="online_soil_belief",
+        title="online belief over whole soils",
+        model="half-car or bicycle of the full model, on level ground; soil, mass and sensors unknown",
+        sensors="imu+wheels+gnss",
+        more_sensors=False,
+        module="estimators.filters.online_soil_belief",
+        aliases=("belief",),
+        whole_soil=True,
+        exact_model=False,
+        make=_soil_belief,
+    ),
 )
 FILTERS: dict[str, FilterEntry] = {entry.id: entry for entry in _ENTRIES}
-#: Ids of the filters that run sample by sample while the vehicle drives.
-ONLINE_FILTERS = tuple(entry.id for entry in FILTERS.values() if entry.make is not None)
+#: Ids of the filters that run sample by sample while the vehicle drives: for n, and for the whole soil.
+ONLINE_FILTERS = tuple(
+    entry.id for entry in FILTERS.values() if entry.make is not None and not entry.whole_soil
+)
+SOIL_FILTERS = tuple(entry.id for entry in FILTERS.values() if entry.whole_soil)
 #: Ids of the filters that estimate the whole state of the paper's half-car over a known ground.
 MAP_FILTERS = tuple(entry.id for entry in FILTERS.values() if entry.model == _ON_MAP)
 
@@ -177,6 +208,8 @@ def filter_id(
     InvalidParameter
         For a name that stands for none of them.
     """
+    if not isinstance(name, str):
+        raise InvalidParameter(f"{label} must be the name of a filter, got {shown(name)}")
     ids = tuple(among)
     if name in ids or name in besides:
         return name
@@ -185,5 +218,5 @@ def filter_id(
             return known
     short = ", ".join(dict.fromkeys(alias for known in ids for alias in FILTERS[known].aliases))
     raise InvalidParameter(
-        f"{label} must be one of {', '.join((*ids, *besides))} (short names: {short}), got {name!r}"
+        f"{label} must be one of {', '.join((*ids, *besides))} (short names: {short}), got {shown(name)}"
     )

@@ -20,17 +20,28 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 
 from estimators.logs.file_keys import TimeKeys
 from estimators.logs.schema import REFERENCE, VEHICLE_INPUTS, nearest
-from estimators.logs.tables import Table, read_bytes
+from estimators.logs.tables import MOST_LOG, Table
 from estimators.logs.yaml_sections import Section
 from offroad_env.errors import DataError
+from offroad_env.world.files import open_file
+from offroad_env.world.yaml_text import shown
 
-__all__ = ["BAG_EXTRA", "Topics", "is_bag", "is_ros2_bag", "parse_topics", "read_bag", "topics_of"]
+__all__ = [
+    "BAG_EXTRA",
+    "Topics",
+    "add_file",
+    "is_bag",
+    "is_ros2_bag",
+    "parse_topics",
+    "read_bag",
+    "topics_of",
+]
 
 BAG_EXTRA = 'reading ROS bags needs rosbags: pip install "offroad-bekker[data]"'
 
@@ -118,7 +129,7 @@ def parse_topics(top: Section) -> Topics:
 def _sources(section: Section, key: str, value: Any) -> Iterable[_Source]:
     if key in _SENSORS:
         if not isinstance(value, str) or not value.startswith("/"):
-            raise section.error(f"topics.{key} must be a topic such as /{key}, got {value!r}", key)
+            raise section.error(f"topics.{key} must be a topic such as /{key}, got {shown(value)}", key)
         return [_Source(column=c, topic=value, field=f, factor=k) for c, f, k in _SENSORS[key]]
     if key == "t" or (key not in VEHICLE_INPUTS and not key.startswith(REFERENCE)):
         near = nearest(key, (*VEHICLE_INPUTS, *_SENSORS))
@@ -133,7 +144,8 @@ def _sources(section: Section, key: str, value: Any) -> Iterable[_Source]:
         if texts and isinstance(factor, (int, float)) and math.isfinite(factor) and factor != 0.0:
             return [_Source(column=key, topic=topic, field=field, factor=float(factor))]
     raise section.error(
-        f"topics.{key} must be '/topic field' or {{topic: /topic, field: name, factor: 1.0}}, got {value!r}",
+        f"topics.{key} must be '/topic field' or {{topic: /topic, field: name, factor: 1.0}}, "
+        f"got {shown(value)}",
         key,
     )
 
@@ -150,8 +162,9 @@ def read_bag(path: Path, topics: Topics, time: TimeKeys) -> tuple[Table, Digest]
         number, or the stamps of a topic do not increase.
     """
     digest = hashlib.sha256()
-    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
-        digest.update(read_bytes(file))
+    for name in sorted(path.iterdir()) if path.is_dir() else [path]:
+        with open_file(name, most=MOST_LOG) as file:
+            add_file(digest, file)
     stamps = {
         topic: _in_order(path, topic, messages, time) for topic, messages in _messages(path, topics).items()
     }
@@ -163,6 +176,13 @@ def read_bag(path: Path, topics: Topics, time: TimeKeys) -> tuple[Table, Digest]
         column[np.searchsorted(times, np.array(own, dtype=np.int64))] = values[source.column]
         columns[source.column] = column
     return Table(file=str(path), columns=columns, rows=np.arange(1, len(times) + 1)), digest
+
+
+def add_file(digest: Digest, file: BinaryIO) -> Digest:
+    """Add the rest of a file to a hash, piece by piece."""
+    while piece := file.read(1_000_000):
+        digest.update(piece)
+    return digest
 
 
 def topics_of(path: Path) -> dict[str, str]:

@@ -113,4 +113,5 @@ class LogConfig:
     unknown: tuple[str, ...] = ()  #: of `UNKNOWN`: what nobody has measured; a diagnosis does not judge it
     units: tuple[tuple[str, str], ...] = ()  #: (column, unit) that the file was read with
     start_from_data: bool = False  #: whether the start is read off the first samples
+    silences: tuple[tuple[float, float], ...] = ()  #: (where, true length [s]) of those that count for less
     notes: tuple[str, ...] = ()  #: what was taken in place of something else when the file was read

@@ -6,9 +6,11 @@ import csv
 import io
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import BinaryIO
 
 import numpy as np
 
@@ -26,6 +28,10 @@ _MAGIC = (
 )
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 _MARKS = ("na", "n/a", "null", "none", "-", "--", "missing")
+#: Bytes that could not be decoded.
+_NO_TEXT = re.compile("[\udc80-\udcff]")
+#: Rows that are turned into numbers at a time, and the longest line of a table [characters].
+_PIECE, _LONGEST_LINE = 10_000, 1_000_000
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:\.\d*)?)")
 
 
@@ -55,11 +61,7 @@ def text_of(content: bytes, file: str, encoding: str = "utf-8") -> str:
     DataError
         One sentence about what they are instead.
     """
-    for magic, sentence in _MAGIC:
-        if content.startswith(magic):
-            raise DataError(f"{file}: {sentence}")
-    if content.startswith(_UTF_16) and not encoding.lower().startswith("utf-16"):
-        raise DataError(f"{file}: is UTF-16 text: save it as UTF-8, or add csv.encoding: utf-16 to the YAML")
+    _refuse_magic(content[:8], file, encoding)
     if not content.strip(b"\xef\xbb\xbf \t\r\n"):
         raise DataError(f"{file}: is empty")
     wide = encoding.lower().startswith("utf-16")
@@ -71,14 +73,22 @@ def text_of(content: bytes, file: str, encoding: str = "utf-8") -> str:
         return content.decode("utf-8-sig" if encoding == "utf-8" else encoding)
     except UnicodeDecodeError as error:
         row = content.count(b"\n", 0, error.start) + 1
-        raise DataError(
-            f"{file}, row {row}: byte 0x{content[error.start]:02x} is not {encoding.upper()} text: a binary "
-            "file, or saved in another encoding (csv.encoding: latin-1 in the YAML?)"
-        ) from None
+        raise _wrong_byte(content[error.start], row, file, encoding) from None
+    except UnicodeError as error:
+        raise DataError(f"{file}: is not {encoding.upper()} text: {str(error)[:80]}") from None
+
+
+def _refuse_magic(start: bytes, file: str, encoding: str) -> None:
+    """Refuse files of another kind by their first bytes."""
+    for magic, sentence in _MAGIC:
+        if start.startswith(magic):
+            raise DataError(f"{file}: {sentence}")
+    if start.startswith(_UTF_16) and not encoding.lower().startswith("utf-16"):
+        raise DataError(f"{file}: is UTF-16 text: save it as UTF-8, or add csv.encoding: utf-16 to the YAML")
 
 
 def parse_csv(
-    content: bytes,
+    content: bytes | BinaryIO,
     file: str,
     form: CsvFormat = PLAIN,
     *,
@@ -86,6 +96,8 @@ def parse_csv(
     time: str | None = None,
 ) -> Table:
     """Columns of a CSV file; an empty cell or nan is NaN.
+
+    An open file is read piece by piece: what stays is eight bytes a number.
 
     Parameters
     ----------
@@ -101,51 +113,104 @@ def parse_csv(
     DataError
         One sentence with file, column, row.
     """
-    names, rows = _rows(text_of(content, file, form.encoding), file, form)
-    cells: list[Sequence[str]] = []
-    numbers: list[int] = []
-    for number, row in rows:
-        if len(row) != len(names):
-            if form.incomplete == "drop":
-                continue
-            _refuse_width(row, names, number, file)
-        cells.append(row)
-        numbers.append(number)
-    if not cells:
+    stream = io.BytesIO(content) if isinstance(content, bytes) else content
+    names: list[str] = []
+    pieces: list[Table] = []
+    for names, numbers, cells in _pieces(_lines(stream, file, form), file, form):
+        kept = [i for i, row in enumerate(cells) if len(row) == len(names)]
+        if len(kept) < len(cells) and form.incomplete != "drop":
+            wrong = next(i for i, row in enumerate(cells) if len(row) != len(names))
+            _refuse_width(cells[wrong], names, numbers[wrong], file)
+        piece = Table(file=file, columns={}, rows=np.array([numbers[i] for i in kept], dtype=np.int64))
+        for name, column in zip(names, zip(*(cells[i] for i in kept), strict=True), strict=False):
+            if unread is None or not unread(name):
+                piece.columns[name] = numbers_of(piece, name, column, form, dates=name == time)
+        if kept:
+            pieces.append(piece)
+    if not names:
+        raise DataError(f"{file}: is empty")
+    if not pieces:
         raise DataError(f"{file}: has a header but no row of numbers")
-    table = Table(file=file, columns={}, rows=np.array(numbers))
-    for name, column in zip(names, zip(*cells, strict=True), strict=True):
-        if unread is None or not unread(name):
-            table.columns[name] = numbers_of(table, name, column, form, dates=name == time)
+    return _joined(pieces)
+
+
+def _joined(pieces: list[Table]) -> Table:
+    """The pieces of a table one below the other; they are used up."""
+    table = Table(file=pieces[0].file, columns={}, rows=np.concatenate([piece.rows for piece in pieces]))
+    for name in list(pieces[0].columns):
+        table.columns[name] = np.concatenate([piece.columns.pop(name) for piece in pieces])
     return table
 
 
-def _rows(text: str, file: str, form: CsvFormat) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """Names of the columns, and the rows after them with the number of their line."""
-    lines = list(io.StringIO(text, newline=""))
-    for i, line in enumerate(lines):
-        # Emptied, not removed: the rows keep their numbers.
-        if i < form.skip or (form.comment and line.lstrip().startswith(form.comment)):
-            lines[i] = "\n"
+def _lines(stream: BinaryIO, file: str, form: CsvFormat) -> Iterator[str]:
+    """The lines of the text, read as they are asked for; those that are no rows are empty.
+
+    Emptied, not removed: the rows keep their numbers.
+    """
+    encoding = form.encoding
+    wide = encoding.lower().startswith("utf-16")
+    _refuse_magic(stream.read(8), file, encoding)
+    stream.seek(0)
+    # Bytes that are no text become signs that no text has, so that the row can be named.
+    codec = "utf-8-sig" if encoding == "utf-8" else encoding
+    text = io.TextIOWrapper(stream, encoding=codec, errors="surrogateescape", newline="")
+    try:
+        number = 0
+        while line := text.readline(_LONGEST_LINE):
+            number += 1
+            if len(line) == _LONGEST_LINE and not line.endswith(("\n", "\r")):
+                raise DataError(f"{file}, row {number}: has {_LONGEST_LINE} characters: is this a table?")
+            if "\0" in line and not wide:
+                raise DataError(
+                    f"{file}, row {number}: holds a zero byte: this is no text file (binary, or damaged)"
+                )
+            if not line.isascii() and (wrong := _NO_TEXT.search(line)):
+                raise _wrong_byte(ord(wrong[0]) & 0xFF, number, file, encoding)
+            skipped = number <= form.skip or (form.comment and line.lstrip().startswith(form.comment))
+            yield "\n" if skipped else line
+    except UnicodeError as error:
+        raise DataError(f"{file}: is not {encoding.upper()} text: {str(error)[:80]}") from None
+    finally:
+        with suppress(ValueError):  # the file is closed already where a reader gave up half way
+            text.detach()
+
+
+def _wrong_byte(byte: int, row: int, file: str, encoding: str) -> DataError:
+    return DataError(
+        f"{file}, row {row}: byte 0x{byte:02x} is not {encoding.upper()} text: a binary "
+        "file, or saved in another encoding (csv.encoding: latin-1 in the YAML?)"
+    )
+
+
+def _pieces(
+    lines: Iterator[str], file: str, form: CsvFormat
+) -> Iterator[tuple[list[str], list[int], list[list[str]]]]:
+    """Names of the columns, and some of the rows after them with the numbers of their lines."""
     reader = csv.reader(lines, strict=True, delimiter=form.separator, skipinitialspace=form.separator == " ")
     names: list[str] = []
-    rows: list[tuple[int, list[str]]] = []
+    numbers: list[int] = []
+    rows: list[list[str]] = []
     units = form.units_row
     try:
         for row in reader:
             if form.separator == " ":
                 row = [cell for cell in row if cell]
-            if not row or (form.skip and not names and not any(cell.strip() for cell in row)):
+            if not row or (not names and not any(cell.strip() for cell in row)):
                 continue
             if not names:
                 names = _header(row, file, form)
             elif units:
                 units = False
             else:
-                rows.append((reader.line_num, row))
+                rows.append(row)
+                numbers.append(reader.line_num)
+            if len(rows) == _PIECE:
+                yield names, numbers, rows
+                numbers, rows = [], []
     except csv.Error as error:
         raise DataError(f"{file}, row {reader.line_num}: not CSV: {error}") from None
-    return names, rows
+    if names:
+        yield names, numbers, rows
 
 
 def _header(row: list[str], file: str, form: CsvFormat) -> list[str]:

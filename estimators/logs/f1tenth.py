@@ -17,9 +17,10 @@ from estimators.logs.config import GnssSpec, ImuSpec, LogConfig, StartSpec, Terr
 from estimators.logs.csv_tables import parse_csv
 from estimators.logs.log import Log
 from estimators.logs.schema import unit_factor
-from estimators.logs.tables import read_bytes
+from estimators.logs.tables import MOST_LOG
 from estimators.logs.writing import content_hash
 from offroad_env.physics.records import Vehicle
+from offroad_env.world.files import read_file
 from offroad_env.world.soils import make_soil
 from offroad_env.world.vehicles import VEHICLES, make_vehicle
 
@@ -83,7 +84,7 @@ def f1tenth_log(path: str | PathLike[str], *, corrected: bool = False) -> Log:
         If the file is not one of these drives.
     """
     path = Path(path)
-    table = parse_csv(read_bytes(path), str(path))
+    table = parse_csv(read_file(path, most=MOST_LOG), str(path))
     axes = _AS_MOUNTED if corrected else _AS_PUBLISHED
     for name in (
         "t_s",

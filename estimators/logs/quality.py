@@ -146,6 +146,7 @@ def quality(log: Log) -> QualityReport:
         findings = reconciled(single, together, sound)
         named = {f.channel for f in findings if f.severity == "problem"}
         findings += [f for f in together if f.severity != "problem" or f.channel not in named]
+        findings += _silence_findings(log)
         findings += _timing_findings("t", timing(log.times), 0.5)
         findings += clock_findings(log, {f.channel for f in findings if f.kind in ("axes", "sign")})
         findings += _excitation_findings(log)
@@ -210,6 +211,27 @@ def _measure(log: Log, name: str, findings: list[Finding]) -> dict[str, Any]:
         "saturated": saturated,
         "stuck": stuck,
     }
+
+
+def _silence_findings(log: Log) -> list[Finding]:
+    """Silences so long that the clock, more likely than the log, stood still or was set."""
+    silences = log.config.silences
+    if not silences:
+        return []
+    at, length = max(silences, key=lambda silence: silence[1])
+    more = "" if len(silences) == 1 else f", the longest of {len(silences)}"
+    return [
+        Finding(
+            kind="time jump",
+            channel="t",
+            severity="warning",
+            sentence=(
+                f"the time jumps by {length:.4g} s at t = {at:.3f} s{more}: a clock that was set, or two "
+                "runs in one file? It counts as a short silence; what comes before and after is used"
+            ),
+            numbers={"jumps": float(len(silences)), "longest": length, "at": at},
+        )
+    ]
 
 
 def _timing_findings(name: str, when: ChannelTiming, allowed: float) -> list[Finding]:

@@ -17,8 +17,9 @@ from estimators.logs.csv_tables import numbers_of, parse_csv
 from estimators.logs.file_keys import FileKeys, parse_file_keys
 from estimators.logs.log import Log
 from estimators.logs.mounting import IMU_CHANNELS, at_even_rate, turned
+from estimators.logs.parquet import read_parquet
 from estimators.logs.raw import derived
-from estimators.logs.row_order import blanked, check_time, named_columns, ordered
+from estimators.logs.row_order import blanked, check_time, named_columns, ordered, shortened
 from estimators.logs.schema import (
     DRIVE,
     RAW_COLUMNS,
@@ -28,10 +29,11 @@ from estimators.logs.schema import (
     Column,
     nearest,
 )
-from estimators.logs.tables import Table, read_bytes, read_parquet
+from estimators.logs.tables import MOST_LOG, Table
 from estimators.logs.unit_conversion import Conversion, conversion
 from estimators.logs.yaml_sections import Section
 from offroad_env.errors import DataError, InvalidParameter
+from offroad_env.world.files import MOST_TEXT, open_file, read_file
 from offroad_env.world.yaml_text import parse_yaml
 
 __all__ = [
@@ -55,6 +57,8 @@ _SENSED = ("a_x", "a_y", "yaw_rate", "gyro_x", "gyro_y", "gyro_z")
 _DRIVEN = (*DRIVE, *(name for name in RAW_COLUMNS if name.startswith(("omega", "torque"))))
 #: A stamp later than this counts from an epoch, not from the start of the log [s].
 _EPOCH = 1e7
+#: Most rows that an even rate may make of one, besides these.
+_MOST_RESAMPLED, _ALWAYS_RESAMPLED = 30, 100_000
 
 
 def read_log(path: str | PathLike[str]) -> Log:
@@ -80,7 +84,7 @@ def read_log(path: str | PathLike[str]) -> Log:
     path = Path(path)
     check_path(path)
     settings = find_description(path)
-    return read_described(path, read_bytes(settings), str(settings))
+    return read_described(path, read_file(settings, most=MOST_TEXT), str(settings))
 
 
 def read_described(path: Path, description: bytes, file: str) -> Log:
@@ -123,11 +127,12 @@ def read_table(path: Path, top: Section, keys: FileKeys) -> tuple[Table, bags.Di
     """
     if bags.is_bag(path):
         return bags.read_bag(path, bags.parse_topics(top), keys.time)
-    content = read_bytes(path)
-    digest: bags.Digest = hashlib.sha256(content)
-    if path.suffix.lower() == ".parquet":
-        return read_parquet(content, str(path), numbers_of, keys.unread), digest
-    return parse_csv(content, str(path), keys.csv, unread=keys.unread, time=keys.time_column), digest
+    with open_file(path, most=MOST_LOG) as file:
+        digest = bags.add_file(hashlib.sha256(), file)
+        file.seek(0)
+        if path.suffix.lower() == ".parquet":
+            return read_parquet(file, str(path), numbers_of, keys.unread), digest
+        return parse_csv(file, str(path), keys.csv, unread=keys.unread, time=keys.time_column), digest
 
 
 def read_logs(paths: Iterable[str | PathLike[str]]) -> list[Log]:
@@ -230,10 +235,11 @@ def assemble(table: Table, top: Section, keys: FileKeys, name: str, digest: str)
     else:
         check_time(named, t)
         channels = blanked(named, t, channels, keys.blank)
+        t, silences = shortened(t)
         channels, notes = derived(named, t, channels, config.vehicle)
-        config = replace(config, notes=notes)
+        config = replace(config, notes=notes, silences=silences)
         config = _with_drive_share(config, channels, top)
-        t, channels, references = _mounted(t, channels, references, config)
+        t, channels, references = _mounted(t, channels, references, config, named.file)
         _check_drive(named, channels, config)
         config = _started(config, channels)
     for values in (*channels.values(), *references.values(), *(() if t is None else (t,))):
@@ -266,7 +272,11 @@ def _converted(
 
 
 def _mounted(
-    t: np.ndarray, channels: dict[str, np.ndarray], references: dict[str, np.ndarray], config: LogConfig
+    t: np.ndarray,
+    channels: dict[str, np.ndarray],
+    references: dict[str, np.ndarray],
+    config: LogConfig,
+    file: str,
 ) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Time from about zero, and the IMU in the axes of the vehicle and at the rate that the YAML asks for."""
     if abs(t[0]) > _EPOCH:
@@ -277,6 +287,11 @@ def _mounted(
     if imu.orientation is not None:
         channels = turned(channels, imu.orientation)
     if imu.rate is not None and any(name in channels for name in IMU_CHANNELS):
+        rows = (t[-1] - t[0]) * imu.rate
+        if rows > _MOST_RESAMPLED * len(t) + _ALWAYS_RESAMPLED:
+            raise DataError(
+                f"{file}: imu.rate {imu.rate:g} Hz would make {rows:.3g} rows of {len(t)}: another unit of t?"
+            )
         t, both = at_even_rate(t, {**channels, **references}, imu.rate)
         channels, references = ({name: both[name] for name in part} for part in (channels, references))
     return t, channels, references

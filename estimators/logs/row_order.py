@@ -11,10 +11,13 @@ from estimators.logs.file_keys import FileKeys, Source, TimeKeys
 from estimators.logs.schema import nearest
 from estimators.logs.tables import Table
 
-__all__ = ["blanked", "check_time", "named_columns", "ordered"]
+__all__ = ["blanked", "check_time", "named_columns", "ordered", "shortened"]
 
 #: Steps between rows that a vehicle log can have [s]; outside, time is in another unit.
 _STEP_RANGE = (1e-5, 1.0)
+#: A silence is longer than so many usual steps, and than this [s]; it counts for this time at most [s], and
+#: all of them together for this share of the rest or this time [s].
+_SILENT_STEPS, _SILENT, _LONGEST_SILENCE, _SILENT_SHARE, _SILENT_ROOM = 10.0, 1.0, 30.0, 10.0, 300.0
 
 
 def named_columns(table: Table, keys: FileKeys) -> Table:
@@ -81,6 +84,8 @@ def ordered(table: Table, time: TimeKeys) -> Table:
         rows = max(pieces, key=len)
     if time.order == "sort" and not np.isnan(t[rows]).any():
         rows = rows[np.argsort(t[rows], kind="stable")]
+    if len(rows) == len(t) and (len(rows) < 2 or (np.diff(rows) == 1).all()):
+        return _merged(table) if time.repeated == "merge" and len(rows) else table
     taken = Table(
         file=table.file,
         columns={name: values[rows] for name, values in table.columns.items()},
@@ -137,6 +142,28 @@ def check_time(table: Table, t: np.ndarray) -> None:
             column="t",
             index=1,
         )
+
+
+def shortened(t: np.ndarray) -> tuple[np.ndarray, tuple[tuple[float, float], ...]]:
+    """The stamps with long silences cut short, and (where [s], true length [s]) of each.
+
+    Nothing is known of a silence, and nobody drives on for days: a clock that was set while the log ran makes
+    one of years. What is computed from a log takes time and room by the second, so silences count no more
+    than the samples between them allow; the parts before and after are used.
+    """
+    step = np.diff(t)
+    typical = float(np.median(step))
+    silent = step > max(_SILENT_STEPS * typical, _SILENT)
+    if not silent.any():
+        return t, ()
+    room = max(_SILENT_SHARE * float(step[~silent].sum()), _SILENT_ROOM)
+    longest = max(min(_LONGEST_SILENCE, room / int(silent.sum())), _SILENT_STEPS * typical)
+    cut = silent & (step > longest)
+    if not cut.any():
+        return t, ()
+    kept = t.copy()
+    kept[1:] -= np.cumsum(np.where(cut, step - longest, 0.0))
+    return kept, tuple((float(kept[i]), float(step[i])) for i in np.flatnonzero(cut))
 
 
 def blanked(

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from estimators.logs.schema import UNITS, Column, find_unit, nearest, unit_factor
 from offroad_env.errors import InvalidParameter
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["COMPASS", "Conversion", "conversion"]
 
@@ -61,7 +62,7 @@ def conversion(unit: str, column: Column) -> Conversion:
     if column.name.startswith("omega") and (rim := _factor(name, "speed")) is not None and number != 0.0:
         return Conversion(number * rim, over_radius=True)
     raise InvalidParameter(
-        f"must be a unit of {_allowed(column)}, got {unit!r}{_hint(name, column.dimension)}"
+        f"must be a unit of {_allowed(column)}, got {shown(unit)}{_hint(name, column.dimension)}"
     )
 
 

@@ -31,7 +31,7 @@ _CLEAR = 0.8  # correlation from which two signals count as the same motion
 class Finding:
     """Something in a log that a reader should know."""
 
-    kind: str  #: unit, axes, sign, frame, gap, stuck, saturation, clock, noise, excitation
+    kind: str  #: unit, axes, sign, frame, gap, time jump, stuck, saturation, clock, noise, excitation
     channel: str
     severity: str  #: "problem" (the data are wrong), "warning", "note"
     sentence: str

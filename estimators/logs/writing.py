@@ -15,8 +15,9 @@ from estimators.logs.config_writing import config_yaml
 from estimators.logs.csv_tables import csv_text
 from estimators.logs.log import Log
 from estimators.logs.mcap import mcap_bytes, mcap_topics
-from estimators.logs.tables import parquet_bytes
+from estimators.logs.parquet import parquet_bytes
 from offroad_env.errors import DataError
+from offroad_env.world.files import is_stream
 
 __all__ = ["content_hash", "write_log"]
 
@@ -70,7 +71,10 @@ def _replace_both(files: tuple[tuple[Path, bytes], ...]) -> None:
     """Write all contents beside their targets, then rename: a failure leaves the old files."""
     written: list[tuple[str, Path]] = []
     try:
-        for target, content in files:
+        for name, content in files:
+            if is_stream(name):
+                raise DataError(f"{name}: is a device or pipe; a log is two ordinary files")
+            target = Path(os.path.realpath(name))
             handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
             written.append((temporary, target))
             with os.fdopen(handle, "wb") as file:

@@ -30,8 +30,10 @@ __all__ = [
     "CHANNELS",
     "HALF_CAR_CHANNELS",
     "PropagatedModel",
+    "Turning",
     "channels_of",
     "imu_of",
+    "mounted_reading",
     "paper_observation",
     "plant_with",
     "plant_with_exponent",
@@ -47,7 +49,7 @@ HALF_CAR_CHANNELS = np.array([0, 1, 2, 3, 4])
 BICYCLE_CHANNELS = np.array([0, 1, 4])
 
 
-class _Turning(NamedTuple):
+class Turning(NamedTuple):
     """Motion of the body that a mounted unit measures beside its accelerations."""
 
     yaw_rate: float  #: [rad/s]
@@ -138,10 +140,10 @@ def step_full_copies(
     worst = 0.0
     for i in range(copies.shape[0]):
         x = copies[i]
-        motion = _Turning(x[at.YAW_RATE], x[at.PITCH_RATE], x[at.PITCH])
+        motion = Turning(x[at.YAW_RATE], x[at.PITCH_RATE], x[at.PITCH])
         own = plant_with_exponent(plant, exponents[i])
         worst = max(worst, full_step(x, warms[i], command, own, dt, work, readings))
-        _mounted_reading(motion, readings, mount, predicted[i])
+        mounted_reading(motion, readings, mount, predicted[i])
     return worst
 
 
@@ -166,15 +168,15 @@ def step_paper_copies(
     worst = 0.0
     for i in range(copies.shape[0]):
         x = copies[i]
-        motion = _Turning(x[at.YAW_RATE], x[at.PITCH_RATE], x[at.PITCH])
+        motion = Turning(x[at.YAW_RATE], x[at.PITCH_RATE], x[at.PITCH])
         own = plant_with_exponent(plant, exponents[i])
         worst = max(worst, paper_step(x, warms[i], held, own, dt, work, readings))
-        _mounted_reading(motion, readings, mount, predicted[i])
+        mounted_reading(motion, readings, mount, predicted[i])
     return worst
 
 
 @kernel
-def _mounted_reading(motion: _Turning, readings: FloatArray, mount: ImuMount, imu: FloatArray) -> None:
+def mounted_reading(motion: Turning, readings: FloatArray, mount: ImuMount, imu: FloatArray) -> None:
     """Noise-free reading (5,) of a mounted unit."""
     imu[A_X], imu[A_Y], imu[A_Z], imu[PITCH_RATE], imu[YAW_RATE] = imu_reading(
         (readings[at.A_X], readings[at.A_Y], readings[at.A_Z]),

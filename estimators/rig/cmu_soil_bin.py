@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -14,6 +15,7 @@ from estimators.logs.writing import content_hash
 from estimators.rig.trials import RigTrials, longitudinal_slip
 from offroad_env.errors import DataError
 from offroad_env.world.datasets import verify
+from offroad_env.world.files import read_file
 from offroad_env.world.soils import SOILS
 from offroad_env.world.vehicles import make_wheel
 
@@ -23,6 +25,8 @@ __all__ = ["CMU_WHEEL", "cmu_rig_log", "load_cmu_single_wheel"]
 #: grousers. The published rim speed is omega times this radius, so slip, geometry and data agree;
 #: what grousers add (shear at 0.063 m) is an effect to be found, not to be built into the baseline.
 CMU_WHEEL = make_wheel(r=0.058, b=0.050)
+#: Longest file that is handed to SciPy's reader [bytes]; the published one has 35 kB.
+_LARGEST = 1_000_000
 
 
 def load_cmu_single_wheel(path: str | PathLike[str], *, published: bool = True) -> RigTrials:
@@ -117,7 +121,9 @@ def _read_cmu_records(path: Path) -> dict[str, np.ndarray]:
     from scipy.io import loadmat  # not a cost of importing estimators
 
     try:
-        content = loadmat(path, squeeze_me=True)
+        content = loadmat(io.BytesIO(read_file(path, most=_LARGEST)), squeeze_me=True)
+    except DataError:
+        raise
     except Exception as error:  # the reader raises a dozen kinds of exception on what is no such file
         raise DataError(f"{path} is not a readable MATLAB file: {type(error).__name__}: {error}") from error
     records = np.atleast_1d(content.get("all_results", np.empty(0)))

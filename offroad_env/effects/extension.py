@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +11,9 @@ from typing import Any
 from offroad_env.effects.library import FORMER_IDS, find_effect
 from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.simulation.simulator import MODELS, VEHICLE_MODELS
+from offroad_env.world.files import read_json
 from offroad_env.world.structures import read_structure
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["Extension", "read_extension"]
 
@@ -30,9 +31,7 @@ class Extension:
 
     model: str  #: "full", "paper" or "rig"
     effects: tuple[tuple[str, dict[str, float]], ...]  #: (effect, its parameters)
-    structure: str | None = (
-        None  #: laws of the wheels, see `world.structures.read_structure`; None: as they are
-    )
+    structure: str | None = None  #: laws of the wheels where they are not the log's, see `read_structure`
     vehicle_model: str | None = None  #: "half_car", "four_wheel", ...; None: as it is
 
     def to_dict(self) -> dict[str, Any]:
@@ -54,17 +53,14 @@ def read_extension(path: str | Path) -> Extension:
     DataError
         If the file is missing, is no such file, or names an effect or parameter that does not exist.
     """
-    try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except ValueError as error:
-        raise DataError(f"{path}: is not JSON: {error}") from None
-    if not isinstance(content, dict) or content.get("format") not in (_FORMAT, _OLDER_FORMAT):
+    content = read_json(path)
+    if content.get("format") not in (_FORMAT, _OLDER_FORMAT):
         raise DataError(f"{path}: is no extended model; its format must be {_FORMAT!r}")
     ids = FORMER_IDS if content["format"] == _OLDER_FORMAT else {}
     if content.get("model") not in _MODELS:
-        raise DataError(f"{path}: model must be one of {', '.join(_MODELS)}, got {content.get('model')!r}")
+        raise DataError(
+            f"{path}: model must be one of {', '.join(_MODELS)}, got {shown(content.get('model'))}"
+        )
     try:
         effects = tuple(_effect(entry, ids) for entry in content["effects"])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -106,4 +102,6 @@ def _effect(entry: dict[str, Any], ids: Mapping[str, str]) -> tuple[str, dict[st
     names = {parameter.name for parameter in effect.parameters}
     if set(values) != names or not all(map(math.isfinite, values.values())):
         raise InvalidParameter(f"{effect.id} takes {', '.join(sorted(names))}, each a number")
+    for parameter in effect.parameters:
+        parameter.check(values[parameter.name], effect.id)
     return effect.id, values

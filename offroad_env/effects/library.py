@@ -152,10 +152,7 @@ def _check(effect: Effect, setup: Setup, values: Values) -> None:
         hint = f" - {former.id} had this id before" if former and former.size.name in values else ""
         raise InvalidParameter(f"effect {effect.id} takes {', '.join(names)}, got {', '.join(values)}{hint}")
     for parameter in effect.parameters:
-        value = values[parameter.name]
-        if not parameter.low <= value <= parameter.high:
-            allowed = f"[{parameter.low:g}, {parameter.high:g}] {parameter.unit}"
-            raise InvalidParameter(f"{effect.id}: {parameter.name} must be in {allowed}, got {value:g}")
+        parameter.check(values[parameter.name], effect.id)
     if setup.model not in effect.models:
         raise InvalidParameter(f"effect {effect.id} means nothing in the {setup.model} model")
     if effect.soil_only and setup.plant.soil.rigid > 0.5:

@@ -6,7 +6,15 @@ import math
 
 import numpy as np
 
-__all__ = ["borders", "middle_of_route"]
+from offroad_env.effects.protocol import Parameter
+
+__all__ = ["PLACE_AND_DIRECTION", "borders", "middle_of_route"]
+
+#: Where a border lies along a direction of the map.
+PLACE_AND_DIRECTION = (
+    Parameter(name="place", unit="m", low=-1e8, high=1e8),
+    Parameter(name="direction", unit="rad", low=-1e5, high=1e5),
+)
 
 #: Shares of the route's extent at which a border is tried.
 _SHARES = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85)

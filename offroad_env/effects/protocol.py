@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -107,8 +108,19 @@ class Parameter:
     name: str
     unit: str
     off: float = 0.0  #: the value that means "not there"; meaningless for a place or direction
-    low: float = -np.inf  #: smallest value at which the model can be computed
-    high: float = np.inf  #: largest
+    low: float  #: smallest value at which the model can be computed
+    high: float  #: largest
+
+    def check(self, value: float, effect: str) -> None:
+        """Refuse a value outside of the range.
+
+        Raises
+        ------
+        InvalidParameter
+        """
+        if not self.low <= value <= self.high:
+            allowed = f"[{self.low:g}, {self.high:g}] {self.unit}"
+            raise InvalidParameter(f"{effect}: {self.name} must be in {allowed}, got {value:g}")
 
 
 #: Acts on a setup, with the size of the effect: its inputs, sensors or parameters.
@@ -181,6 +193,8 @@ class Effect:
             raise InvalidParameter(f"effect {self.id}: a change has a size alone; places need a law")
         if bool(self.others) != (self.places is not None) or len(self.others) > 2:
             raise InvalidParameter(f"effect {self.id}: up to two other parameters, with their places")
+        if not all(math.isfinite(end) for p in self.parameters for end in (p.low, p.high)):
+            raise InvalidParameter(f"effect {self.id}: every parameter needs a finite range")
         if not self.source.strip():
             raise InvalidParameter(
                 f"effect {self.id}: needs a source: the literature, a definition or an assumption"

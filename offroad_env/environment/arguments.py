@@ -17,43 +17,117 @@ from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics.records import Soil, Vehicle
 from offroad_env.simulation.drive import Command
 from offroad_env.simulation.simulator import make_plant, settled_state
+from offroad_env.world.argument_checks import is_one_of, numbers
+from offroad_env.world.catalogue import Quantity
+from offroad_env.world.soil_fields import SOIL_RANGES
 from offroad_env.world.soils import make_soil
 from offroad_env.world.terrain import flat
 from offroad_env.world.vehicles import make_vehicle
+from offroad_env.world.yaml_text import shown
 
 __all__ = [
     "COMPILED",
+    "SOIL_BELIEF",
     "Mismatch",
     "ResetOptions",
     "believed_range",
+    "checked_actions",
     "checked_estimator",
     "checked_range",
     "command_of",
     "require_bearing",
     "require_choice",
+    "require_count",
+    "require_mapping",
     "require_rate",
+    "require_seed",
 ]
 
 
 #: The online filter that is part of the compiled control period.
 COMPILED = "online_parameter_ukf"
+#: The one whose belief ``terrain_info="belief"`` shows, and its updates a second [Hz]: one a control period.
+SOIL_BELIEF, _BELIEF_RATE = "online_soil_belief", 1.0 / CONTROL_PERIOD
 
 
 def require_choice(name: str, value: object, allowed: tuple[str | None, ...]) -> None:
     """Refuse a ``value`` that is none of the ``allowed`` ones."""
-    if value not in allowed:
-        raise InvalidParameter(f"{name} must be one of {', '.join(map(str, allowed))}, got {value!r}")
+    if not is_one_of(value, allowed):
+        raise InvalidParameter(f"{name} must be one of {', '.join(map(str, allowed))}, got {shown(value)}")
 
 
 def checked_estimator(estimator: str | OnBoard | None, terrain_info: str) -> str | OnBoard:
     """Which estimator runs; by default the compiled one, where it is observed."""
     if estimator is None:
-        estimator = COMPILED if terrain_info == "estimate" else "none"
+        estimator = {"estimate": COMPILED, "belief": SOIL_BELIEF}.get(terrain_info, "none")
     elif not isinstance(estimator, OnBoard):
         estimator = filter_id(estimator, KINDS, label="estimator", besides=("none",))
     if terrain_info == "estimate" and estimator == "none":
         raise InvalidParameter('terrain_info="estimate" needs an estimator, got estimator="none"')
-    return estimator
+    kind = estimator.kind if isinstance(estimator, OnBoard) else estimator
+    if terrain_info == "belief" and kind != SOIL_BELIEF:
+        raise InvalidParameter(f'terrain_info="belief" needs estimator={SOIL_BELIEF!r}, got {kind!r}')
+    if isinstance(estimator, OnBoard) or estimator in ("none", COMPILED):
+        return estimator
+    return OnBoard(kind=estimator, rate=_BELIEF_RATE) if kind == SOIL_BELIEF else OnBoard(kind=estimator)
+
+
+def require_count(name: str, value: object, *, least: int = 1) -> int:
+    """A whole number as an int.
+
+    Raises
+    ------
+    InvalidParameter
+        For anything else, and for less than ``least``.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise InvalidParameter(f"{name} must be a whole number >= {least}, got {shown(value)}")
+    return int(value)
+
+
+def checked_actions(name: str, given: object, shape: tuple[int, ...]) -> np.ndarray:
+    """Actions as floats: finite numbers of a shape.
+
+    Raises
+    ------
+    InvalidParameter
+        For anything else; text with digits is no number.
+    """
+    try:
+        values: np.ndarray | None = numbers(name, given)
+    except InvalidParameter:
+        values = None
+    if values is None or values.shape != shape or not np.isfinite(values).all():
+        what = "2 finite numbers (steer, drive)" if shape == (2,) else f"{shape} finite numbers"
+        raise InvalidParameter(f"{name} must be {what}, got {shown(given)}")
+    return values
+
+
+def require_mapping(name: str, given: object) -> dict[str, Any]:
+    """Options as a dictionary; None is none.
+
+    Raises
+    ------
+    InvalidParameter
+        For anything but a mapping with names as keys.
+    """
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping) or not all(isinstance(key, str) for key in given):
+        raise InvalidParameter(f"{name} must be a mapping of names to values, got {shown(given)}")
+    return dict(given)
+
+
+def require_seed(seed: object) -> None:
+    """Refuse what is no seed, before Gymnasium does it with an error of its own or another one.
+
+    Raises
+    ------
+    InvalidParameter
+    """
+    whole = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
+    if seed is not None and (not whole or int(seed) < 0):  # type: ignore[call-overload]
+        raise InvalidParameter(f"seed must be None or a whole number >= 0, got {shown(seed)}")
 
 
 def require_rate(rate: float) -> None:
@@ -70,9 +144,9 @@ def checked_range(limits: Any, soil: Soil) -> tuple[float, float]:
     try:
         low, high = (float(value) for value in limits)
     except (TypeError, ValueError) as error:
-        raise InvalidParameter(f"n_range must be (low, high), got {limits!r}") from error
+        raise InvalidParameter(f"n_range must be (low, high), got {shown(limits)}") from error
     if not low <= high:
-        raise InvalidParameter(f"n_range must be (low, high) with low <= high, got {limits!r}")
+        raise InvalidParameter(f"n_range must be (low, high) with low <= high, got {shown(limits)}")
     for n in (low, high):
         make_soil(soil, n=n)
     return low, high
@@ -115,6 +189,21 @@ class Mismatch(NamedTuple):
     lag: float  #: of the drive torque
 
 
+_FACTOR = Quantity("in [0.1, 10]", 0.1, 10.0)
+
+
+def _mismatch(given: Any) -> Mismatch:
+    """Three factors, checked."""
+    try:
+        mass, k_phi, lag = given
+    except (TypeError, ValueError):
+        raise InvalidParameter(
+            f"mismatch must be three factors (mass, k_phi, lag), got {shown(given)}"
+        ) from None
+    named = (("mass", mass), ("k_phi", k_phi), ("lag", lag))
+    return Mismatch(*(_FACTOR.check(f"mismatch: {name}", value) for name, value in named))
+
+
 @dataclass(frozen=True, kw_only=True)
 class ResetOptions:
     """Options of `OffroadBekkerEnv.reset`."""
@@ -126,7 +215,7 @@ class ResetOptions:
     @classmethod
     def read(cls, options: Mapping[str, Any] | None) -> ResetOptions:
         """The options of a call; refuses other keys than "n", "mismatch" and "context"."""
-        options = options or {}
+        options = require_mapping("options", options)
         unknown = set(options) - {"n", "mismatch", "context"}
         if unknown:
             raise InvalidParameter(
@@ -134,11 +223,12 @@ class ResetOptions:
             )
         mismatch = options.get("mismatch")
         if mismatch is not None:
-            mass, k_phi, lag = (float(factor) for factor in mismatch)
-            mismatch = Mismatch(mass, k_phi, lag)
-        context = options.get("context")
+            mismatch = _mismatch(mismatch)
+        n = options.get("n")
         return cls(
-            n=options.get("n"), mismatch=mismatch, context={} if context is None else checked_context(context)
+            n=None if n is None else SOIL_RANGES["n"].check("n", n),
+            mismatch=mismatch,
+            context=checked_context(require_mapping("context", options.get("context"))),
         )
 
     def drawn(self, randomisation: Randomisation | None, rng: np.random.Generator) -> dict[str, Any]:

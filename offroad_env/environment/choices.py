@@ -113,6 +113,12 @@ class Choices:
             randomisation=randomise,
         )
 
+    @property
+    def draws_soils(self) -> bool:
+        """Whether episodes differ in more of their soil than n."""
+        keys = () if self.randomisation is None else self.randomisation.table
+        return any(key == "soil" or (key.startswith("soil.") and key != "soil.n") for key in keys)
+
     def require_bearing(self, sensors: SensorSuite, model: str, vehicle_model: str) -> None:
         """Refuse ranges that reach soils in which the standing vehicle drowns: a reset would fail later."""
         soil = self.soil.record

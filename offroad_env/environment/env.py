@@ -13,16 +13,20 @@ from gymnasium import spaces
 from estimators.filters.navigation import NavigationFilter, NavigationNoise
 from estimators.filters.online import OnBoard, make_estimator
 from estimators.filters.online_parameter_ukf import CHANGING_SOIL, OnlineParameterUKF
+from estimators.filters.online_soil_belief import POPULATION_RANGE, population_n
 from estimators.filters.protocol import Estimate, Estimator
 from offroad_env.effects import Extension, read_extension
 from offroad_env.environment.arguments import (
     COMPILED,
+    SOIL_BELIEF,
     ResetOptions,
     believed_range,
+    checked_actions,
     checked_estimator,
     command_of,
     require_choice,
     require_rate,
+    require_seed,
 )
 from offroad_env.environment.choices import Choices, PlainSpec
 from offroad_env.environment.control_period import (
@@ -63,7 +67,7 @@ from offroad_env.simulation.simulator import (
 )
 from offroad_env.world.descriptions import Description, choose_structure, choose_tyre
 from offroad_env.world.four_wheel_vehicles import FourWheelVehicle
-from offroad_env.world.natural_soil import SoilSpread
+from offroad_env.world.natural_soil import SoilSpread, spread_of
 from offroad_env.world.soils import make_soil
 
 if TYPE_CHECKING:
@@ -79,7 +83,7 @@ __all__ = [
     "Snapshot",
 ]
 
-TERRAIN_INFO = ("none", "estimate", "truth")
+TERRAIN_INFO = ("none", "estimate", "truth", "belief")
 _STEPS = round(CONTROL_PERIOD / SAMPLES / FULL_STEP)  # steps of the plant per IMU sample
 _EVERYTHING = DRIVE | BELIEVE | REPORT
 
@@ -118,6 +122,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
     | | | (0 = as fast as possible), curvature [1/m] at 0, 3, 6, 10, 15, 20, 30, 40 m ahead, |
     | | | distance to the end of the path [m] |
     | ``terrain`` | (3,) | n, its standard deviation, valid (0/1); absent with ``terrain_info="none"`` |
+    | | or (17,) | with ``terrain_info="belief"``: what the soil holds, see docs/environment.md |
 
     ## Rewards
     0.1 per metre of progress along the path, less the cost of time, of distance from the path, of
@@ -140,7 +145,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
     ## Arguments
     scenario : "track", "speed", "climb", "brake", "ride" or "patches" (`offroad_env.SCENARIOS`). Scenario,
         soil, vehicle, weights, sensors, structure, tyre: a name, an object, a mapping or YAML (docs/own.md)
-    terrain_info : "none", "estimate" or "truth"
+    terrain_info : "none", "estimate", "truth" or "belief"
     model : "full", "paper", or the file of an extended model that ``offroad diagnose`` has written: the truth
         then has its effects
     vehicle_model : "half_car", "bicycle", or "four_wheel" with roll and a contact for every wheel
@@ -202,15 +207,16 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
             randomise=randomise,
         )
         self.scenario, self.weights, self.n_range = chosen.scenario, chosen.weights, chosen.n_range
+        require_choice("terrain_info", terrain_info, TERRAIN_INFO)
         estimator = checked_estimator(estimator, terrain_info)
-        self.extension: Extension | None = read_extension(model) if model.endswith(".json") else None
+        own = isinstance(model, str) and model.endswith(".json")
+        self.extension: Extension | None = read_extension(model) if own else None
         if self.extension is not None:
             model = self.extension.model
             structure = self.extension.structure if structure is None else structure
             vehicle_model = self.extension.vehicle_model or vehicle_model
             # Laws of wheel and soil are part of the plant; only effects need the step call by call.
             self.extension = self.extension if self.extension.effects else None
-        require_choice("terrain_info", terrain_info, TERRAIN_INFO)
         require_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         self.terrain_info, self.model, self.vehicle_model = terrain_info, model, vehicle_model
         self.render_mode = render_mode
@@ -223,7 +229,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
             vehicle_model=vehicle_model,
             structure=choose_structure(structure),
             tyre=choose_tyre(tyre),
-            natural_soil=SoilSpread(**natural_soil) if isinstance(natural_soil, Mapping) else natural_soil,
+            natural_soil=spread_of(natural_soil),
         )
         low, high = self.n_range
         self.prior = (0.5 * (low + high), max((high - low) / math.sqrt(12.0), 1e-3))
@@ -239,13 +245,12 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self._context: dict[str, Any] | None = None  #: what was drawn or set for the episode
         self._navigation = NavigationFilter(self.vehicle, NavigationNoise.of(self.sensors.gnss))
         #: The parameter UKF runs inside the compiled period, the others beside it.
-        if isinstance(estimator, str) and estimator not in ("none", COMPILED):
-            estimator = OnBoard(kind=estimator)
         self._choice = estimator
         self.estimator: Estimator | None = None
         self._extended: ExtendedTruth | None = None  # of an extended model; moves outside the compiled period
-        self._layout = Layout(self.vehicle.steer_max, terrain=terrain_info != "none")
+        self._layout = Layout(self.vehicle.steer_max, terrain_info=terrain_info)
         self._renderer: Renderer | None = None
+        self._begun = False  # an episode
         self._learner: OnlineParameterUKF | None = None  # the estimator inside the compiled period
         self.join(Memory(1, self.sizes), 0)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -272,8 +277,9 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         the true soil's k_phi by these factors; what estimator and briefing hold stays nominal. The draws
         happen in the same order whatever is observed: same seed, same episode.
         """
-        super().reset(seed=seed)
+        require_seed(seed)
         chosen = ResetOptions.read(options)
+        super().reset(seed=seed)
         randomisation = self._choices.randomisation
         context = chosen.drawn(randomisation, self.np_random)
         self._context = context if context or randomisation is not None else None
@@ -314,19 +320,25 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self._episode["count"], self._episode["steps"] = 1, 0
         self._advance()
         self._episode["count"], self._episode["steps"] = SAMPLES, _STEPS
+        self._begun = True
         info = self.result()[0]
         if self.render_mode == "human":
             self.render()
-        return self._layout.split(self._shown), info
+        return self.observation, info
 
     def _choose_estimator(self) -> None:
         """A new estimator at the start of the course, if one runs."""
         self.estimator = self._learner = None
-        belief = self._plants.belief(self.vehicle, self._believed_soil, self.course.known_ground)
+        whole = isinstance(self._choice, OnBoard) and self._choice.kind == SOIL_BELIEF
+        known = self.course.known_ground
+        belief = self._plants.belief(self.vehicle, self._believed_soil, known, wheels=whole)
         if isinstance(self._choice, OnBoard):
             imu, gnss = self.sensors.imu, self.sensors.gnss or GnssConfig()
-            self.estimator = make_estimator(self._choice, belief, believed_range(self.n_range), imu, gnss)
-            self.estimator.reset(*self.prior, self._navigation.pose)
+            n_range, prior = believed_range(self.n_range), self.prior
+            if whole and self._choices.draws_soils:
+                n_range, prior = POPULATION_RANGE, population_n()
+            self.estimator = make_estimator(self._choice, belief, n_range, imu, gnss)
+            self.estimator.reset(*prior, self._navigation.pose)
         elif self._choice == COMPILED:
             self.estimator = self._learner = OnlineParameterUKF(
                 belief,
@@ -368,9 +380,9 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Hold ``action`` for 0.02 s. See the class for its meaning and the results."""
-        values = np.asarray(action, dtype=np.float64)
-        if values.shape != (2,) or not all(map(math.isfinite, values.tolist())):
-            raise InvalidParameter(f"action must be 2 finite numbers (steer, drive), got {action!r}")
+        values = checked_actions("action", action, (2,))
+        if not self._begun:
+            raise gym.error.ResetNeeded("step needs reset before it: no episode has begun")
         self._actions[:] = values
         if self._episode["noise_row"] > LAST_ROW:
             self.draw_noise()
@@ -380,7 +392,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
             self.render()
         terminated = info["success"] or info["failure"] != ""
         late = not terminated and info["time"] > self.scenario.time_limit - 0.5 * CONTROL_PERIOD
-        return self._layout.split(self._shown), reward, terminated, late, info
+        return self.observation, reward, terminated, late, info
 
     # ------------------------------------------------------------------ one period
 

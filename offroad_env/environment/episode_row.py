@@ -5,10 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from estimators.filters.navigation import NavigationFilter
+from estimators.filters.online import Thinned
 from estimators.filters.online_parameter_ukf import OnlineParameterUKF
+from estimators.filters.online_soil_belief import OnlineSoilBelief
+from estimators.filters.protocol import Estimator
 from offroad_env.environment.control_period import period_of
 from offroad_env.environment.episode_records import Memory, PeriodArguments
+from offroad_env.environment.observation import Layout
 from offroad_env.simulation.sensors import SensorSuite
 
 __all__ = ["EpisodeRow"]
@@ -20,6 +26,8 @@ class EpisodeRow:
     _sensing: SensorSuite  # of this episode
     _navigation: NavigationFilter
     _learner: OnlineParameterUKF | None
+    _layout: Layout
+    estimator: Estimator | None
     _memory: Memory
     _row: int
     _arguments: PeriodArguments
@@ -64,6 +72,17 @@ class EpisodeRow:
         if self._period is None:
             self._period = period_of(self.model, self._arguments)
         self._period()
+
+    @property
+    def observation(self) -> dict[str, np.ndarray]:
+        """What the agent sees now."""
+        return self._layout.split(self._shown, self.soil_belief)
+
+    @property
+    def soil_belief(self) -> tuple[np.ndarray, ...]:
+        """What ``terrain`` shows of a belief over whole soils (15,); none for other estimators."""
+        inner = self.estimator.inner if isinstance(self.estimator, Thinned) else self.estimator
+        return (inner.vector,) if isinstance(inner, OnlineSoilBelief) else ()
 
     def draw_noise(self) -> None:
         """Sensor noise of the next periods, for a caller of the compiled period."""

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 
+from estimators.filters.online_soil_belief import BELIEF_VECTOR, LONGEST
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.path_geometry import PathTable, preview, project
 
-__all__ = ["PREVIEW", "SHOWN", "Layout", "Measured", "SeenPose", "Window", "write_observation"]
+__all__ = [
+    "BELIEF_BOUNDS",
+    "PREVIEW",
+    "SHOWN",
+    "Layout",
+    "Measured",
+    "SeenPose",
+    "Window",
+    "write_observation",
+]
 
 #: How far ahead the curvature of the path is observed [m].
 PREVIEW = (0.0, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0)
@@ -28,6 +39,13 @@ _SPEED_HIGH = 60.0
 _ERROR_HIGH = 50.0
 _CURVATURE_HIGH = 2.0
 _DISTANCE_HIGH = 1e3
+#: Lowest and highest values of `BELIEF_VECTOR`: limits of a vehicle of up to some tonnes, n, the flag. A pull
+#: can be negative.
+_BELIEF_HIGH = {"lateral": 100.0, "pull": 1e6, "pull_slip": 1.0, "resistance": 1e6, "sinkage": 10.0}
+_BELIEF_HIGH |= {"stopping": 1e4, "n": 3.0, "stuck": 1.0, "stop_in": LONGEST, "valid": 1.0}
+_belief_high = np.array([_BELIEF_HIGH[name.removesuffix("_sd")] for name in BELIEF_VECTOR], dtype=np.float32)
+BELIEF_BOUNDS = np.stack([np.where(np.array(BELIEF_VECTOR) == "pull", -_belief_high, 0.0), _belief_high])
+BELIEF_BOUNDS = BELIEF_BOUNDS.astype(np.float32)
 
 
 class SeenPose(NamedTuple):
@@ -104,10 +122,11 @@ class Layout:
     Parameters
     ----------
     steer_max : largest steering angle [rad]
-    terrain : whether the key ``terrain`` is shown
+    terrain_info : what the key ``terrain`` shows, see `OffroadBekkerEnv`
     """
 
-    def __init__(self, steer_max: float, *, terrain: bool) -> None:
+    def __init__(self, steer_max: float, *, terrain_info: str) -> None:
+        self._belief = terrain_info == "belief"
         speeds = (_SPEED_HIGH,) * 3
         high = np.array(
             [
@@ -134,15 +153,25 @@ class Layout:
             "motion": slice(_MOTION, _PATH),
             "path": slice(_PATH, _TERRAIN),
         }
-        if terrain:
+        if terrain_info in ("estimate", "truth"):
             self.slices["terrain"] = slice(_TERRAIN, SHOWN)
 
     def space(self) -> spaces.Dict:
         """The observation space."""
-        return spaces.Dict(
-            {key: spaces.Box(self.bounds[0, part], self.bounds[1, part]) for key, part in self.slices.items()}
-        )
+        parts: dict[str, spaces.Space[Any]] = {
+            key: spaces.Box(self.bounds[0, part], self.bounds[1, part]) for key, part in self.slices.items()
+        }
+        if self._belief:
+            parts["terrain"] = spaces.Box(*BELIEF_BOUNDS)
+        return spaces.Dict(parts)
 
-    def split(self, flat: np.ndarray) -> dict[str, np.ndarray]:
-        """The observation as the agent gets it: new arrays that share no memory, of one row or of many."""
-        return {key: flat[..., part].copy() for key, part in self.slices.items()}
+    def split(self, flat: np.ndarray, beliefs: Sequence[np.ndarray] = ()) -> dict[str, np.ndarray]:
+        """The observation as the agent gets it: new arrays that share no memory, of one row or of many.
+
+        ``beliefs`` : a vector of `BELIEF_VECTOR` for each row, where beliefs about the soil are shown.
+        """
+        found = {key: flat[..., part].copy() for key, part in self.slices.items()}
+        if self._belief:
+            rows = np.array(beliefs, dtype=np.float32).reshape(*flat.shape[:-1], len(BELIEF_VECTOR))
+            found["terrain"] = np.clip(rows, *BELIEF_BOUNDS)
+        return found

@@ -79,11 +79,24 @@ class PlantChoice:
             soil_field=field,
         )
 
-    def belief(self, vehicle: Vehicle, soil: Soil, ground: Ground) -> Plant:
-        """The plant that estimators assume: a half-car on rigid rims where the truth has more."""
+    def belief(self, vehicle: Vehicle, soil: Soil, ground: Ground, *, wheels: bool = False) -> Plant:
+        """The plant that estimators assume: a half-car where the truth has more.
+
+        With rigid rims; where ``wheels`` is true, with the structure and the tyre of the truth.
+        """
         slip = PAPER_SLIP.get(self.soil_name, 0.0)
         kind = "half_car" if self.vehicle_model == FOUR_WHEEL else self.vehicle_model
-        return make_plant(vehicle, soil, ground, slip=slip, model=self.model, vehicle_model=kind)
+        laws = (self.structure, self.tyre) if wheels else (None, None)
+        return make_plant(
+            vehicle,
+            soil,
+            ground,
+            slip=slip,
+            model=self.model,
+            vehicle_model=kind,
+            structure=laws[0],
+            tyre=laws[1],
+        )
 
     def sizes(self, soil: Soil) -> PlantSizes:
         """Lengths of the arrays of an episode."""

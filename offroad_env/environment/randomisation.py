@@ -25,6 +25,7 @@ from offroad_env.physics.records import Ground, Soil, Vehicle
 from offroad_env.simulation.sensor_configs import GNSS_RANGES, IMU_RANGES, WHEEL_RANGES
 from offroad_env.simulation.sensor_descriptions import read_sensors, sensors_mapping
 from offroad_env.simulation.sensors import SensorSuite
+from offroad_env.world.argument_checks import numbers
 from offroad_env.world.catalogue import Quantity
 from offroad_env.world.descriptions import read_soil, read_vehicle, soil_mapping, vehicle_mapping
 from offroad_env.world.soil_fields import SOIL_RANGES
@@ -66,6 +67,9 @@ class Distribution(Protocol):
 
 
 def _ordered(low: float, high: float) -> None:
+    for value in (low, high):
+        if numbers("a range", value).ndim:
+            raise InvalidParameter(f"a range must be two numbers, got {shown(value)}")
     if not (math.isfinite(low) and math.isfinite(high) and low <= high):
         raise InvalidParameter(f"a range must be (low, high) with low <= high, got ({low!r}, {high!r})")
 
@@ -105,7 +109,7 @@ class LogUniform:
     def __post_init__(self) -> None:
         _ordered(self.low, self.high)
         if self.low <= 0.0:
-            raise InvalidParameter(f"LogUniform needs low > 0, got {self.low!r}")
+            raise InvalidParameter(f"LogUniform needs low > 0, got {shown(self.low)}")
 
     def draw(self, rng: np.random.Generator) -> float:
         """A value."""
@@ -124,7 +128,7 @@ class LogUniform:
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal, with what falls outside ``low ... high`` drawn again; by default 3 sd to both sides."""
+    """Normal, with what falls outside ``low`` to ``high`` drawn again; by default 3 sd to both sides."""
 
     mean: float
     sd: float
@@ -132,8 +136,8 @@ class Normal:
     high: float | None = None
 
     def __post_init__(self) -> None:
-        if not self.sd >= 0.0:
-            raise InvalidParameter(f"Normal needs sd >= 0, got {self.sd!r}")
+        if numbers("mean", self.mean).ndim or not (numbers("sd", self.sd) >= 0.0).all():
+            raise InvalidParameter(f"Normal needs sd >= 0, got {shown(self.sd)}")
         _ordered(*self.ends)
         low, high = self.ends
         if max(low - self.mean, self.mean - high) > 3.0 * self.sd:
@@ -168,8 +172,8 @@ class Choice:
     values: tuple[Any, ...]
 
     def __post_init__(self) -> None:
-        if not self.values:
-            raise InvalidParameter("Choice needs at least one value")
+        if not isinstance(self.values, list | tuple) or not self.values:
+            raise InvalidParameter(f"Choice needs a list of at least one value, got {shown(self.values)}")
         object.__setattr__(self, "values", tuple(self.values))
 
     def draw(self, rng: np.random.Generator) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 import re
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, replace
 from typing import Annotated, Any
@@ -17,6 +18,7 @@ from offroad_env.environment.rewards import RewardWeights
 from offroad_env.environment.scenarios import BUILT_IN, MEASURES, SCENARIOS, Course, Scenario
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import Soil, Vehicle
+from offroad_env.world.argument_checks import numbers
 from offroad_env.world.catalogue import Quantity
 from offroad_env.world.descriptions import (
     Description,
@@ -56,7 +58,7 @@ WEIGHTS = SectionSchema(
 def _pair(value: Any) -> tuple[float, float]:
     if not isinstance(value, list | tuple) or len(value) != 2:
         raise InvalidParameter(f"n_range must be (low, high), got {shown(value)}")
-    low, high = (float(number) for number in value)
+    low, high = numbers("n_range", value).tolist()
     return low, high
 
 
@@ -137,7 +139,7 @@ def find_scenario(given: Scenario | Description) -> Scenario:
         content = recalled("scenario", given)
         if content is None:
             known = ", ".join(SCENARIOS)
-            raise InvalidParameter(f"scenario must be one of {known}, got {given!r}")
+            raise InvalidParameter(f"scenario must be one of {known}, got {shown(given)}")
         return find_scenario(content)
     document = open_document(given, "scenario")
     stated = document.check(SCENARIO)
@@ -171,6 +173,8 @@ def _course(given: Any, document: Document) -> Draw:
         raise InvalidParameter(f"course must hold keys, or be module:function, got {shown(given)}")
     module, _, name = given.partition(":")
     try:
+        if module.partition(".")[0] in sys.stdlib_module_names:
+            raise InvalidParameter(f"course must be a function that draws courses, not {shown(given)}")
         found: Any = importlib.import_module(module)
         for part in name.split("."):
             found = getattr(found, part)
@@ -235,8 +239,10 @@ def register_scenario(scenario: Scenario | Description, *, name: str | None = No
     """
     made = find_scenario(scenario)
     name = re.sub(r"\W", "_", made.name) if name is None else name
-    if name in BUILT_IN or not name.isidentifier():
-        raise InvalidParameter(f"name must be a new one of letters, digits and underscores, got {name!r}")
+    if not isinstance(name, str) or name in BUILT_IN or not name.isidentifier():
+        raise InvalidParameter(
+            f"name must be a new one of letters, digits and underscores, got {shown(name)}"
+        )
     made = replace(made, name=name, like=made.task)
     SCENARIOS[name] = made
     content = scenario_mapping(made)

@@ -13,6 +13,7 @@ from offroad_env.simulation.wheel import wheel_forces
 from offroad_env.world.soil_prior import SoilPrior
 from offroad_env.world.soils import SOILS
 from offroad_env.world.vehicles import VEHICLES, static_loads
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["MeasuredSoils"]
 
@@ -43,7 +44,7 @@ class MeasuredSoils:
 
     def __post_init__(self) -> None:
         if not 0.05 <= self.deepest <= 0.9:
-            raise InvalidParameter(f"deepest must be in [0.05, 0.9], got {self.deepest!r} - in metres?")
+            raise InvalidParameter(f"deepest must be in [0.05, 0.9], got {shown(self.deepest)} - in metres?")
         VEHICLES[self.vehicle]
         object.__setattr__(self, "_prior", SoilPrior.fitted())
 

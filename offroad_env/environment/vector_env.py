@@ -5,14 +5,23 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from offroad_env.environment.arguments import (
+    checked_actions,
+    require_choice,
+    require_count,
+    require_mapping,
+    require_seed,
+)
 from offroad_env.environment.choices import PlainSpec
 from offroad_env.environment.control_period import BELIEVE, DRIVE, REPORT, period_full, period_paper
 from offroad_env.environment.env import OffroadBekkerEnv
@@ -26,6 +35,7 @@ from offroad_env.environment.episode_records import (
 from offroad_env.environment.observation import Layout
 from offroad_env.environment.rewards import ENDINGS, TERMS
 from offroad_env.errors import InvalidParameter
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["OffroadBekkerVectorEnv", "make_vec"]
 
@@ -54,7 +64,10 @@ def make_vec(num_envs: int, **options: Any) -> VectorEnv:
     >>> observations["path"].shape
     (8, 12)
     """
-    name = f"offroad_env:OffroadBekker-{options.pop('version', 'v0')}"
+    require_count("num_envs", num_envs)
+    version = options.pop("version", "v0")
+    require_choice("version", version, ("v0", "v1"))
+    name = f"offroad_env:OffroadBekker-{version}"
     return gym.make_vec(name, num_envs, vectorization_mode="vector_entry_point", **options)
 
 
@@ -62,9 +75,20 @@ def _threads(wanted: int | None, num_envs: int) -> int:
     if wanted is None:
         usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         return max(min(usable, num_envs // _FEWEST), 1)
-    if wanted < 1:
-        raise InvalidParameter(f"threads must be at least 1, got {wanted}")
-    return min(wanted, num_envs)
+    return min(require_count("threads", wanted), num_envs)
+
+
+def _period_of(env: OffroadBekkerEnv) -> Any:
+    """The compiled period of its model."""
+    return period_full if env.model == "full" else period_paper
+
+
+def _autoreset(given: str | AutoresetMode) -> AutoresetMode:
+    try:
+        return AutoresetMode(given)
+    except ValueError:
+        names = ", ".join(mode.value for mode in AutoresetMode)
+        raise InvalidParameter(f"autoreset_mode must be one of {names}, got {shown(given)}") from None
 
 
 class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
@@ -107,43 +131,43 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         threads: int | None = None,
         **options: Any,
     ) -> None:
-        if num_envs < 1:
-            raise InvalidParameter(f"num_envs must be at least 1, got {num_envs}")
-        self.num_envs = int(num_envs)
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.num_envs = require_count("num_envs", num_envs)
+        self.autoreset_mode = _autoreset(autoreset_mode)
         self.envs = [self.single(**options) for _ in range(self.num_envs)]
         first = self.envs[0]
-        self.max_episode_steps = int(max_episode_steps)
+        self.max_episode_steps = require_count("max_episode_steps", max_episode_steps)
         self._time_limit = first.scenario.time_limit
         self.metadata = {**first.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = first.render_mode
         self.single_action_space, self.single_observation_space = first.action_space, first.observation_space
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self._layout = Layout(first.vehicle.steer_max, terrain=first.terrain_info != "none")
-        self._period = period_full if first.model == "full" else period_paper
+        self._layout = Layout(first.vehicle.steer_max, terrain_info=first.terrain_info)
+        self._period: Any = _period_of(first)
         self._memory = Memory(self.num_envs, first.sizes)
         for row, env in enumerate(self.envs):
             env.join(self._memory, row)
         count = _threads(threads, self.num_envs)
         edges = [round(i * self.num_envs / count) for i in range(count + 1)]
         self._shares = [slice(low, high) for low, high in pairwise(edges)]
-        self._pool = self._make_pool()
+        self._pool, self._process = self._make_pool(), os.getpid()
         self._elapsed = np.zeros(self.num_envs, np.int64)
         self._over = np.zeros(self.num_envs, np.bool_)
+        self._begun = np.zeros(self.num_envs, np.bool_)
 
     def _make_pool(self) -> ThreadPoolExecutor | None:
         """Threads for all shares but the first, which the caller's own thread takes."""
         return ThreadPoolExecutor(len(self._shares) - 1) if len(self._shares) > 1 else None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the threads, which no file can hold."""
-        return {key: value for key, value in self.__dict__.items() if key != "_pool"}
+        """Without threads and compiled code, which no file can hold."""
+        return {key: value for key, value in self.__dict__.items() if key not in ("_pool", "_period")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """With threads of its own."""
         self.__dict__.update(state)
-        self._pool = self._make_pool()
+        self._period = _period_of(self.envs[0])
+        self._pool, self._process = self._make_pool(), os.getpid()
 
     # ------------------------------------------------------------------ Gymnasium
 
@@ -151,27 +175,28 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Start all episodes, or those of ``options["reset_mask"]``; seeds as in Gymnasium's vector API."""
-        options = dict(options or {})
+        options = require_mapping("options", options)
         rows = self._masked(options.pop("reset_mask", None))
         if seed is None or isinstance(seed, int | np.integer):
+            require_seed(seed)
             seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
-        else:
+        elif isinstance(seed, Sequence | np.ndarray) and len(seed) == self.num_envs:
             seeds = list(seed)
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"seed must be one number or {self.num_envs}, got {len(seeds)} numbers")
+        else:
+            raise InvalidParameter(f"seed must be one number or {self.num_envs}, got {shown(seed)}")
         for i, row_options in zip(rows, self._row_options(options, rows), strict=True):
             self._restart(i, seeds[i], row_options)
         present = np.zeros(self.num_envs, np.bool_)
         present[rows] = True
-        return self._layout.split(self._memory.shown), self._infos(present)
+        return self._observations(), self._infos(present)
 
     def step(
         self, actions: np.ndarray
     ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One control period of every episode."""
-        values = np.asarray(actions, dtype=np.float64)
-        if values.shape != (self.num_envs, 2) or not np.isfinite(values).all():
-            raise InvalidParameter(f"actions must be ({self.num_envs}, 2) finite numbers, got {actions!r}")
+        values = checked_actions("actions", actions, (self.num_envs, 2))
+        if not self._begun.all():
+            raise ResetNeeded("step needs reset before it: no episode has begun")
         if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
             raise InvalidParameter(f"episodes {np.flatnonzero(self._over)} are over: reset them first")
         again = self._over.copy()
@@ -193,13 +218,13 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         infos: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             for i in np.flatnonzero(ended).tolist():
-                final = {"final_obs": self._layout.split(self._memory.shown[i])}
+                final = {"final_obs": self.envs[i].observation}
                 infos = self._add_info(infos, {**final, "final_info": self.envs[i].result()[0]}, i)
                 self._restart(i, None, {})
         else:
             self._over = ended
         infos |= self._infos(np.ones(self.num_envs, np.bool_))
-        return self._layout.split(self._memory.shown), rewards, terminated, truncated, infos
+        return self._observations(), rewards, terminated, truncated, infos
 
     def render(self) -> tuple[Any, ...]:
         """What every single environment draws."""
@@ -247,7 +272,9 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         if mask is None:
             return np.arange(self.num_envs)
         if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
-            raise InvalidParameter(f"reset_mask must be a boolean array ({self.num_envs},), got {mask!r}")
+            raise InvalidParameter(
+                f"reset_mask must be a boolean array ({self.num_envs},), got {shown(mask)}"
+            )
         if not mask.any():
             raise InvalidParameter("reset_mask must hold at least one True")
         return np.flatnonzero(mask)
@@ -261,12 +288,16 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         }
         for key, values in lists.items():
             if len(values) != self.num_envs:
-                raise ValueError(f"{key} must be one for all or {self.num_envs}, got {len(values)}")
+                raise InvalidParameter(f"{key} must be one for all or {self.num_envs}, got {len(values)}")
         return [{**options, **{key: values[i] for key, values in lists.items()}} for i in rows]
+
+    def _observations(self) -> dict[str, np.ndarray]:
+        """What all agents see now."""
+        return self._layout.split(self._memory.shown, [row for env in self.envs for row in env.soil_belief])
 
     def _restart(self, row: int, seed: int | None, options: dict[str, Any]) -> None:
         self.envs[row].reset(seed=seed, options=options)
-        self._elapsed[row], self._over[row] = 0, False
+        self._elapsed[row], self._over[row], self._begun[row] = 0, False, True
 
     def _advance(self, moving: np.ndarray) -> None:
         """One period of the episodes in the mask ``moving``."""
@@ -289,9 +320,12 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
 
     def _run(self, phases: np.ndarray) -> None:
         """The compiled period, every thread its share."""
+        if self._process != os.getpid():  # after a fork: threads do not come along
+            self._pool, self._process = self._make_pool(), os.getpid()
         self._memory.episodes["phases"] = phases
         parts = [self._memory.part(share) for share in self._shares]
-        waiting = [] if self._pool is None else [self._pool.submit(self._period, *p) for p in parts[1:]]
+        jobs: list[Any] = [partial(self._period, *part) for part in parts[1:]]
+        waiting = [] if self._pool is None else [self._pool.submit(job) for job in jobs]
         self._period(*parts[0])
         for future in waiting:
             future.result()

@@ -10,17 +10,25 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import importlib
 import os
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
 
-from offroad_env.physics._staged import Kernel, keep_apart
+from offroad_env.physics._kernel_folder import own_folder
+from offroad_env.physics._kernel_notes import keep_apart
 
 __all__ = ["apart_kernel", "cache_folder", "inline_kernel", "kernel", "merged_kernel"]
+
+#: First version of numba whose inner parts, on which `_staged` rests, are unknown: kernels are then plain.
+_UNKNOWN_NUMBA = (0, 69)
+#: Set to "plain", this asks for them too.
+_VARIABLE = "OFFROAD_KERNELS"
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -28,6 +36,7 @@ _ROOT = Path(__file__).resolve().parents[2]
 _PACKAGES = ("offroad_env", "estimators", "agents")
 #: A module that calls kernels of packages which it may not import names them in a tuple of this name.
 LATE = "LATE_IMPORTS"
+LATE_IMPORTS = ("offroad_env.physics._staged",)
 
 
 def _source(module: str) -> Path | None:
@@ -97,9 +106,38 @@ def _compile(function: F, **options: Any) -> F:
     options |= {"nopython": True, "error_model": "numpy", "nogil": True, "fastmath": {"contract"}}
     # Left open, it would be that of the first caller: the machine code would depend on who called first.
     options.setdefault("forceinline", False)
-    compiled = Kernel(function, {}, options)
-    compiled.keep_in(str(cache_folder(function.__module__)))
-    return compiled
+    staged, folder = _staged(), str(cache_folder(function.__module__))
+    if staged is None:
+        return _plain(function, folder, options)
+    compiled: Any = staged.Kernel(function, {}, options)
+    compiled.keep_in(folder)
+    return cast("F", compiled)
+
+
+@cache
+def _staged() -> Any:
+    """The module with kernels in two editions; None where this numba cannot have them."""
+    known = tuple(map(int, re.findall(r"\d+", numba.__version__)[:2])) < _UNKNOWN_NUMBA
+    if not known or os.environ.get(_VARIABLE) == "plain":
+        return None
+    try:
+        return importlib.import_module("offroad_env.physics._staged")
+    except (ImportError, AttributeError):  # an inner part of numba that has gone
+        return None
+
+
+def _plain(function: F, folder: str, options: dict[str, Any]) -> F:
+    """A kernel as any numba makes it: the same numbers to rounding, compiled for longer."""
+    compiled: Any = numba.jit(**options)(function)
+    folder = f"{folder}-plain"
+    if own_folder(folder):
+        before = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = folder
+        try:
+            compiled.enable_caching()
+        finally:
+            numba.config.CACHE_DIR = before
+    return cast("F", compiled)
 
 
 def kernel(function: F) -> F:

@@ -23,25 +23,11 @@ import numba.core.typed_passes
 from numba import types
 from numba.core.compiler_machinery import register_pass
 
-__all__ = ["Kernel", "hands_on", "keep_apart"]
+from offroad_env.physics._kernel_cache import DurableCache
+from offroad_env.physics._kernel_folder import own_folder
+from offroad_env.physics._kernel_notes import APART, HANDING_ON
 
-
-#: Functions known to the compiler that return no other arrays than they were given.
-_HANDING_ON: set[Callable[..., Any]] = set()
-
-
-def hands_on(function: Callable[..., Any]) -> None:
-    """State that a function which numba compiles by itself returns no arrays but those it was given."""
-    _HANDING_ON.add(function)
-
-
-#: Kernels that no caller takes in.
-_APART: set[Callable[..., Any]] = set()
-
-
-def keep_apart(function: Callable[..., Any]) -> None:
-    """State that the machine code of a kernel shall be called, not copied into its callers."""
-    _APART.add(function)
+__all__ = ["Kernel"]
 
 
 #: In the metadata of a translation: whether it counts references to arrays.
@@ -88,7 +74,7 @@ class _Translate(numba.core.typed_passes.NativeLowering):  # type: ignore[misc] 
         state.library = _Translation(state.targetctx.codegen(), state.func_id.func_qualname)
         state.flags.no_compile = True
         super().run_pass(state)
-        if state.func_id.func in _APART:
+        if state.func_id.func in APART:
             code = state.library._final_module.get_function(state["cr"].fndesc.llvm_func_name)
             code.add_function_attribute("noinline")
         entry = _Entry()
@@ -129,7 +115,7 @@ def _is_borrowed(step: Any, signature: Any, typemap: dict[str, types.Type]) -> b
     return (
         isinstance(called, types.NamedTupleClass)
         or isinstance(key, numba.core.extending._Intrinsic)
-        or key in _HANDING_ON
+        or key in HANDING_ON
     )
 
 
@@ -199,7 +185,7 @@ class _CacheImpl(numba.core.caching.CompileResultCacheImpl):  # type: ignore[mis
         )
 
 
-class _Cache(numba.core.caching.FunctionCache):  # type: ignore[misc]  # likewise
+class _Cache(DurableCache):
     _impl_class = _CacheImpl
 
 
@@ -224,9 +210,14 @@ class Kernel(numba.core.registry.CPUDispatcher):  # type: ignore[misc]  # likewi
         self._inner: _Inner | None = None
 
     def keep_in(self, folder: str) -> None:
-        """Store both editions in this folder."""
-        self._folder = folder
-        _enable_caching(self, folder)
+        """Store both editions in this folder, if it is nobody else's."""
+        if own_folder(folder):
+            self._folder = folder
+            _enable_caching(self, folder)
+
+    def enable_caching(self) -> None:
+        """With checked files."""
+        self._cache = DurableCache(self.py_func)
 
     @property
     def _numba_type_(self) -> types.Dispatcher:

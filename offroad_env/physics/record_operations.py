@@ -20,7 +20,7 @@ from numba.core.imputils import impl_ret_borrowed, lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic
 
-from offroad_env.physics._staged import hands_on
+from offroad_env.physics._kernel_notes import hands_on
 from offroad_env.physics.records import FloatArray
 
 __all__ = ["array_count", "number_count", "numbers_of", "record_from", "replace"]

@@ -31,7 +31,12 @@ _ENDINGS = {
     "immobilised": "IMMOBILISED",
     "diverged": "SIMULATION DIVERGED",
 }
-_OBSERVED = {"none": "without n", "estimate": "with the estimate of n", "truth": "with the true n"}
+_OBSERVED = {
+    "none": "without n",
+    "estimate": "with the estimate of n",
+    "truth": "with the true n",
+    "belief": "with the belief about the soil",
+}
 
 
 class Renderer:

@@ -13,6 +13,7 @@ from offroad_env.errors import InvalidParameter
 from offroad_env.physics.imu import ImuMount
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.world.catalogue import Quantity
+from offroad_env.world.yaml_text import shown
 
 __all__ = [
     "ALLAN_PEAK",
@@ -101,7 +102,9 @@ def _check_fields(config: ImuConfig | WheelSpeedConfig | GnssConfig, ranges: Map
         value, quantity = getattr(config, item.name), ranges[item.name]
         if isinstance(item.default, tuple):
             if np.shape(value) != np.shape(item.default):
-                raise InvalidParameter(f"{item.name} must have {len(item.default)} numbers, got {value!r}")
+                raise InvalidParameter(
+                    f"{item.name} must have {len(item.default)} numbers, got {shown(value)}"
+                )
             numbers = tuple(quantity.check(f"{item.name}[{i}]", v) for i, v in enumerate(value))
             object.__setattr__(config, item.name, numbers)
         else:
@@ -171,7 +174,7 @@ class ImuConfig:
     def __post_init__(self) -> None:
         _check_fields(self, {**IMU_RANGES, **IMU_TRIPLES})
         if self.kind not in IMU_KINDS:
-            raise InvalidParameter(f"kind must be one of {', '.join(IMU_KINDS)}, got {self.kind!r}")
+            raise InvalidParameter(f"kind must be one of {', '.join(IMU_KINDS)}, got {shown(self.kind)}")
 
     def mount(self, misalignment: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> ImuMount:
         """The record for ``imu_reading``; without misalignment it is what a filter may assume.

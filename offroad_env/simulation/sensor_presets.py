@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.simulation.sensor_configs import GnssConfig, ImuConfig, WheelSpeedConfig, noise_sd
 from offroad_env.simulation.sensors import SensorSuite
+from offroad_env.world.argument_checks import require_record
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["SENSORS", "SensorPreset", "make_sensors"]
 
@@ -186,8 +189,19 @@ SENSORS: dict[str, SensorPreset] = {
 
 def _preset(name: str) -> SensorPreset:
     if name not in SENSORS:
-        raise InvalidParameter(f"sensors must be one of {', '.join(SENSORS)}, got {name!r}")
+        raise InvalidParameter(f"sensors must be one of {', '.join(SENSORS)}, got {shown(name)}")
     return SENSORS[name]
+
+
+#: What makes sensors, as a refusal names it.
+_HERE = "make_sensors"
+
+
+def _part(name: str, given: Any, own: Any, kind: type) -> Any:
+    """A configuration: the preset's own, that of another preset, or the one that is given."""
+    if isinstance(given, str):
+        return own if given == "preset" else getattr(_preset(given), name)
+    return require_record(name, given, kind, "its class, or a name")
 
 
 def make_sensors(
@@ -217,9 +231,14 @@ def make_sensors(
     >>> make_sensors("automotive", gnss="consumer").gnss.rate
     5.0
     """
-    base: SensorPreset | SensorSuite = _preset(sensors) if isinstance(sensors, str) else sensors
+    base: SensorPreset | SensorSuite
+    base = (
+        _preset(sensors)
+        if isinstance(sensors, str)
+        else require_record("sensors", sensors, SensorSuite, _HERE)
+    )
     return SensorSuite(
-        imu=base.imu if imu == "preset" else _preset(imu).imu if isinstance(imu, str) else imu,
-        wheel=base.wheel if wheel == "preset" else _preset(wheel).wheel if isinstance(wheel, str) else wheel,
-        gnss=base.gnss if gnss == "preset" else _preset(gnss).gnss if isinstance(gnss, str) else gnss,
+        imu=_part("imu", imu, base.imu, ImuConfig),
+        wheel=None if wheel is None else _part("wheel", wheel, base.wheel, WheelSpeedConfig),
+        gnss=None if gnss is None else _part("gnss", gnss, base.gnss, GnssConfig),
     )

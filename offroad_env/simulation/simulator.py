@@ -32,10 +32,12 @@ from offroad_env.physics.records import (
     Wheel,
 )
 from offroad_env.physics.settle import settle
+from offroad_env.world.argument_checks import is_one_of, numbers, require_record
 from offroad_env.world.four_wheel import make_four_wheel
 from offroad_env.world.soil_fields import require_positive_modulus
 from offroad_env.world.structures import read_structure
 from offroad_env.world.tyres import read_tyre, require_fitting_tyre, with_tyre
+from offroad_env.world.yaml_text import shown
 
 __all__ = [
     "FULL_STEP",
@@ -72,8 +74,8 @@ class Trajectory:
 
 
 def _choice(name: str, value: str, allowed: tuple[str, ...]) -> str:
-    if value not in allowed:
-        raise InvalidParameter(f"{name} must be one of {', '.join(allowed)}, got {value!r}")
+    if not is_one_of(value, allowed):
+        raise InvalidParameter(f"{name} must be one of {', '.join(allowed)}, got {shown(value)}")
     return value
 
 
@@ -116,8 +118,12 @@ def make_plant(  # noqa: PLR0913 - a plant's options are its interface
     soil_field : SoilField, optional
         How the whole soil varies, from `world.natural_soil.natural_soil`, for a deformable soil.
     """
+    require_record("vehicle", vehicle, Vehicle, "make_vehicle or VEHICLES")
+    require_record("soil", soil, Soil, "make_soil or SOILS")
+    require_record("ground", ground, Ground, "offroad_env.world.terrain")
     _choice("model", model, MODELS)
     _choice("vehicle_model", vehicle_model, (*VEHICLE_MODELS, "four_wheel"))
+    slip = _number("slip", slip)
     four_wheel = _four_wheel(vehicle, model, vehicle_model, four_wheel)
     if not -1.0 < slip < 1.0:
         raise InvalidParameter(f"slip must be in (-1, 1), got {slip} - in percent?")
@@ -144,16 +150,44 @@ def make_plant(  # noqa: PLR0913 - a plant's options are its interface
     )
 
 
+def _number(name: str, value: float) -> float:
+    """One finite number."""
+    array = numbers(name, value)
+    if array.ndim or not np.isfinite(array):
+        raise InvalidParameter(f"{name} must be one finite number, got {shown(value)}")
+    return float(array)
+
+
+def _of_plant(plant: Plant, state: np.ndarray, warm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """State and warm start as arrays of the plant's own shapes, copied."""
+    require_record("plant", plant, Plant, "make_plant")
+    found = numbers("state", state), numbers("warm", warm)
+    for name, array, shape in zip(("state", "warm"), found, _shapes(plant), strict=True):
+        if array.ndim != len(shape) or len(array) != shape[0]:
+            raise InvalidParameter(
+                f"{name} must be an array {shape}, as settled_state makes it for the plant, got {array.shape}"
+            )
+    return found
+
+
+def _shapes(plant: Plant) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Shapes of the state and of the warm start of a plant."""
+    size, _ = at.sizes(plant.four_wheel)
+    return (size,), (2 if plant.four_wheel is None else 4, at.CONTACT_SIZE)
+
+
 def _four_wheel(
     vehicle: Vehicle, model: str, vehicle_model: str, given: FourWheel | None
 ) -> FourWheel | None:
     """What a plant of this vehicle model holds of four wheels."""
     if vehicle_model != "four_wheel":
         if given is not None:
-            raise InvalidParameter(f"four_wheel belongs to vehicle_model 'four_wheel', got {vehicle_model!r}")
+            raise InvalidParameter(
+                f"four_wheel belongs to vehicle_model 'four_wheel', got {shown(vehicle_model)}"
+            )
         return None
     if model != "full":
-        raise InvalidParameter(f"vehicle_model 'four_wheel' needs model 'full', got {model!r}")
+        raise InvalidParameter(f"vehicle_model 'four_wheel' needs model 'full', got {shown(model)}")
     return make_four_wheel(vehicle) if given is None else given
 
 
@@ -161,16 +195,18 @@ def _wheel_laws(
     structure: str | Structure | None, model: str, tyre: Tyre | None, wheel: Wheel
 ) -> Structure | None:
     """The structure of a plant, its tyre included; None for the model's own wheels."""
-    if model == "paper" and (tyre is not None or structure not in (None, "paper")):
+    if model == "paper" and (tyre is not None or not is_one_of(structure, (None, "paper"))):
         raise InvalidParameter(
             f"the paper's model has wheels of its own; for structure={structure!r} take model='full'"
         )
     if tyre is not None:
         require_fitting_tyre(tyre, wheel)
         return with_tyre(read_structure(structure) if isinstance(structure, str) else structure, tyre)
-    if structure is None or structure == model:
+    if structure is None or (isinstance(structure, str) and structure == model):
         return None
-    return read_structure(structure) if isinstance(structure, str) else structure
+    if isinstance(structure, str):
+        return read_structure(structure)
+    return require_record("structure", structure, Structure, "make_structure, or a name")
 
 
 def plant_model(plant: Plant) -> str:
@@ -190,9 +226,10 @@ def settled_state(
     SolverFailure
         When the soil cannot carry the vehicle.
     """
-    pose = (float(x), float(y), float(yaw))
+    require_record("plant", plant, Plant, "make_plant")
+    pose = (_number("x", x), _number("y", y), _number("yaw", yaw))
     rest = settle if plant.four_wheel is None else settle_four_wheels
-    status, state, warm = rest(plant, pose, float(v_x))
+    status, state, warm = rest(plant, pose, _number("v_x", v_x))
     if status >= SUNK:
         raise SolverFailure(
             f"the soil (n = {plant.soil.n:g}) does not carry the vehicle ({plant.vehicle.m:g} kg): "
@@ -201,10 +238,31 @@ def settled_state(
     return state, warm
 
 
-def _sampled(value: float | Callable[[float], float], times: np.ndarray) -> np.ndarray:
-    if callable(value):
-        return np.array([value(float(t)) for t in times])
-    return np.full(times.shape, float(value))
+#: Most steps of one simulation.
+_MOST_STEPS = 100_000_000
+
+
+def _steps(name: str, duration: float, dt: float) -> int:
+    """Whole steps of ``dt`` [s] in a time [s]."""
+    duration, dt = _number(name, duration), _number("dt", dt)
+    if not (dt > 0.0 and 0.0 < duration <= _MOST_STEPS * dt):
+        raise InvalidParameter(
+            f"{name} and dt must be positive times with at most {_MOST_STEPS} steps, got {duration:g} s "
+            f"and {dt:g} s"
+        )
+    return round(duration / dt)
+
+
+def _sampled(name: str, value: float | Callable[[float], float], times: np.ndarray) -> np.ndarray:
+    if not callable(value):
+        return np.full(times.shape, _number(name, value))
+    try:
+        found = numbers(name, [value(float(t)) for t in times])
+    except TypeError as error:
+        raise InvalidParameter(f"{name} must be a number or a function of time: {error}") from None
+    if found.shape != times.shape:
+        raise InvalidParameter(f"{name} must give one number at a time, got {shown(found)}")
+    return found
 
 
 def simulate(
@@ -234,10 +292,14 @@ def simulate(
     SolverFailure
         When a contact has no solution or the state is not finite, with the time it happened.
     """
-    steps = round(duration / dt)
+    state, warm = _of_plant(plant, state, warm)
+    steps = _steps("duration", duration, dt)
     half_steps = 0.5 * dt * np.arange(2 * steps + 1)
-    rate = np.full(half_steps.shape, math.nan) if speed_rate is None else _sampled(speed_rate, half_steps)
-    inputs = np.stack([_sampled(steer, half_steps), _sampled(force, half_steps), rate], axis=1)
+    rate = np.full(half_steps.shape, math.nan)
+    if speed_rate is not None:
+        rate = _sampled("speed_rate", speed_rate, half_steps)
+    pair = _sampled("steer", steer, half_steps), _sampled("force", force, half_steps)
+    inputs = np.stack([*pair, rate], axis=1)
     states, readings = np.empty((steps + 1, at.STATE_SIZE)), np.empty((steps + 1, at.READINGS_SIZE))
     status, done = simulate_paper(state.copy(), warm.copy(), inputs, plant, float(dt), states, readings)
     if done < steps:
@@ -246,7 +308,7 @@ def simulate(
 
 
 def _checked_commands(commands: np.ndarray, four_wheel: FourWheel | None) -> np.ndarray:
-    rows = np.ascontiguousarray(commands, dtype=np.float64)
+    rows = np.ascontiguousarray(numbers("commands", commands))
     widths = (3,) if four_wheel is None else (3, 7)
     if rows.ndim != 2 or rows.shape[1] not in widths:
         more = "" if four_wheel is None else ", or (K, 7): and the four wheels"
@@ -291,8 +353,9 @@ def simulate_commands(
     SolverFailure
         When a contact has no solution or the state is not finite, with the time it happened.
     """
+    state, warm = _of_plant(plant, state, warm)
     commands = _checked_commands(commands, plant.four_wheel)
-    steps = round(interval / dt)
+    steps = _steps("interval", interval, dt)
     if steps < 1 or abs(steps * dt - interval) > 1e-9 * interval:
         raise InvalidParameter(f"interval must be a multiple of dt = {dt:g} s, got {interval:g} s")
     packed = pack(plant)

@@ -21,9 +21,11 @@ from offroad_env.physics.structured_contact import (
     exit_angle,
     reaction_at_sinkage,
 )
+from offroad_env.world.argument_checks import is_one_of, numbers, require_record
 from offroad_env.world.soil_fields import require_positive_modulus
 from offroad_env.world.structures import read_structure
 from offroad_env.world.tyres import read_tyre, require_fitting_tyre, with_tyre
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["WheelForces", "wheel_forces"]
 
@@ -125,7 +127,7 @@ def _many_wheels(
 
 
 def _checked(name: str, value: ArrayLike, low: float, high: float, unit: str, hint: str) -> np.ndarray:
-    array = np.asarray(value, dtype=np.float64)
+    array = numbers(name, value)
     bad = ~((array >= low) & (array <= high))
     if bad.any():
         first = np.atleast_1d(array)[np.atleast_1d(bad)][0]
@@ -159,7 +161,7 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     sinkage : array_like, optional
         Sinkage [m], less than the radius.
     slip : array_like
-        (r omega - v) / max(|r omega|, |v|) [-], -1 (locked) ... 1 (on the spot), v the speed along the wheel.
+        ``(r omega - v) / max(|r omega|, |v|)`` [-], -1 (locked) ... 1 (on the spot), v along the wheel.
     slip_angle : array_like
         Angle of the travel from the wheel's heading [rad], -pi/2 ... pi/2; positive when the wheel
         slides to its left, which gives a negative side force.
@@ -189,8 +191,7 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     -----
     Relative accuracy of forces against the load and of the sinkage: 1e-6, tested by adaptive quadrature.
     """
-    _require_word("shear", shear, ("independent", "resultant"))
-    _require_word("errors", errors, ("raise", "nan"))
+    _require_kinds(soil, wheel, shear, errors)
     require_positive_modulus(soil, wheel.b)
     size, by_load = _load_or_sinkage(load, sinkage, wheel)
     slip = _checked("slip", slip, -1.0, 1.0, "", "in percent?")
@@ -208,18 +209,27 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     return WheelForces(*(out[:, i].reshape(shape) for i in range(_COLUMNS)))
 
 
+def _require_kinds(soil: Soil, wheel: Wheel, shear: str, errors: str) -> None:
+    require_record("soil", soil, Soil, "make_soil or SOILS")
+    require_record("wheel", wheel, Wheel, "make_wheel")
+    _require_word("shear", shear, ("independent", "resultant"))
+    _require_word("errors", errors, ("raise", "nan"))
+
+
 def _quoted(word: str) -> str:
     return f'"{word}"'
 
 
 def _require_word(name: str, value: str, words: tuple[str, str]) -> None:
-    if value not in words:
-        raise InvalidParameter(f"{name} must be {' or '.join(map(_quoted, words))}, got {value!r}")
+    if not is_one_of(value, words):
+        raise InvalidParameter(f"{name} must be {' or '.join(map(_quoted, words))}, got {shown(value)}")
 
 
 def _laws(structure: str | Structure | None, tyre: Tyre | None, wheel: Wheel) -> Structure | None:
     """The structure by which a wheel is computed; None for the plain rigid wheel."""
     laws = read_structure(structure) if isinstance(structure, str) else structure
+    if laws is not None:
+        require_record("structure", laws, Structure, "make_structure, or a name")
     if tyre is None:
         return laws
     require_fitting_tyre(tyre, wheel)

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Generic, SupportsFloat, TypeVar
 
 from offroad_env.errors import InvalidParameter
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["Catalogue", "Entry", "Quantity", "UnknownNameError", "given_fields"]
 
@@ -154,11 +155,11 @@ class Quantity:
 
     def _number(self, name: str, value: SupportsFloat) -> float:
         if isinstance(value, (str, bytes, bool)):
-            raise InvalidParameter(f"{name} must be a number {self.allowed}, got {value!r}")
+            raise InvalidParameter(f"{name} must be a number {self.allowed}, got {shown(value)}")
         try:
             number = float(value)
         except (TypeError, ValueError, OverflowError):
-            raise InvalidParameter(f"{name} must be one number {self.allowed}, got {value!r}") from None
+            raise InvalidParameter(f"{name} must be one number {self.allowed}, got {shown(value)}") from None
         if not math.isfinite(number):
             raise InvalidParameter(f"{name} must be {self.allowed}, got {number}")
         return number

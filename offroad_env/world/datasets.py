@@ -21,11 +21,14 @@ from urllib.parse import urlsplit
 
 from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.world.published_drives import DRIVES, TABLES, is_drive, join_drive
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["DATASETS", "UNPUBLISHED", "Dataset", "cache_folder", "describe", "fetch", "locate", "verify"]
 
 #: Seconds without an answer or a byte after which a download is given up.
 _TIMEOUT = 30.0
+#: A table from which a file is joined is at most so many times as long.
+_TABLE_SHARE = 20
 
 _MIT = """\
 Permission is hereby granted, free of charge, to any person obtaining a copy of this software and
@@ -160,7 +163,7 @@ def fetch(
                 known_hash=f"sha256:{dataset.sha256}",
                 fname=dataset.file_name,
                 path=target,
-                downloader=pooch.HTTPDownloader(progressbar=bar, timeout=_TIMEOUT),
+                downloader=_Download(dataset.size, bar),
             )
         (target / "LICENSE.txt").write_text(dataset.licence_text + "\n", encoding="utf-8")
         (target / "CITATION.txt").write_text(dataset.citation + "\n", encoding="utf-8")
@@ -195,7 +198,7 @@ def _fetch_drives(dataset: Dataset, target: Path, progress: Any) -> Path:
                             known_hash=None,  # the joined table is checked
                             fname=f"{path.stem}_{name}",
                             path=folder,
-                            downloader=pooch.HTTPDownloader(progressbar=bar, timeout=_TIMEOUT),
+                            downloader=_Download(_TABLE_SHARE * dataset.size, bar),
                         )
                     tables[key] = Path(file).read_text(encoding="utf-8")
                 except (OSError, ValueError) as error:
@@ -319,7 +322,7 @@ def _known(name: str, registry: Mapping[str, Dataset]) -> Dataset:
         )
     near = get_close_matches(str(name), registry, n=1, cutoff=0.4)
     hint = f" - did you mean {near[0]!r}?" if near else ""
-    raise InvalidParameter(f"name must be one of {', '.join(registry)}, got {name!r}{hint}")
+    raise InvalidParameter(f"name must be one of {', '.join(registry)}, got {shown(name)}{hint}")
 
 
 def _digest(path: Path) -> str:
@@ -359,6 +362,47 @@ def _quiet(logger: logging.Logger) -> Iterator[None]:
         yield
     finally:
         logger.setLevel(before)
+
+
+class _Download:
+    """Downloads a file, and no more of it than there should be: what pooch calls a downloader.
+
+    Parameters
+    ----------
+    most
+        Bytes after which the answer is given up.
+    bar
+        With ``total``, ``update``, ``reset`` and ``close``, or False.
+    """
+
+    def __init__(self, most: int, bar: Any) -> None:
+        self._most, self._bar = most, bar
+
+    def __call__(self, url: str, output_file: str, _: Any) -> None:
+        """Write what ``url`` answers into the file.
+
+        Raises
+        ------
+        ValueError
+            If it is longer than it should be; the file is then cut off there.
+        """
+        import requests
+
+        with requests.get(url, stream=True, timeout=_TIMEOUT) as answer, open(output_file, "wb") as file:
+            answer.raise_for_status()
+            received = 0
+            if self._bar:
+                stated = answer.headers.get("content-length", "")
+                self._bar.total = int(stated) if stated.isdigit() else self._most
+            for piece in answer.iter_content(chunk_size=8192):
+                received += len(piece)
+                if received > self._most:
+                    raise ValueError(f"more than {self._most} bytes")
+                file.write(piece)
+                if self._bar:
+                    self._bar.update(len(piece))
+        if self._bar:
+            self._bar.close()
 
 
 class _Bar:

@@ -30,6 +30,7 @@ from offroad_env.world.structures import (
 )
 from offroad_env.world.tyres import TYRE_RANGES, TYRES, make_tyre
 from offroad_env.world.vehicles import VEHICLE_RANGES, VEHICLES, make_vehicle
+from offroad_env.world.yaml_text import shown
 
 __all__ = [
     "SOIL",
@@ -355,7 +356,7 @@ def register_vehicle(
 def _enter(book: _Book[R], entry: Entry[R]) -> None:
     name = entry.name
     if not isinstance(name, str) or not name.isidentifier():
-        raise InvalidParameter(f"name must be of letters, digits and underscores, got {name!r}")
+        raise InvalidParameter(f"name must be of letters, digits and underscores, got {shown(name)}")
     if name in book.catalogue and name not in book.own:
         raise InvalidParameter(f"the catalogue has a {book.kind} named {name!r} already: take another name")
     book.catalogue.register(entry)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from offroad_env.errors import DataError, InvalidParameter
+from offroad_env.world.files import read_text
 from offroad_env.world.schema import SectionSchema
 from offroad_env.world.yaml_text import parse_yaml, shown
 
@@ -88,10 +89,9 @@ def open_document(given: Any, section: str) -> Document:
         )
     path = Path(given)
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise DataError(f"{section}: cannot read {path}: {reason}") from error
+        text = read_text(path)
+    except DataError as error:
+        raise DataError(f"{section}: {error}") from None
     content, lines = parse_yaml(text, str(path), about=f"a {section}")
     inner = content.get(section)
     if isinstance(inner, Mapping):

@@ -8,9 +8,9 @@ realisations have slopes. The field is a sum of plane waves with random directio
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, fields
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ from offroad_env.physics.pressure_sinkage import bekker_modulus, bekker_pressure
 from offroad_env.physics.records import Soil, SoilField
 from offroad_env.physics.soil_field import REFERENCE_SINKAGE, local_soils
 from offroad_env.world.catalogue import Quantity
+from offroad_env.world.yaml_text import shown
 
 __all__ = [
     "REFERENCE_WIDTH",
@@ -29,6 +30,7 @@ __all__ = [
     "natural_soil",
     "reference_pressure",
     "soil_maps",
+    "spread_of",
 ]
 
 #: Width of the plate whose pressure at 5 cm stands for a soil: a tyre of a light vehicle [m].
@@ -60,6 +62,22 @@ class SoilSpread:
     c: float = 0.05  #: of log c
     tan_phi: float = 0.05  #: of log tan(phi)
     K: float = 0.0  #: of the logarithm of both shear moduli
+
+
+def spread_of(given: Any) -> bool | SoilSpread:
+    """A spread from a mapping of its fields; True is the usual one, False none.
+
+    Raises
+    ------
+    InvalidParameter
+        For anything else.
+    """
+    if isinstance(given, bool | SoilSpread):
+        return given
+    names = [item.name for item in fields(SoilSpread)]
+    if not isinstance(given, Mapping) or not set(given) <= set(names):
+        raise InvalidParameter(f"natural_soil must be True, or hold {', '.join(names)}, got {shown(given)}")
+    return SoilSpread(**given)
 
 
 class SoilMaps(NamedTuple):
@@ -158,7 +176,7 @@ def _check_exponent(n: float, sd: float) -> None:
 def _patch_row(i: int, patch: tuple[float, float, float, Soil], edge: float) -> list[float]:
     """A row of `SoilField.patches`."""
     if len(patch) != 4 or not isinstance(patch[-1], Soil):
-        raise InvalidParameter(f"patches[{i}] must be (x, y, radius, soil), got {patch!r}")
+        raise InvalidParameter(f"patches[{i}] must be (x, y, radius, soil), got {shown(patch)}")
     x, y, radius, soil = patch
     if soil.rigid > 0.5:
         raise InvalidParameter(f"patches[{i}] must be a deformable soil, got hard ground")

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.path_geometry import PathTable
 from offroad_env.world.catalogue import Quantity
+from offroad_env.world.yaml_text import shown
 
 __all__ = [
     "PathTable",
@@ -320,7 +321,7 @@ def winding_corridor(
     """
     if not isinstance(rng, np.random.Generator):
         raise InvalidParameter(
-            f"rng must be a numpy Generator, got {rng!r} - numpy.random.default_rng(seed)?"
+            f"rng must be a numpy Generator, got {shown(rng)} - numpy.random.default_rng(seed)?"
         )
     length = _LENGTH.check("length", length)
     radii = _ordered("radius_range", radius_range, _RADIUS)

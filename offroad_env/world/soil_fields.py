@@ -9,7 +9,9 @@ from typing import TypedDict, Unpack, cast
 
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import Soil
+from offroad_env.world.argument_checks import is_one_of
 from offroad_env.world.catalogue import Quantity, given_fields
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["SOIL_DEFAULTS", "SOIL_RANGES", "SoilFields", "checked_soil", "require_positive_modulus"]
 
@@ -132,8 +134,8 @@ def checked_soil(start: Soil | None = None, kind: str | None = None, **fields: U
 def _rigid(kind: str | None, start: Soil | None) -> bool:
     if kind is None:
         return start is not None and start.rigid > 0.5
-    if kind not in ("deformable", "rigid"):
-        raise InvalidParameter(f"kind must be 'deformable' or 'rigid', got {kind!r}")
+    if not is_one_of(kind, ("deformable", "rigid")):
+        raise InvalidParameter(f"kind must be 'deformable' or 'rigid', got {shown(kind)}")
     return kind == "rigid"
 
 

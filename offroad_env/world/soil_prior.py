@@ -21,7 +21,17 @@ from offroad_env.physics.soil_field import REFERENCE_SINKAGE
 from offroad_env.world.natural_soil import REFERENCE_WIDTH, reference_pressure
 from offroad_env.world.soils import SOILS, make_soil
 
-__all__ = ["MEASURED_SOILS", "PRIOR_NAMES", "LeaveOneOut", "SoilPrior", "leave_one_out", "soil_numbers"]
+__all__ = [
+    "ANGLE_SLOPE",
+    "EXIT_SHARE",
+    "LARGEST_PRESSURE_SHARE",
+    "MEASURED_SOILS",
+    "PRIOR_NAMES",
+    "LeaveOneOut",
+    "SoilPrior",
+    "leave_one_out",
+    "soil_numbers",
+]
 
 #: What a row of numbers holds.
 PRIOR_NAMES = ("log p(5 cm)", "n", "log c", "phi", "log K")
@@ -40,7 +50,7 @@ _STRENGTH_TUNED = ("cmu_sand",)
 
 #: Contact angles, a stated prior: theta_m/theta_f = a_0 + 0.32 s with a_0 between loose and compact sand
 #: (Wong & Reece, J. Terramechanics 4, 1967); theta_r/theta_f between no rebound and twice the catalogue's.
-_A_0, _A_1, _B_0 = (0.18, 0.43), 0.32, (-0.2, 0.0)
+LARGEST_PRESSURE_SHARE, ANGLE_SLOPE, EXIT_SHARE = (0.18, 0.43), 0.32, (-0.2, 0.0)
 #: No published soil has a larger phi [rad]: 52 degrees.
 _PHI_HIGHEST = 0.9
 _TRIES = 1000
@@ -134,7 +144,7 @@ class SoilPrior:
         for _ in range(_TRIES):
             numbers = self.draw(rng)
             share = self.shares[rng.integers(len(self.shares))]
-            a_0, b_0 = rng.uniform(*_A_0), rng.uniform(*_B_0)
+            a_0, b_0 = rng.uniform(*LARGEST_PRESSURE_SHARE), rng.uniform(*EXIT_SHARE)
             try:
                 return _whole_soil(numbers, share, float(a_0), float(b_0))
             except InvalidParameter:
@@ -157,7 +167,7 @@ def _whole_soil(numbers: np.ndarray, share: float, a_0: float, b_0: float) -> So
         phi=phi,
         k_x=math.exp(numbers[_K]),
         a_0=a_0,
-        a_1=_A_1,
+        a_1=ANGLE_SLOPE,
         b_0=b_0,
         b_1=0.0,
     )

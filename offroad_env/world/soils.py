@@ -9,6 +9,7 @@ from offroad_env.physics.records import Soil
 from offroad_env.world.catalogue import Catalogue
 from offroad_env.world.published_soils import published_soils
 from offroad_env.world.soil_fields import SoilFields, checked_soil
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["SOILS", "SoilFields", "make_soil"]
 
@@ -79,7 +80,7 @@ def _base_record(base: str | Soil | None) -> Soil | None:
         return base
     if isinstance(base, str):
         return SOILS[base]
-    raise InvalidParameter(f"base must be a name in SOILS or a Soil, got {base!r}")
+    raise InvalidParameter(f"base must be a name in SOILS or a Soil, got {shown(base)}")
 
 
 #: Published soils by name; ``SOILS.entry(name)`` gives title, source and remark.

@@ -5,11 +5,14 @@ No structure is the truth. Which one a log or a rig follows is a question for `o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import Structure
+from offroad_env.world.argument_checks import is_one_of, numbers
+from offroad_env.world.yaml_text import shown
 
 __all__ = [
     "LADDER",
@@ -113,13 +116,13 @@ def make_structure(
     InvalidParameter
         For an unknown preset, choice or option, or a number out of range.
     """
-    if preset not in STRUCTURES:
-        raise InvalidParameter(f"structure must be one of {', '.join(STRUCTURES)}, got {preset!r}")
+    if not is_one_of(preset, STRUCTURES):
+        raise InvalidParameter(f"structure must be one of {', '.join(STRUCTURES)}, got {shown(preset)}")
     for name, option in laws.items():
         if name not in LAWS:
             raise InvalidParameter(f"a structure has no choice {name!r}; it has {', '.join(LAWS)}")
-        if option not in LAWS[name]:
-            raise InvalidParameter(f"{name} must be one of {', '.join(LAWS[name])}, got {option!r}")
+        if not is_one_of(option, LAWS[name]):
+            raise InvalidParameter(f"{name} must be one of {', '.join(LAWS[name])}, got {shown(option)}")
     chosen = {name: options[0] for name, options in LAWS.items()} | dict(STRUCTURES[preset]) | laws
     if chosen["ruts"] != "none" and chosen["pressure_from"] != "own_sinkage":
         raise InvalidParameter(
@@ -228,6 +231,7 @@ def _flag(value: bool) -> float:
 
 def _within(name: str, value: float, hint: str) -> float:
     low, high, _ = STRUCTURE_NUMBERS[name]
-    if not low <= value <= high:
-        raise InvalidParameter(f"{name} must be in [{low:g}, {high:g}], got {value:g} - {hint}")
-    return float(value)
+    number = float(array) if (array := numbers(name, value)).ndim == 0 else math.nan
+    if not low <= number <= high:
+        raise InvalidParameter(f"{name} must be in [{low:g}, {high:g}], got {shown(value)} - {hint}")
+    return number

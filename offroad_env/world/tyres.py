@@ -9,6 +9,7 @@ from typing import TypedDict, Unpack
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import Structure, Tyre, Wheel
 from offroad_env.world.catalogue import Catalogue, Entry, Quantity, given_fields
+from offroad_env.world.yaml_text import shown
 
 __all__ = [
     "TYRES",
@@ -125,7 +126,7 @@ def make_tyre(base: str | Tyre | None = None, **fields: Unpack[TyreFields]) -> T
     elif isinstance(base, str | Tyre):
         values = (TYRES[base] if isinstance(base, str) else base)._asdict() | given
     else:
-        raise InvalidParameter(f"base must be a name in TYRES or a Tyre, got {base!r}")
+        raise InvalidParameter(f"base must be a name in TYRES or a Tyre, got {shown(base)}")
     return Tyre(**{name: quantity.check(name, values[name]) for name, quantity in TYRE_RANGES.items()})
 
 
@@ -154,7 +155,7 @@ def read_tyre(tyre: str | Tyre | None) -> Tyre | None:
         return tyre
     if isinstance(tyre, str):
         return TYRES[tyre]
-    raise InvalidParameter(f"tyre must be a name in TYRES or a Tyre, got {tyre!r}")
+    raise InvalidParameter(f"tyre must be a name in TYRES or a Tyre, got {shown(tyre)}")
 
 
 def with_tyre(structure: Structure | None, tyre: Tyre) -> Structure:

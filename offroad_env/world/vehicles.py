@@ -11,6 +11,7 @@ from offroad_env.errors import InvalidParameter
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.records import Vehicle, Wheel
 from offroad_env.world.catalogue import Catalogue, Entry, Quantity, given_fields
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["VEHICLES", "VEHICLE_RANGES", "VehicleFields", "make_vehicle", "make_wheel", "static_loads"]
 
@@ -247,7 +248,7 @@ def _base_values(base: str | Vehicle | None) -> dict[str, float]:
         return base._asdict()
     if isinstance(base, str):
         return VEHICLES[base]._asdict()
-    raise InvalidParameter(f"base must be a name in VEHICLES or a Vehicle, got {base!r}")
+    raise InvalidParameter(f"base must be a name in VEHICLES or a Vehicle, got {shown(base)}")
 
 
 def _ratios(v: Vehicle) -> dict[str, float]:

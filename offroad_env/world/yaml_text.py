@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import reprlib
 from typing import Any
 
 import yaml
@@ -12,8 +13,41 @@ from offroad_env.errors import DataError
 __all__ = ["parse_yaml", "shown"]
 
 
+#: Most values of a file, each counted as often as an alias repeats it: a few lines of aliases of aliases
+#: would be billions.
+_MOST_VALUES = 10_000
+#: Longest text that is parsed [characters].
+_LONGEST = 1_000_000
+
+
 class _Loader(yaml.SafeLoader):
-    """YAML with 1e5 and 13.19e3 as numbers, which YAML 1.1 reads as text."""
+    """YAML with 1e5 and 13.19e3 as numbers, which YAML 1.1 reads as text, and with bounded aliases."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._values = 0
+        self._sizes: dict[int, int] = {}
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """A node, or what an alias stands for, counted."""
+        before, is_alias = self._values, self.check_event(yaml.AliasEvent)
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]  # PyYAML has no types for this
+        self._values += 1
+        node = super().compose_node(parent, index)
+        if is_alias:
+            if id(node) not in self._sizes:
+                raise yaml.MarkedYAMLError(
+                    problem="an alias inside of what it names", problem_mark=event.start_mark
+                )
+            self._values += self._sizes[id(node)]
+        else:
+            self._sizes[id(node)] = self._values - before
+        if self._values > _MOST_VALUES:
+            raise yaml.MarkedYAMLError(
+                problem=f"more than {_MOST_VALUES} values, counting what aliases repeat",
+                problem_mark=event.start_mark,
+            )
+        return node
 
 
 _Loader.add_implicit_resolver(
@@ -36,6 +70,8 @@ def parse_yaml(
         For a syntax error, a key given twice, or anything but a mapping, with file and line.
     """
     loader = None
+    if len(text) > _LONGEST:
+        raise DataError(f"{file}: has {len(text)} characters; at most {_LONGEST} of YAML are read")
     try:
         loader = _Loader(text)
         node = loader.get_single_node()
@@ -52,8 +88,9 @@ def parse_yaml(
         raise
     except yaml.YAMLError as error:
         raise DataError(_syntax(error, text, file)) from None
-    except (ValueError, TypeError, OverflowError) as error:
-        raise DataError(f"{file}: a value cannot be read: {error}") from None
+    except (ValueError, TypeError, OverflowError, LookupError, AttributeError) as error:
+        # A tag that does not fit its value (`!!bool 7`, `!!timestamp foo`) fails inside the parser like this.
+        raise DataError(f"{file}: a value cannot be read: {str(error)[:120]}") from None
     except RecursionError:
         raise DataError(f"{file}: nested too deeply to describe {about}") from None
     finally:
@@ -115,7 +152,22 @@ def _set_dotted(data: Any, path: str, value: Any, file: str, line: int) -> None:
     inner[last] = value
 
 
+class _Short(reprlib.Repr):
+    """``repr`` that never takes long: of nested and repeated values the beginning."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel, self.maxstring, self.maxother, self.maxlong = 3, 60, 60, 60
+
+    def repr_int(self, x: int, level: int) -> str:
+        """A number with thousands of digits cannot be written out."""
+        return repr(x) if x.bit_length() <= 200 else f"a number of {x.bit_length()} bits"
+
+
+_SHORT = _Short()
+
+
 def shown(value: object) -> str:
     """A value as an error quotes it, cut to 40 characters."""
-    text = repr(value)
+    text = _SHORT.repr(value)
     return text if len(text) <= 40 else text[:37] + "..."

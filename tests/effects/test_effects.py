@@ -272,7 +272,7 @@ def test_a_former_id_is_found_where_no_effect_has_it_today():
     ("content", "message"),
     [
         ("", "is not JSON"),
-        ("[]", "is no extended model"),
+        ("[]", "must hold a JSON object"),
         ('{"format": "offroad-extension-2", "model": "third", "effects": []}', "model must be one of"),
         ('{"format": "offroad-extension-2", "model": "full"}', "effects must be a list"),
         ('{"format": "offroad-extension-2", "model": "full", "effects": [{"id": "x"}]}', "no effect 'x'"),

@@ -237,7 +237,7 @@ def test_all_problems_of_a_file_are_reported_at_once_with_their_lines(tmp_path):
     ("options", "error", "words"),
     [
         ({"soil": 3.0}, InvalidParameter, "soil must be a name, an object"),
-        ({"vehicle": "missing.yaml"}, DataError, "cannot read missing.yaml"),
+        ({"vehicle": "missing.yaml"}, DataError, "missing.yaml: cannot be read"),
         ({"vehicle": {"base": "mrzr", "m": 9000.0}}, InvalidParameter, "bounce frequency|gyration"),
         ({"scenario": {"base": "speed", "coridor": 3.0}}, InvalidParameter, "did you mean 'corridor'"),
         ({"scenario": {"course": {"path": "zigzag"}}}, InvalidParameter, "path must be one of winding"),

@@ -26,6 +26,7 @@ NAMED_TUPLE = {"_replace", "_asdict", "_fields", "_make", "_field_defaults"}
 NUMBA_INSIDE = {
     "offroad_env/physics/_intrinsics.py",
     "offroad_env/physics/_jit.py",
+    "offroad_env/physics/_kernel_cache.py",
     "offroad_env/physics/_staged.py",
 }
 #: What a literal number may index: arrays, and sequences of equal things.

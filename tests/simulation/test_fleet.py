@@ -14,6 +14,7 @@ from offroad_env.physics.contact import SUNK
 from offroad_env.simulation.fleet import make_fleet, simulate_fleet, simulate_fleet_commands, vary
 from offroad_env.simulation.sensors import ImuConfig
 from offroad_env.simulation.simulator import make_plant, settled_state, simulate, simulate_commands
+from offroad_env.world.natural_soil import natural_soil
 from offroad_env.world.soils import SOILS, make_soil
 from offroad_env.world.terrain import flat, paper_terrain
 from offroad_env.world.vehicles import VEHICLES
@@ -59,6 +60,26 @@ def test_a_fleet_of_the_full_model_is_its_vehicles_one_by_one():
         # The same kernels, translated for another caller: rounding may differ, nothing else.
         np.testing.assert_allclose(run.states[:, i], alone.states, rtol=1e-9, atol=1e-10)
         np.testing.assert_allclose(run.readings[:, i, at.N], alone.readings[:, at.N], rtol=1e-9)
+        assert run.status[i] == alone.status
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("vehicle_model", ["half_car", "four_wheel"])
+def test_a_fleet_on_tyres_and_natural_soil_is_its_vehicles_one_by_one(vehicle_model):
+    """Everything at once: laws, tyre, natural soil, four wheels."""
+    some = []
+    for n in EXPONENTS[:3]:
+        soil = make_soil(SOILS["sandy_loam"], n=float(n))
+        options = {"structure": "grid", "tyre": "mrzr", "soil_field": natural_soil(soil, 3)}
+        some.append(make_plant(CAR, soil, paper_terrain(0.02), vehicle_model=vehicle_model, **options))
+    states, warm = starts(some)
+    held = commands(len(some))
+    run = simulate_fleet_commands(make_fleet(some), states, warm, held, threads=2)
+    shared = simulate_fleet_commands(make_fleet(some), states, warm, held, threads=1)
+    np.testing.assert_array_equal(run.states, shared.states)
+    for i, plant in enumerate(some):
+        alone = simulate_commands(plant, states[i], warm[i], held[i])
+        np.testing.assert_allclose(run.states[:, i], alone.states, rtol=1e-9, atol=1e-9)
         assert run.status[i] == alone.status
 
 

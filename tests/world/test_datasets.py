@@ -29,6 +29,8 @@ class _Publisher(BaseHTTPRequestHandler):
             self.send_error(404, "Not Found")
             return
         body = CONTENT if self.path != "/damaged" else b"X" + CONTENT[1:]
+        if self.path == "/endless":
+            body = CONTENT + bytes(30_000_000)
         self.send_response(200)
         self.send_header("Content-Length", str(len(body)))
         self.end_headers()
@@ -155,6 +157,36 @@ def test_progress_reports_every_byte(publisher):
     bar = Bar()
     fetch("tiny", registry=_registry(f"{publisher[0]}/good"), progress=bar)
     assert (bar.total, bar.seen, bar.closed) == (len(CONTENT), len(CONTENT), True)
+
+
+def test_a_download_that_is_longer_than_registered_stops_there(publisher, tmp_path, monkeypatch):
+    received = []
+    monkeypatch.setattr(datasets._Download, "__init__", counting(received, datasets._Download.__init__))
+    with pytest.raises(DataError, match="is not the published"):
+        fetch("tiny", registry=_registry(f"{publisher[0]}/endless"), folder=tmp_path / "cache")
+    assert sum(received) < 100_000
+    assert not list((tmp_path / "cache").rglob("*.csv"))
+
+
+def counting(received, before):
+    """A download that notes what it takes, in place of a bar on the terminal."""
+
+    class Bar:
+        total = 0
+
+        def update(self, n):
+            received.append(n)
+
+        def reset(self):
+            pass
+
+        def close(self):
+            pass
+
+    def made(self, most, _):
+        before(self, most, Bar())
+
+    return made
 
 
 def test_terminal_bar_ends_even_when_the_download_fails(publisher, capsys):

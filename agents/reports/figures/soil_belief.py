@@ -9,7 +9,7 @@ from matplotlib.patches import Ellipse
 from scipy.stats import chi2
 
 from agents.reports.soil_belief import Report
-from estimators.belief.soil_belief import DISCREPANCY, StructureFit
+from estimators.belief.soil_belief import StructureFit
 from estimators.belief.unknowns import PHI, N
 from estimators.belief.windows import COMPARED
 from estimators.replay.replay import LEAD_IN
@@ -39,7 +39,7 @@ def _label(case: Case) -> str:
 
 def _region(part: StructureFit, colour: str) -> Ellipse:
     """Region of 95 % of n and phi under one structure, the model discrepancy included."""
-    covariance = part.fit.covariance[np.ix_((N, PHI), (N, PHI))] + np.diag(np.square(DISCREPANCY))
+    covariance = part.covariance[np.ix_((N, PHI), (N, PHI))]
     variances, axes = np.linalg.eigh(covariance)
     reach = 2.0 * np.sqrt(chi2.ppf(0.95, 2) * variances)
     angle = np.degrees(np.arctan2(axes[1, 1], axes[0, 1]))

@@ -99,6 +99,9 @@ class BeliefStudy(Results):
         }
         groups = {name: rows for name, rows in groups.items() if rows}
         scores = {name: score(rows) for name, rows in groups.items()}
+        both = [row for row in drives if not row["straight"]]
+        if both:
+            scores["both halves"] = score(both)
         self.save_figure(belief_figure(groups), "belief")
         self.save_numbers({"scores": scores, "drives": list(found.values())})
         _show(groups, scores)

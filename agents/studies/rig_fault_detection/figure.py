@@ -11,7 +11,8 @@ from matplotlib.lines import Line2D
 from estimators.discrepancy.model.protocol import Channel
 from estimators.discrepancy.model.windows import REPORT
 from estimators.discrepancy.rig.fit import held_out_trials
-from estimators.discrepancy.rig.trial_model import RigModel, Trials
+from estimators.discrepancy.rig.settings import measured_trials
+from estimators.discrepancy.rig.trial_model import RigModel
 from estimators.discrepancy.verdict import Diagnosis
 
 __all__ = ["rig_figure"]
@@ -33,12 +34,12 @@ def rig_figure(diagnosis: Diagnosis) -> Figure:
         If nothing was fitted.
     """
     logs = diagnosis.logs
-    trials = Trials.of(logs)
+    trials = measured_trials(logs)
     run = RigModel(logs[0], trials)
     search = diagnosis.search
     if search is None:
         raise ValueError("nothing was fitted to these trials: their data have problems")
-    extended = search.extended if diagnosis.causes else search.nominal
+    extended = search.nominal if diagnosis.model is None else diagnosis.model
     residuals = [held_out_trials(fit, run).residual for fit in (search.nominal, extended)]
     figure = Figure(figsize=(3.4 * len(run.channels), 6.0), layout="constrained")
     axes = figure.subplots(2, len(run.channels), sharex=True, height_ratios=(3, 2), squeeze=False)

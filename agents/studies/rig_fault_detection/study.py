@@ -8,7 +8,7 @@ University, where they are at hand, with each slip angle in turn as test data.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -28,9 +28,11 @@ from estimators.discrepancy.faults.rig import (
 )
 from estimators.discrepancy.model.windows import FIT
 from estimators.discrepancy.rig.fit import fit_rig
-from estimators.discrepancy.rig.trial_model import RigModel, Trials, trials_of
+from estimators.discrepancy.rig.settings import measured_trials
+from estimators.discrepancy.rig.trial_model import RigModel, trials_of
 from estimators.discrepancy.rig_diagnosis import diagnose_rig, rig_library
 from estimators.discrepancy.search.score_test import candidates_for, score_test
+from estimators.discrepancy.summarise import summarise
 from estimators.discrepancy.verdict import Diagnosis
 from estimators.rig.cmu_soil_bin import cmu_rig_log
 from offroad_env.errors import DataError, OffroadError
@@ -58,8 +60,10 @@ def run_rig_unit(kind: str, name: str, multiple: float, seed: int) -> Numbers:
             return _diagnosed(case, None, white=kind == "white")
         if kind == "unmodelled":
             return _diagnosed(case, UNMODELLED_RIG_FAULTS[name](_UNMODELLED_SIZE))
-        limit, alike = _limit(case, name)
+        limit, alike, (low, high) = _limit(case, name)
         sign = float(np.random.default_rng([seed, 3]).choice((-1.0, 1.0)))
+        # Where one sign is not physical, such as that of soil that pulls, the other is injected.
+        sign = sign if low <= sign * multiple * limit <= high else -sign
         size = sign * multiple * limit
         library = [other for other in rig_library() if other != name] if kind == "removed" else None
         result = _diagnosed(case, RIG_FAULTS[name](size), library=library)
@@ -68,16 +72,16 @@ def run_rig_unit(kind: str, name: str, multiple: float, seed: int) -> Numbers:
         return {"failed": str(error)}
 
 
-def _limit(case: RigCase, name: str) -> tuple[float, dict[str, float]]:
-    """Smallest detectable size in these trials without a fault, and cosines."""
+def _limit(case: RigCase, name: str) -> tuple[float, dict[str, float], tuple[float, float]]:
+    """Smallest detectable size in these trials without a fault, cosines, and the physical range."""
     log = simulated_trials(case)
-    trials = Trials.of([log])
+    trials = measured_trials([log])
     fit = fit_rig(RigModel(log, trials.only(trials.uses() == FIT)))
     result = score_test(fit, candidates_for(fit, rig_library()))
     own = [candidate.effect for candidate in result.candidates].index(name)
     cosines = np.abs(result.cosines()[own])
     alike = {c.effect: float(cos) for c, cos in zip(result.candidates, cosines, strict=True) if cos > 0.5}
-    return result.limits()[name], alike
+    return result.limits()[name], alike, trials_of(fit.runs).size_limits(name)
 
 
 def _diagnosed(
@@ -94,9 +98,13 @@ def _measured(held: int) -> Numbers:
     if found is None:
         raise DataError(f"{log.name}: the measured trials have problems: {diagnosis.findings[0].sentence}")
     report = None if pair is None else trials_of(pair[0].fit.runs).trials
+    summary = summarise(diagnosis)
     return _summary(diagnosis) | {
         "angle": float(np.degrees(np.abs(report.slip_angle)).mean()) if report else None,
+        "causes": summary.effects,
+        "families": summary.families,
         "n": log.config.soil.n + float(found.extended.nuisances[0]),
+        "wide": None if summary.n is None or summary.n.wide is None else asdict(summary.n.wide),
         "gain": {
             gain.channel: [gain.nominal, gain.extended, gain.low, gain.high] for gain in diagnosis.gains
         },
@@ -215,13 +223,19 @@ def _show(numbers: Numbers) -> None:
             rows.append((name, *parts, "-" if size is None else f"{size:.2f}"))
     console().print(table("faults on wheel rigs: share (95 % interval)", heading, rows))
     measured = [
-        (f"{r['angle']:.0f}", r["verdict"], f"{r['n']:.2f}", *(_less(r["gain"][c]) for c in _CHANNELS))
+        (
+            f"{r['angle']:.0f}",
+            r["verdict"],
+            "; ".join(", ".join(families) for families in r["families"]),
+            f"{r['n']:.2f}",
+            *(_less(r["gain"][c]) for c in _CHANNELS),
+        )
         for r in numbers["measured"]
         if r["gain"]
     ]
     if measured:
-        columns = ("angle", "verdict", "n", *_CHANNELS)
-        console().print(table("soil bin: errors at a slip angle [deg] not used", columns, measured, texts=2))
+        columns = ("angle", "verdict", "families of causes", "n", *_CHANNELS)
+        console().print(table("soil bin: errors at a slip angle [deg] not used", columns, measured, texts=3))
     if numbers["failed"]:
         say(f"{numbers['failed']} rigs could not be diagnosed")
 

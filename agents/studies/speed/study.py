@@ -26,8 +26,10 @@ from estimators.discrepancy.diagnosis import diagnose
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
 from estimators.filters.joint_ukf import joint_step
+from estimators.filters.online import Thinned
 from estimators.filters.online_parameter_ukf import OnlineParameterUKF
-from estimators.filters.protocol import Pose
+from estimators.filters.online_soil_belief import POPULATION_RANGE, OnlineSoilBelief
+from estimators.filters.protocol import Estimator, Pose
 from estimators.models.half_car_on_map import CHANNELS, JointSettings, joint_model, only_imu, prior
 from offroad_env.environment.vector_env import make_vec
 from offroad_env.physics import state as at
@@ -70,11 +72,13 @@ BARS = (
     Bar("env.step, parameter UKF", "Pendulum-v1"),
     Bar("env.step, parameter UKF", "HalfCheetah-v5", bar=0.4),
     Bar("env.step, joint filter", "HalfCheetah-v5", bar=0.1),
+    Bar("env.step, soil belief", "HalfCheetah-v5", bar=0.15),
     Bar("vector of 64", "env.step", bar=10.0, clock=True),
     Bar("vector of 64", "env.step"),
     Bar("vector of 64, parameter UKF", "env.step, parameter UKF", clock=True),
     Bar("update of the parameter UKF", "env.step", rate=False),
     Bar("update of the joint UKF", "env.step", rate=False),
+    Bar("sample for the soil belief", "update of the parameter UKF", rate=False, bar=4.0),
     Bar("half-car, grid", "half-car, full", rate=False, bar=2.0),
     Bar("four wheels, full", "half-car, full", rate=False, bar=5.0),
     Bar("four wheels, grid", "half-car, full", rate=False, bar=5.0),
@@ -220,7 +224,11 @@ def _vector(count: int, actions: np.ndarray, **options: object) -> Run:
 
 def _parameter_update() -> Run:
     plant = make_plant(VEHICLES["mrzr"], SOILS["dry_sand"], flat())
-    estimator = OnlineParameterUKF(plant, (0.3, 1.1))
+    return _updates(OnlineParameterUKF(plant, (0.3, 1.1)))
+
+
+def _updates(estimator: Estimator) -> Run:
+    """Samples for an online filter, a hundred a second."""
     rng = np.random.default_rng(0)
     imu = np.array([0.3, 0.1, 0.0, 0.0, 0.02]) + rng.normal(0.0, 0.1, (_ACTIONS, 5))
     nothing = np.full(4, np.nan)
@@ -231,6 +239,12 @@ def _parameter_update() -> Run:
             estimator.update((0.02, 600.0, 0.0), imu[k % _ACTIONS], np.full(2, 5.0), nothing)
 
     return _timed(work)
+
+
+def _soil_belief_update() -> Run:
+    """The belief over whole soils, 50 updates a second from 100 samples a second."""
+    plant = make_plant(VEHICLES["mrzr"], SOILS["dry_sand"], flat())
+    return _updates(Thinned(OnlineSoilBelief(plant, POPULATION_RANGE), 2))
 
 
 def _joint_update() -> Run:
@@ -317,7 +331,9 @@ def _our_sides(actions: Mapping[str, np.ndarray]) -> dict[str, tuple[Run, int]]:
         "env.step": (_environment(_BEKKER, drive, **speed), 2000),
         "env.step, parameter UKF": (_environment(_BEKKER, drive, **filtered), 1000),
         "env.step, joint filter": (_environment(_BEKKER, drive, **filtered, estimator="joint"), 200),
+        "env.step, soil belief": (_environment(_BEKKER, drive, **speed, terrain_info="belief"), 300),
         "update of the parameter UKF": (_parameter_update(), 1000),
+        "sample for the soil belief": (_soil_belief_update(), 1000),
         "update of the joint UKF": (_joint_update(), 300),
         "env.reset": (_resets(**speed), 200),
         **{name: (structured_drive(**options), 4000) for name, options in DRIVES.items()},

@@ -77,7 +77,8 @@ class GaussNewton:
         before = np.inf
         for i in range(self.rounds):
             if renews and i > 0:
-                (fit, white), new = self._linearised(fit), True
+                # Errors of settings are small: what they change depends little on where the descent is.
+                (fit, white), new = self._linearised(fit, states=False), True
             step = _step(fit, white)
             if not new and step.predicted > max(_SLOW * before, _STAKE):
                 (fit, white), new = self._linearised(fit), True
@@ -95,10 +96,14 @@ class GaussNewton:
             new, before = False, step.predicted if trial is not None else 0.0
         return fit.carried_to(replace(fit, equations=step.equations))
 
-    def _linearised(self, fit: FitResult) -> tuple[FitResult, _White]:
-        """With new derivatives at the present point."""
-        renew = fit.jacobian.renewed_states if self.held else fit.jacobian.renewed
-        return self._whitened(fit.carried_to(replace(fit, jacobian=renew(fit.linearisation))))
+    def _linearised(self, fit: FitResult, *, states: bool = True) -> tuple[FitResult, _White]:
+        """With new derivatives at the present point; by states only where they are wanted."""
+        there = fit.linearisation
+        if self.held:
+            jacobian = fit.jacobian.renewed_states(there)
+        else:
+            jacobian = fit.jacobian.renewed(there, states=states)
+        return self._whitened(fit.carried_to(replace(fit, jacobian=jacobian)))
 
     def _whitened(self, fit: FitResult) -> tuple[FitResult, _White]:
         """The fit with all derivatives that a step takes, and these whitened."""
@@ -118,12 +123,12 @@ def _step(fit: FitResult, white: _White) -> _Step:
 
 
 def bounded_step(problem: LeastSquaresProblem, point: Point, equations: NormalEquations) -> np.ndarray:
-    """Step (g,) of the shared parameters that, on hard ground, leaves those at their limits where they are.
+    """Step (g,) of the shared parameters that leaves those at their limits where they are.
 
-    On soil a step is only cut: the one limit there, of the timing, needs no more.
+    In drives on soil a step is only cut: the one limit there, of the timing, needs no more.
     """
     change = np.linalg.solve(equations.normal, equations.score)
-    if not problem.hard or not len(change):
+    if not problem.bounded or not len(change):
         return change
     low, high = problem.limits(point.candidates)
     values, free = point.shared, np.ones(len(change), dtype=bool)

@@ -59,6 +59,8 @@ class Linearisation:
 
     @cached_property
     def _coarse_prediction(self) -> np.ndarray:
+        if self.problem.coarse_runs == self.problem.runs:
+            return self.prediction
         return self.problem.predicted_coarsely(self.setups, self.point.starts, self.point.warm)
 
     def change(self, setups: Sequence[Setup], step: float) -> np.ndarray:
@@ -150,23 +152,25 @@ class Jacobian:
         """The same with new derivatives by the states."""
         return replace(self, states=at.state_columns())
 
-    def renewed(self, at: Linearisation) -> Jacobian:
+    def renewed(self, at: Linearisation, *, states: bool = True) -> Jacobian:
         """New derivatives by states, nuisances and the effects in the model.
 
-        Those by other effects are left out: on bumps, starts that moved by ten centimetres change them.
+        ``states``: those by states, too, or else those that are there. Those by other effects are left out:
+        on bumps, starts that moved by ten centimetres change them.
 
         Raises
         ------
         SolverFailure
             Where the model has no solution.
         """
-        states, nuisances, effects = at.state_columns(), at.nuisance_columns(), {}
+        known = self.states if not states and self.states is not None else at.state_columns()
+        nuisances, effects = at.nuisance_columns(), {}
         for candidate, size in zip(at.point.candidates, at.point.sizes, strict=True):
             column = at.effect_column(candidate)
             if column is None:
                 raise SolverFailure(f"the model breaks down near {candidate.effect} = {size:.3g}")
             effects[candidate.key] = column
-        return Jacobian(states=states, nuisances=nuisances, effects=effects)
+        return Jacobian(states=known, nuisances=nuisances, effects=effects)
 
     def completed(self, at: Linearisation, more: Sequence[Candidate] = ()) -> Jacobian:
         """With the derivatives that are missing for the model's own parameters and for ``more`` effects.

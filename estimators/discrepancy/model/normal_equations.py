@@ -93,8 +93,12 @@ def reduced(
 
 
 def projected(normal: np.ndarray, score: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Normal equations with the first ``count`` parameters eliminated."""
-    solved = np.linalg.solve(normal[:count, :count], np.column_stack([normal[:count, count:], score[:count]]))
+    """Normal equations with the first ``count`` parameters eliminated.
+
+    A parameter that the data do not show, such as one that its limit holds, has nothing to take away.
+    """
+    inner = normal[:count, :count] + np.diag(np.where(np.diag(normal)[:count] > 0.0, 0.0, 1.0))
+    solved = np.linalg.solve(inner, np.column_stack([normal[:count, count:], score[:count]]))
     cross = normal[count:, :count]
     return normal[count:, count:] - cross @ solved[:, :-1], score[count:] - cross @ solved[:, -1]
 
@@ -117,19 +121,15 @@ def spent_parameters(
 ) -> dict[str, float]:
     """Channel -> number of parameters that its residuals have paid for.
 
-    In a drive these are the free states of the windows: the trace of their hat matrix, from whitened
-    derivatives ``states`` (M, S); the few shared parameters are neglected beside them. Trials have no
-    states, so every sample pays the same share of the shared parameters.
+    These are the free states of the windows: the trace of their hat matrix, from whitened derivatives
+    ``states`` (M, S). The few shared parameters are neglected beside the samples of a drive; in trials every
+    sample pays the same share of them.
     """
-    if states.shape[1] == 0:
-        freedom = len(point.shared)
-        return {
-            name: freedom * sum(piece.stop - piece.start for piece in own) / problem.rows
-            for name, own in pieces.items()
-        }
+    freedom = len(point.shared) / problem.rows if problem.renews_derivatives else 0.0
     leverage = np.zeros(problem.rows)
     weight = np.diag(problem.state_information)
     for rows in problem.window_rows:
         A = states[rows]
         leverage[rows] = np.einsum("ij,ji->i", A, np.linalg.solve(A.T @ A + weight, A.T))
+    leverage += freedom
     return {name: float(sum(leverage[piece].sum() for piece in own)) for name, own in pieces.items()}

@@ -74,6 +74,11 @@ class LeastSquaresProblem:
         return self.runs[0].setup.plant.soil.rigid > 0.5
 
     @property
+    def bounded(self) -> bool:
+        """Whether parameters stay where their limits stop them: on hard ground, and in trials."""
+        return self.hard or self.renews_derivatives
+
+    @property
     def renews_derivatives(self) -> bool:
         """Whether every step of a descent takes new derivatives."""
         return self.runs[0].renews_derivatives
@@ -105,8 +110,8 @@ class LeastSquaresProblem:
     def limits(self, candidates: Sequence[Candidate]) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest value of every shared parameter, (N + E,) each."""
         pairs = [n.hard_limits if self.hard and n.hard_limits else n.limits for n in self.nuisances]
-        sizes = [EFFECTS[c.effect].size for c in candidates]
-        low, high = np.array([*pairs, *((size.low, size.high) for size in sizes)], dtype=np.float64).T
+        sizes = [self.runs[0].size_limits(c.effect) for c in candidates]
+        low, high = np.array([*pairs, *sizes], dtype=np.float64).T
         return low, high
 
     def size_information(self, candidates: Sequence[Candidate]) -> np.ndarray:

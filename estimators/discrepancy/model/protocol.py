@@ -108,6 +108,9 @@ class ForwardModel(Protocol):
     def renews_derivatives(self) -> bool:
         """Whether every step of a descent takes new derivatives."""
 
+    def size_limits(self, effect: str) -> tuple[float, float]:
+        """Smallest and largest size of an effect that the model takes."""
+
     def refined(self) -> Self:
         """The same with a finer solver."""
 

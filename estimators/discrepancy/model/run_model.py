@@ -25,6 +25,7 @@ from estimators.logs.clocks import pose_age
 from estimators.logs.log import Log
 from estimators.logs.runs import plant_of
 from estimators.logs.signals import uninterrupted
+from offroad_env.effects import EFFECTS
 from offroad_env.effects.protocol import Inputs, SensorErrors, Setup
 from offroad_env.errors import DataError, SolverFailure
 from offroad_env.physics import state as at
@@ -136,6 +137,11 @@ class RunModel:
         self.free = tuple(_FREE) if full and self.driven else tuple(i for i in _FREE if i < at.OMEGA_F)
         r = plant.vehicle.r
         self.spread = np.array([_FREE[i] / (r if i >= at.OMEGA_F else 1.0) for i in self.free])
+
+    def size_limits(self, effect: str) -> tuple[float, float]:
+        """Where the model can be computed."""
+        size = EFFECTS[effect].size
+        return size.low, size.high
 
     def refined(self) -> RunModel:
         """The same with half the step of the solver."""

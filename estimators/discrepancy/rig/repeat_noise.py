@@ -20,6 +20,10 @@ __all__ = ["RepeatNoise", "RigNoise", "rig_noise"]
 
 #: Least variance of a channel, and least deviation: identical repeats must stay solvable.
 _LEAST_VARIANCE, _LEAST_DEVIATION = 1e-24, 1e-12
+#: Scatter that the repeats of a condition share goes unquestioned up to so many times that between them.
+_UNQUESTIONED = 2.0
+#: Slip angles within this are of one level, for neighbours in slip [rad].
+_LEVEL = 0.02
 #: Least share of the samples, or conditions, that counts as freedom left by the fit.
 _LEAST_FREEDOM = 0.2
 
@@ -76,6 +80,8 @@ class RigNoise:
     pieces: Mapping[str, tuple[slice, ...]]  #: channel -> its rows of the data, in one piece
     groups: Mapping[str, np.ndarray]  #: channel -> (M,) number of the condition of every sample
     channels: Mapping[str, RepeatNoise] = field(default_factory=dict)
+    slips: Mapping[str, np.ndarray] = field(default_factory=dict)  #: channel -> (C,) mean slip by condition
+    angles: Mapping[str, np.ndarray] = field(default_factory=dict)  #: channel -> (C,) mean slip angle
 
     @classmethod
     def of_trials(cls, run: RigModel) -> RigNoise:
@@ -84,7 +90,16 @@ class RigNoise:
             channel.name: np.unique(run.condition_of(channel), return_inverse=True)[1]
             for channel in run.channels
         }
-        return cls(pieces={channel.name: (channel.rows,) for channel in run.channels}, groups=groups)
+        pieces = {channel.name: (channel.rows,) for channel in run.channels}
+        slips, angles = (
+            {
+                channel.name: np.bincount(groups[channel.name], values[channel.record])
+                / np.bincount(groups[channel.name])
+                for channel in run.channels
+            }
+            for values in (run.trials.slip, run.trials.slip_angle)
+        )
+        return cls(pieces=pieces, groups=groups, slips=slips, angles=angles)
 
     @property
     def orders(self) -> dict[str, int]:
@@ -97,6 +112,24 @@ class RigNoise:
             name: RepeatNoise.fitted(residual[rows], self.groups[name], freedom.get(name, 0.0), white=white)
             for name, (rows,) in self.pieces.items()
         }
+        return replace(self, channels=channels)
+
+    def for_detection(self, residual: np.ndarray) -> RigNoise:
+        """The same, without what follows the slip from condition to condition in the residuals (M,).
+
+        A model error that is smooth in slip is no scatter of prepared soil: counted as noise it would make
+        trials at few slip angles untestable. What repeats share counts as noise beyond twice what they
+        differ by only as far as conditions depart from their neighbours in slip.
+        """
+        channels = {}
+        for name, (rows,) in self.pieces.items():
+            own, group = self.channels[name], self.groups[name]
+            count = np.bincount(group)
+            mean = np.bincount(group, residual[rows]) / count
+            rough = _roughness(mean, self.slips[name], self.angles[name])
+            rough = max(rough - own.repeat**2 * float(np.mean(1.0 / count)), 0.0)
+            most = max(_UNQUESTIONED * own.repeat, np.sqrt(rough))
+            channels[name] = replace(own, between=min(own.between, most))
         return replace(self, channels=channels)
 
     def whiten(self, columns: np.ndarray) -> np.ndarray:
@@ -120,6 +153,22 @@ class RigNoise:
             count, noise = np.bincount(group), self.channels[name]
             total += float((count - 1).sum() * np.log(noise.repeat) + np.log(noise.of_mean(count)).sum())
         return total
+
+
+def _roughness(mean: np.ndarray, slip: np.ndarray, angle: np.ndarray) -> float:
+    """Variance of means (C,) about the line between their neighbours in slip, at one slip angle each.
+
+    Gasser, Sroka & Jennen-Steinmetz, Biometrika 73 (1986) 625. Infinite without neighbours.
+    """
+    squares: list[float] = []
+    order = np.lexsort([slip, np.round(angle / _LEVEL)])
+    for a, i, b in zip(order[:-2], order[1:-1], order[2:], strict=True):
+        if abs(angle[a] - angle[b]) > _LEVEL or slip[b] - slip[a] <= 0.0:
+            continue
+        share = (slip[i] - slip[a]) / (slip[b] - slip[a])
+        away = mean[i] - (1.0 - share) * mean[a] - share * mean[b]
+        squares.append(float(away**2 / (1.0 + (1.0 - share) ** 2 + share**2)))
+    return float(np.mean(squares)) if squares else np.inf
 
 
 def rig_noise(fit: FitResult) -> RigNoise:

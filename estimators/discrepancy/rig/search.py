@@ -9,28 +9,43 @@ loop of `stepwise.search`, which chooses by linearised scores, is not used.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from estimators.discrepancy.model.fit import settled
 from estimators.discrepancy.model.fit_result import FitResult
+from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.rig.fit import held_out_trials
+from estimators.discrepancy.rig.physical_ranges import at_limit
 from estimators.discrepancy.rig.repeat_noise import rig_noise
-from estimators.discrepancy.rig.trial_model import RigModel
+from estimators.discrepancy.rig.trial_model import RigModel, trials_of
 from estimators.discrepancy.search.result import EQUIVALENT, Alternative, Cause, SearchResult
 from estimators.discrepancy.search.score_test import ScoreTest, candidates_for, score_test, score_threshold
 from estimators.discrepancy.search.stepwise import MOST, outside, p_value_of_score
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 
-__all__ = ["search_rig"]
+__all__ = [
+    "deviance",
+    "holdout_gain",
+    "pruned",
+    "scored_only",
+    "search_rig",
+    "stand_ins",
+    "without_stand_ins",
+]
 
 #: Passes of exchanging one effect for another, and the gain that pays for one, in twice the log-likelihood.
 _SWAPS, _WORTH_A_SWAP = 4, 1.0
 #: Sizes to descend from, in plausible sizes, besides what the score proposes.
 _STARTS = (-1.0, 1.0)
+#: Steps of a first look at a candidate, and how many of the best are fitted in full.
+_ROUGHLY, _PROMISING = 4, 4
+#: Gain of an effect without which the model has no solution, in twice the log-likelihood.
+_INDISPENSABLE = 1e6
 #: The score proposes at most so many plausible sizes.
 _REACH = 2.0
 
@@ -48,17 +63,46 @@ def deviance(fit: FitResult) -> float:
     return 2.0 * fit.minus_log_likelihood
 
 
+def scores_of(fit: FitResult, candidates: Sequence[Candidate]) -> ScoreTest:
+    """Scores in the noise that a smooth error of the model is not counted in."""
+    noise = rig_noise(fit).for_detection(fit.residual)
+    return score_test(replace(fit, noise=noise), candidates)
+
+
+def stand_ins(fit: FitResult) -> list[int]:
+    """Effects whose size is at an end of its physical range: they stand in for something else."""
+    run = trials_of(fit.runs)
+    pairs = enumerate(zip(fit.candidates, fit.sizes, strict=True))
+    return [k for k, (c, size) in pairs if at_limit(c.effect, float(size), run.size_limits(c.effect))]
+
+
+def without_stand_ins(fit: FitResult) -> FitResult:
+    """The model without effects that are at an end of their physical ranges.
+
+    Raises
+    ------
+    SolverFailure
+        When a contact has no solution without them.
+    """
+    while wrong := stand_ins(fit):
+        fit = _without(fit, wrong[0])
+    return fit
+
+
 def _best(trials: Iterable[_Trial]) -> _Trial | None:
     return min(trials, key=lambda trial: trial[:2], default=None)
 
 
-def _refitted(fit: FitResult, candidates: Sequence[Candidate], sizes: Sequence[float]) -> FitResult | None:
-    """The model with these effects fitted, the last from several sizes; None if it breaks down."""
+def _first_look(fit: FitResult, candidates: Sequence[Candidate], sizes: Sequence[float]) -> FitResult | None:
+    """The model with these effects after one descent, the last from several sizes; None if it breaks down."""
     effect = EFFECTS[candidates[-1].effect]
     reach = effect.plausible(fit.runs[0].setup.plant.vehicle)
     first = float(np.clip(sizes[-1], -_REACH * reach, _REACH * reach))
     trials = []
-    for size in (first, *(effect.size.off + share * reach for share in _STARTS)):
+    low, high = trials_of(fit.runs).size_limits(effect.id)
+    for size in {
+        min(max(own, low), high) for own in (first, *(effect.size.off + s * reach for s in _STARTS))
+    }:
         try:
             trials.append(fit.with_effects(candidates, [*sizes[:-1], size]))
         except OffroadError:
@@ -66,7 +110,11 @@ def _refitted(fit: FitResult, candidates: Sequence[Candidate], sizes: Sequence[f
     if not trials:
         return None
     try:
-        return settled(min(trials, key=lambda trial: trial.cost))
+        return (
+            GaussNewton(rounds=_ROUGHLY)
+            .descend(min(trials, key=lambda trial: trial.cost))
+            .with_learned_noise()
+        )
     except OffroadError:
         return None
 
@@ -78,16 +126,23 @@ def _without(fit: FitResult, k: int) -> FitResult:
 
 
 def _with_one_more(fit: FitResult, kept: Sequence[int], candidates: Sequence[Candidate]) -> list[_Trial]:
-    """The effects ``kept`` of a fit with each candidate, best first."""
+    """The effects ``kept`` of a fit with each of the most promising candidates, best first."""
     names, sizes = [fit.candidates[i] for i in kept], fit.sizes[list(kept)]
     inside = {candidate.effect for candidate in names}
-    found = []
+    looks, found = [], []
     for i, candidate in enumerate(candidates):
         if candidate.effect in inside:
             continue
-        done = _refitted(fit, [*names, candidate], [*sizes, EFFECTS[candidate.effect].size.off])
-        if done is not None:
-            found.append(_Trial(deviance(done), i, done))
+        seen = _first_look(fit, [*names, candidate], [*sizes, EFFECTS[candidate.effect].size.off])
+        if seen is not None:
+            looks.append(_Trial(deviance(seen), i, seen))
+    for look in sorted(looks, key=lambda trial: trial[:2])[:_PROMISING]:
+        try:
+            done = settled(look.fit)
+        except OffroadError:
+            continue
+        if not stand_ins(done):
+            found.append(_Trial(deviance(done), look.number, done))
     return sorted(found, key=lambda trial: trial[:2])
 
 
@@ -106,7 +161,7 @@ def _exchanged(fit: FitResult, candidates: Sequence[Candidate]) -> FitResult:
     return fit
 
 
-def _pruned(fit: FitResult, threshold: float) -> FitResult:
+def pruned(fit: FitResult, threshold: float) -> FitResult:
     """Without the effects whose likelihood-ratio statistics are below the squared threshold."""
     while fit.candidates:
         trials = []
@@ -120,10 +175,13 @@ def _pruned(fit: FitResult, threshold: float) -> FitResult:
         if best is None or best.deviance - deviance(fit) > threshold**2:
             break
         fit = best.fit
-    return fit
+    try:
+        return without_stand_ins(fit)
+    except OffroadError:
+        return fit
 
 
-def _holdout_gain(fit: FitResult, larger: FitResult, apart: RigModel) -> float:
+def holdout_gain(fit: FitResult, larger: FitResult, apart: RigModel) -> float:
     """Gain of a larger model on trials apart, in the log-likelihood.
 
     Both in the scatter that the larger one leaves where it was fitted: an imperfect model errs more on
@@ -156,7 +214,7 @@ def search_rig(
         Called once the scores are known, before the long part.
     """
     candidates = candidates_for(nominal, library)
-    first = last = score_test(nominal, candidates)
+    first = last = scores_of(nominal, candidates)
     threshold = score_threshold(first, rate)
     progress("search")
     fit = nominal
@@ -165,13 +223,16 @@ def search_rig(
         trials = _with_one_more(fit, range(len(fit.candidates)), candidates)
         if not trials or deviance(fit) - trials[0].deviance < threshold**2:
             break
-        larger = _pruned(_exchanged(trials[0].fit, candidates), threshold)
+        larger = pruned(_exchanged(trials[0].fit, candidates), threshold)
+        if deviance(fit) - deviance(larger) < _WORTH_A_SWAP:
+            # What was added went again: the step would be the same for ever.
+            break
         if apart is not None:
-            gains.append(_holdout_gain(fit, larger, apart))
+            gains.append(holdout_gain(fit, larger, apart))
             if gains[-1] <= 0.0:
                 break
         fit = larger
-        last = score_test(fit, outside(fit, candidates))
+        last = scores_of(fit, outside(fit, candidates))
     return SearchResult(
         nominal=nominal,
         extended=fit,
@@ -179,15 +240,27 @@ def search_rig(
         last=last,
         threshold=threshold,
         holdout_gains=tuple(gains),
+        refused=not fit.candidates and float(np.abs(first.z).max(initial=0.0)) > threshold,
         causes=tuple(_cause(fit, k, candidates, first) for k in range(len(fit.candidates))),
     )
+
+
+def scored_only(nominal: FitResult, library: Sequence[str], rate: float) -> SearchResult:
+    """The scores of all effects, without a search."""
+    first = scores_of(nominal, candidates_for(nominal, library))
+    threshold = score_threshold(first, rate)
+    return SearchResult(nominal=nominal, extended=nominal, first=first, last=first, threshold=threshold)
 
 
 def _cause(fit: FitResult, k: int, candidates: Sequence[Candidate], first: ScoreTest) -> Cause:
     """All effects that can take the place of effect ``k``; it is the best of them."""
     others = [i for i in range(len(fit.candidates)) if i != k]
     own = deviance(fit)
-    gain = deviance(_without(fit, k)) - own
+    try:
+        gain = deviance(_without(fit, k)) - own
+    except OffroadError:
+        # The soil of the model cannot support the wheel without it.
+        gain = _INDISPENSABLE
     alternatives = [Alternative.of(fit, fit.candidates[k], 0.0)]
     left = outside(fit, candidates)
     for trial in _with_one_more(fit, others, left):

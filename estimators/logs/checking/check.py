@@ -20,8 +20,8 @@ from estimators.logs.checking.names import file_names, log_columns, name_remarks
 from estimators.logs.log import Log
 from estimators.logs.quality import QualityReport, quality
 from estimators.logs.reading import check_path, find_description, read_described
-from estimators.logs.tables import read_bytes
 from offroad_env.errors import DataError
+from offroad_env.world.files import MOST_TEXT, read_file
 
 __all__ = ["CheckReport", "check_description", "check_log", "with_lines"]
 
@@ -139,7 +139,7 @@ def check_description(path: Path) -> list[Remark]:
     DataError
         If it cannot be read.
     """
-    text = read_bytes(path).decode("utf-8-sig", "replace")
+    text = read_file(path, most=MOST_TEXT).decode("utf-8-sig", "replace")
     return description_remarks(text, str(path), lambda lines: None)
 
 
@@ -151,7 +151,7 @@ def _session(path: Path) -> _Session:
         session = _Session(path, base.with_name(base.name + ".yaml"), stand_in())
         session.fail(f"{error} - here the vehicle is a stand-in, so that the rest can be checked")
         return session
-    return _Session(path, description, read_bytes(description).decode("utf-8-sig", "replace"))
+    return _Session(path, description, read_file(description, most=MOST_TEXT).decode("utf-8-sig", "replace"))
 
 
 def _try(session: _Session, work: Callable[[], list[Remark]]) -> bool:

@@ -12,14 +12,18 @@ from estimators.logs.checking.naming import Match, column_of, match_columns
 from estimators.logs.checking.sniffing import Sniffed, sniff
 from estimators.logs.checking.topics import topic_remarks
 from estimators.logs.file_keys import AS_IS, FileKeys, parse_file_keys
+from estimators.logs.parquet import parquet_names
 from estimators.logs.reading import parse_description
 from estimators.logs.schema import ALL_COLUMNS, REFERENCE, RIG_COLUMNS, VEHICLE_INPUTS
-from estimators.logs.tables import parquet_names, read_bytes
+from estimators.logs.tables import MOST_LOG
 from estimators.logs.unit_conversion import conversion
 from offroad_env.errors import DataError, InvalidParameter
+from offroad_env.world.files import open_file
 
 __all__ = ["file_names", "log_columns", "name_remarks"]
 
+#: A format is judged by the beginning of a file [bytes].
+_SNIFFED = 16_000_000
 #: More columns than these are ignored as "others".
 _MOST_NAMED = 8
 
@@ -62,9 +66,12 @@ def name_remarks(path: Path, text: str) -> list[Remark]:
 
 
 def _sniffed(path: Path, keys: FileKeys) -> Sniffed:
-    content = read_bytes(path)
-    if path.suffix.lower() == ".parquet":
-        return Sniffed(form=keys.csv, names=parquet_names(content, str(path)))
+    with open_file(path, most=MOST_LOG) as file:
+        if path.suffix.lower() == ".parquet":
+            return Sniffed(form=keys.csv, names=parquet_names(file, str(path)))
+        content = file.read(_SNIFFED)
+    if len(content) == _SNIFFED:
+        content = content[: content.rfind(b"\n") + 1]  # the last row may be cut off
     return sniff(content, str(path), keys.csv)
 
 

@@ -45,7 +45,7 @@ def _of_lever(axis: int) -> Change:
 TABLE = (
     _row(
         id="accel_bias_x",
-        size=Parameter(name="bias", unit="m/s^2"),
+        size=Parameter(name="bias", unit="m/s^2", low=-100.0, high=100.0),
         plausible=lambda vehicle: 1.0,
         sentence="a_x reads {size} too much",
         source=_ACCELEROMETER.format("bias"),
@@ -56,7 +56,7 @@ TABLE = (
     ),
     _row(
         id="accel_bias_y",
-        size=Parameter(name="bias", unit="m/s^2"),
+        size=Parameter(name="bias", unit="m/s^2", low=-100.0, high=100.0),
         plausible=lambda vehicle: 1.0,
         sentence="a_y reads {size} too much",
         source=_ACCELEROMETER.format("bias"),
@@ -67,7 +67,7 @@ TABLE = (
     ),
     _row(
         id="accel_bias_z",
-        size=Parameter(name="bias", unit="m/s^2"),
+        size=Parameter(name="bias", unit="m/s^2", low=-100.0, high=100.0),
         plausible=lambda vehicle: 1.0,
         sentence="a_z reads {size} too much",
         source=_ACCELEROMETER.format("bias"),
@@ -99,7 +99,7 @@ TABLE = (
     ),
     _row(
         id="gyro_bias_pitch",
-        size=Parameter(name="bias", unit="rad/s"),
+        size=Parameter(name="bias", unit="rad/s", low=-20.0, high=20.0),
         plausible=lambda vehicle: 0.05,
         sentence="pitch_rate reads {size} too much",
         source=_GYRO,
@@ -109,7 +109,7 @@ TABLE = (
     ),
     _row(
         id="gyro_bias_yaw",
-        size=Parameter(name="bias", unit="rad/s"),
+        size=Parameter(name="bias", unit="rad/s", low=-20.0, high=20.0),
         plausible=lambda vehicle: 0.05,
         sentence="yaw_rate reads {size} too much",
         source=_GYRO,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from offroad_env.effects.places import borders
+from offroad_env.effects.places import PLACE_AND_DIRECTION, borders
 from offroad_env.effects.protocol import Effect, Parameter
 from offroad_env.physics._jit import inline_kernel
 from offroad_env.physics.axle import with_exponent
@@ -35,7 +35,7 @@ EFFECT = Effect(
     look_alikes=("n_trend",),
     separated_by="crossing the border both ways",
     soil_only=True,
-    others=(Parameter(name="place", unit="m"), Parameter(name="direction", unit="rad")),
+    others=PLACE_AND_DIRECTION,
     places=borders,
     law=_law,
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from offroad_env.effects.places import middle_of_route
+from offroad_env.effects.places import PLACE_AND_DIRECTION, middle_of_route
 from offroad_env.effects.protocol import Effect, Parameter
 from offroad_env.physics._jit import inline_kernel
 from offroad_env.physics.axle import with_exponent
@@ -35,7 +35,7 @@ EFFECT = Effect(
     look_alikes=("n_step",),
     separated_by="the same line both ways",
     soil_only=True,
-    others=(Parameter(name="place", unit="m"), Parameter(name="direction", unit="rad")),
+    others=PLACE_AND_DIRECTION,
     places=middle_of_route,
     law=_law,
 )

@@ -56,7 +56,7 @@ def test_every_promise_is_about_sides_that_exist():
     ours = {"RK4 step on clay", "RK4 step on dry sand", "env.step", "env.step, parameter UKF"}
     ours |= {"env.step, joint filter", "update of the parameter UKF", "update of the joint UKF"}
     ours |= {f"vector of {count}{kind}" for count in SIZES for kind in ("", ", parameter UKF")}
-    ours |= {"env.reset", *DRIVES}
+    ours |= {"env.reset", "env.step, soil belief", "sample for the soil belief", *DRIVES}
     peers = {"Pendulum-v1", "HalfCheetah-v5", "mj_step of HalfCheetah", "racetrack-v0"}
     assert {bar.ours for bar in BARS} <= ours
     assert {bar.peer for bar in BARS} <= peers | ours

@@ -205,9 +205,15 @@ def test_an_answer_needs_a_narrow_interval():
     assert not fake_belief((fake_fit(0.2, sd=0.1), 1.0)).answered
 
 
-def test_the_discrepancy_of_the_best_model_is_in_every_interval():
-    n = fake_belief((fake_fit(0.3, sd=1e-6), 1.0)).marginal(N)
-    assert 0.7 < n.sd / 0.02 < 1.4
-    phi = fake_belief((fake_fit(0.3, sd=1e-6), 1.0)).marginal(PHI)
-    assert 0.7 < phi.sd / 0.03 < 1.4
+def test_what_the_best_model_leaves_unexplained_widens_every_interval():
+    narrow, wide = (fake_belief((fake_fit(left, sd=1e-6), 1.0)) for left in (0.4, 0.8))
+    assert 0.7 < narrow.marginal(N).sd / 0.02 < 1.4
+    assert 0.7 < narrow.marginal(PHI).sd / 0.032 < 1.4
+    assert wide.marginal(N).sd == pytest.approx(2.0 * narrow.marginal(N).sd, rel=1e-3)
     assert fake_belief((fake_fit(0.3, sd=0.01), 1.0)).marginal(MODULUS).sd == pytest.approx(0.01, rel=1e-3)
+
+
+def test_residuals_at_the_noise_of_the_start_do_not_make_a_structure_exact():
+    exact, noisy = (fake_belief((fake_fit(left, sd=1e-6), 1.0)).marginal(N).sd for left in (0.01, 0.13))
+    assert exact == pytest.approx(noisy)
+    assert 0.7 < exact / 0.0125 < 1.4

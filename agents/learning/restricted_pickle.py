@@ -1,0 +1,113 @@
+"""Pickles of the state of a training run, of which nothing but that state can come back.
+
+A pickle names the classes of what it holds, and functions that make them; reading an ordinary one can call
+any function there is. Here names are taken from a list: arrays and generators of NumPy, spaces of Gymnasium,
+statistics and buffers of stable-baselines3, and classes of the parts of this project that an environment is
+made of. None of these runs a command, imports a module by name or opens a file when it is made.
+"""
+
+from __future__ import annotations
+
+import io
+import pickle
+from collections.abc import Mapping
+from typing import Any
+
+from offroad_env.environment.scenarios import Scenario
+from offroad_env.errors import DataError
+
+__all__ = ["pack", "unpack"]
+
+#: Names of other packages.
+_ALLOWED = {
+    "builtins": ("slice",),
+    "collections": ("OrderedDict", "deque"),
+    "gymnasium.envs.registration": ("EnvSpec",),
+    "gymnasium.spaces.box": ("Box",),
+    "gymnasium.spaces.dict": ("Dict",),
+    "gymnasium.vector.vector_env": ("AutoresetMode",),
+    "numpy": ("dtype", "ndarray"),
+    "numpy._core.multiarray": ("_reconstruct", "scalar"),
+    "numpy._core.numeric": ("_frombuffer",),
+    "numpy.core.multiarray": ("_reconstruct", "scalar"),
+    "numpy.core.numeric": ("_frombuffer",),
+    "numpy.random._pcg64": ("PCG64",),
+    "numpy.random._pickle": ("__bit_generator_ctor", "__generator_ctor"),
+    "numpy.random.bit_generator": ("SeedSequence", "__pyx_unpickle_SeedSequence"),
+    "stable_baselines3.common.buffers": ("DictReplayBuffer",),
+    "stable_baselines3.common.running_mean_std": ("RunningMeanStd",),
+    "stable_baselines3.common.vec_env.stacked_observations": ("StackedObservations",),
+    "stable_baselines3.common.vec_env.vec_normalize": ("VecNormalize",),
+    "torch": ("device",),
+}
+#: Where classes of this project may come from; functions never do.
+_OWN = (
+    "agents.controllers.",
+    "agents.learning.",
+    "estimators.filters.",
+    "estimators.models.",
+    "estimators.numerics.",
+    "offroad_env.effects.",
+    "offroad_env.environment.",
+    "offroad_env.physics.",
+    "offroad_env.simulation.",
+    "offroad_env.world.",
+)
+#: The scenario of the run is no part of its state: it holds the function that draws courses.
+_SCENARIO = "scenario"
+
+
+class _Writer(pickle.Pickler):
+    """Writes the scenario as a name."""
+
+    def persistent_id(self, value: Any) -> str | None:
+        """The name of what is not stored."""
+        return _SCENARIO if isinstance(value, Scenario) else None
+
+
+class _Reader(pickle.Unpickler):
+    """Finds listed names only."""
+
+    def __init__(self, content: bytes, scenario: Scenario) -> None:
+        super().__init__(io.BytesIO(content))
+        self._scenario = scenario
+
+    def persistent_load(self, name: Any) -> Scenario:
+        """The scenario of the run that goes on."""
+        if name != _SCENARIO:
+            raise pickle.UnpicklingError(f"it refers to {str(name)[:60]!r}")
+        return self._scenario
+
+    def find_class(self, module: str, name: str) -> Any:
+        """A class or function of the list."""
+        own = module.startswith(_OWN) and "." not in name
+        if name in _ALLOWED.get(module, ()) or own:
+            found = super().find_class(module, name)
+            if not own or (isinstance(found, type) and found.__module__ == module):
+                return found
+        raise pickle.UnpicklingError(f"it names {module}.{name}, which is no part of a training run"[:160])
+
+
+def pack(state: Mapping[str, Any]) -> bytes:
+    """The state of a run as bytes."""
+    sink = io.BytesIO()
+    _Writer(sink, protocol=5).dump(dict(state))
+    return sink.getvalue()
+
+
+def unpack(content: bytes, file: str, scenario: Scenario) -> dict[str, Any]:
+    """The state that `pack` has packed; ``scenario`` is put where it was.
+
+    Raises
+    ------
+    DataError
+        For anything else, before any of it is run.
+    """
+    try:
+        state = _Reader(content, scenario).load()
+    except Exception as error:  # what is damaged fails anywhere inside the reader, in many ways
+        reason = " ".join(str(error).split())[:160] or type(error).__name__
+        raise DataError(f"{file}: is no state of a training run, or damaged: {reason}") from None
+    if not isinstance(state, dict):
+        raise DataError(f"{file}: is no state of a training run")
+    return state

@@ -1,0 +1,1 @@
+"""The online belief over whole soils on simulated drives."""

@@ -1,0 +1,286 @@
+"""``offroad reproduce soil_belief``: what an online belief over whole soils says on soils nobody has seen.
+
+Units are one drive of one case (`estimators.experiments.soil_belief`). The settings of the filter were chosen
+on drives of the split "tuning"; by default the drives are of the split "test".
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.commands.options import Jobs
+from agents.reports.output import Results, console, say, table
+from agents.studies.runner import Key, run_units, stamp_of
+from estimators.experiments.soil_belief import (
+    CASES,
+    SPLITS,
+    BeliefHistory,
+    SoilRun,
+    believe,
+    draw_run,
+    limit_errors,
+)
+from offroad_env.errors import InvalidParameter
+from offroad_env.simulation.soil_holds import SoilHolds
+
+__all__ = ["AT", "BARS", "CaseLine", "LimitLine", "SoilBelief", "case_lines", "limit_lines", "run_unit"]
+
+#: When the belief is looked at [s], the last time counts; how long a drive is.
+AT, _DURATION = (2.0, 5.0, 10.0), 14.0
+#: How long ahead an immobilisation must be announced, and could be foreseen who knows the soil [s].
+_AHEAD, _FORESEEN = 2.0, 3.0
+#: Ends of the normal 95 % and 99 % intervals.
+_Z95, _Z99 = 1.959964, 2.575829
+#: A limit counts as used from this share on.
+_USED = 0.6
+#: Requirements: coverage of the limits, their median error where they were used, and for the other cases the
+#: share of the flagged time outside of the 99 % interval and the share of the excited time with the flag up;
+#: the latter is an upper limit where no structure of the filter is that of the truth.
+BARS = {
+    "coverage": (0.9, 0.98),
+    "error": 0.1,
+    "outside": 0.05,
+    "flag": 0.7,
+    "flag_grid": 0.1,
+    "announced": 0.9,
+    "false_per_km": 1.0,
+}
+#: All limits but the best slip, which no drive needs to a few per cent, and n.
+_NAMES = (*(name for name in SoilHolds._fields if name != "pull_slip"), "n")
+
+
+class LimitLine(NamedTuple):
+    """One limit, or n, over all drives with nuisances, 10 s after the start."""
+
+    name: str
+    runs: int
+    coverage: float  #: of the 95 % interval
+    error: float  #: median relative error; of n absolute
+    width: float  #: median half width of the 95 % interval, relative; of n absolute
+    error_used: float  #: median error where the drive used 60 % of the limit; NaN where nothing measures that
+    runs_used: int
+
+
+class StuckLine(NamedTuple):
+    """Immobilisations on the soils of one case."""
+
+    case: str
+    stuck: int  #: drives that end stuck, later than `_FORESEEN` after the start
+    announced: float  #: share of them that was announced `_AHEAD` before
+    false: int  #: drives that were announced and did not get stuck
+    kilometres: float  #: of the drives that did not get stuck
+
+
+class CaseLine(NamedTuple):
+    """One case over all its drives."""
+
+    case: str
+    runs: int
+    flag: float  #: share of the excited time with the flag up
+    outside: float  #: share of the flagged time in which a 99 % interval fails, of the worst number
+    worst: str  #: that number
+
+
+def _numbers(run: SoilRun, history: BeliefHistory) -> dict[str, Any]:
+    """A drive in plain numbers."""
+    errors = limit_errors(run, history)
+    rows = np.searchsorted(history.t, AT) - 1
+    up, flags = history.valid, history.valid[history.excited]
+    outside = np.abs(errors.z) > _Z99
+    return {
+        "z": errors.z[rows].tolist(),
+        "error": errors.relative[rows].tolist(),
+        "width": errors.width[rows].tolist(),
+        "used": history.used[rows[-1]].tolist(),
+        "valid": bool(history.valid[rows[-1]]),
+        "flag": [int(flags.sum()), len(flags)],
+        "outside": [outside[up].sum(axis=0).tolist(), int(up.sum())],
+        "stuck": _first(history.t, history.stuck),
+        "announced": _first(history.t, history.announced),
+        "distance": history.distance,
+    }
+
+
+def _first(t: np.ndarray, event: np.ndarray) -> float:
+    """When an event came first [s]; infinite where it did not."""
+    rows = np.flatnonzero(event)
+    return float(t[rows[0]]) if rows.size else math.inf
+
+
+def run_unit(case: str, seed: int, split: str) -> dict[str, Any]:
+    """One drive, see `_numbers`: errors in standard deviations, relative errors, half widths at `AT`."""
+    run = draw_run(case, seed, split=split, duration=_DURATION)
+    return _numbers(run, believe(run))
+
+
+def limit_lines(results: Mapping[Key, Mapping[str, Any]]) -> list[LimitLine]:
+    """A line for every limit, from the results by (case, seed, split)."""
+    found = [result for key, result in results.items() if key[0] == "nuisances"]
+    if not found:
+        return []
+    z, error, width = (np.array([result[name][-1] for result in found]) for name in ("z", "error", "width"))
+    used = np.array([result["used"] for result in found]) >= _USED
+    measured = {"lateral": used[:, 0], "pull": used[:, 1]}
+    lines = []
+    for i, name in enumerate(_NAMES):
+        where = measured.get(name, np.zeros(len(found), dtype=bool))
+        lines.append(
+            LimitLine(
+                name=name,
+                runs=len(found),
+                coverage=float(np.mean(np.abs(z[:, i]) < _Z95)),
+                error=float(np.median(error[:, i])),
+                width=float(np.median(width[:, i])),
+                error_used=float(np.median(error[where, i])) if where.any() else float("nan"),
+                runs_used=int(where.sum()),
+            )
+        )
+    return lines
+
+
+def widths_over_time(results: Mapping[Key, Mapping[str, Any]]) -> np.ndarray:
+    """(times, numbers) median half widths at `AT` of the drives with nuisances."""
+    found = [result["width"] for key, result in results.items() if key[0] == "nuisances"]
+    widths: np.ndarray = np.median(np.array(found), axis=0)
+    return widths
+
+
+def case_lines(results: Mapping[Key, Mapping[str, Any]]) -> list[CaseLine]:
+    """A line for every case, from the results by (case, seed, split)."""
+    lines = []
+    for case in dict.fromkeys(key[0] for key in results):
+        found = [result for key, result in results.items() if key[0] == case]
+        flag = np.sum([result["flag"] for result in found], axis=0)
+        outside = np.sum([result["outside"][0] for result in found], axis=0)
+        shares = outside / max(sum(result["outside"][1] for result in found), 1)
+        i = int(np.argmax(shares))
+        acting = float(flag[0] / flag[1]) if flag[1] else float("nan")
+        lines.append(CaseLine(case, len(found), acting, float(shares[i]), _NAMES[i]))
+    return lines
+
+
+def stuck_lines(results: Mapping[Key, Mapping[str, Any]]) -> list[StuckLine]:
+    """A line for each case whose soils are drawn, from the results by (case, seed, split)."""
+    lines = []
+    for case in dict.fromkeys(key[0] for key in results if CASES[key[0]].soil is None):
+        found = [result for key, result in results.items() if key[0] == case]
+        late = [result for result in found if _FORESEEN < result["stuck"] < math.inf]
+        free = [result for result in found if result["stuck"] == math.inf]
+        ahead = [result["stuck"] - result["announced"] >= _AHEAD for result in late]
+        lines.append(
+            StuckLine(
+                case=case,
+                stuck=len(late),
+                announced=float(np.mean(ahead)) if ahead else math.nan,
+                false=sum(result["announced"] < math.inf for result in free),
+                kilometres=1e-3 * sum(result["distance"] for result in free),
+            )
+        )
+    return lines
+
+
+@dataclass(kw_only=True)
+class SoilBelief(Results):
+    """The online belief over whole soils: what the soil holds, n, and the flag.
+
+    Coverage, error and width of the limits on soils drawn from the population, with all nuisances; flag and
+    99 % interval where one thing differs. Writes soil_belief.png, and soil_belief.jsonl with the result of
+    every drive: a drive that is there is not repeated.
+    """
+
+    quick: bool = False  #: 8 drives with nuisances and 2 of each other case
+    seeds: int = 240  #: drives with nuisances; half as many on soft soils
+    case_seeds: int = 20  #: drives of each other case
+    under: tuple[str, ...] = ()  #: these cases
+    tuning: bool = False  #: drives on which the settings were chosen
+    n_jobs: Jobs = 2  #: local processes
+
+    def run(self) -> None:
+        """Run what is missing, then print, draw and write."""
+        from agents.studies.soil_belief.figure import soil_belief_figure
+
+        if self.quick:
+            self.seeds, self.case_seeds = 8, 2
+        results = run_units(
+            self.out / "soil_belief.jsonl", run_unit, self._units(), label="soil belief", n_jobs=self.n_jobs
+        )
+        limits, cases = limit_lines(results), case_lines(results)
+        risks = stuck_lines(results)
+        _show(limits, cases)
+        _show_risks(risks)
+        if limits:
+            self.save_figure(soil_belief_figure(limits, widths_over_time(results), AT, BARS), "soil_belief")
+        self.save_numbers({"limits": limits, "cases": cases, "stuck": risks, "bars": BARS, "at": AT})
+
+    def _drives(self, case: str) -> int:
+        """How many drives of a case."""
+        if case == "soft":
+            return max(self.seeds // 2, 1)
+        return self.seeds if case == "nuisances" else self.case_seeds
+
+    def _units(self) -> dict[Key, str]:
+        unknown = [case for case in self.under if case not in CASES]
+        if unknown:
+            raise InvalidParameter(f"under must name some of {', '.join(CASES)}, got {unknown[0]!r}")
+        if min(self.seeds, self.case_seeds) < 1:
+            raise InvalidParameter("seeds and case_seeds must be 1 or more")
+        stamp, split = stamp_of("estimators.experiments.soil_belief"), SPLITS[0 if self.tuning else 1]
+        return {
+            (case, seed, split): stamp
+            for case in self.under or tuple(CASES)
+            for seed in range(self._drives(case))
+        }
+
+
+def _show_risks(risks: Sequence[StuckLine]) -> None:
+    body = [
+        (
+            CASES[line.case].title,
+            str(line.stuck),
+            _percent(line.announced),
+            str(line.false),
+            f"{line.kilometres:.1f}",
+        )
+        for line in risks
+    ]
+    heading = ("case", "drives that get stuck", "announced 2 s ahead [%]", "false alarms", "in km")
+    console().print(table("immobilisation", heading, body))
+
+
+def _percent(value: float, digits: int = 0) -> str:
+    return "-" if value != value else f"{100.0 * value:.{digits}f}"
+
+
+def _show(limits: Sequence[LimitLine], cases: Sequence[CaseLine]) -> None:
+    body = [
+        (
+            line.name,
+            str(line.runs),
+            _percent(line.coverage, 1),
+            _percent(line.error),
+            _percent(line.width),
+            _percent(line.error_used, 1),
+            str(line.runs_used),
+        )
+        for line in limits
+    ]
+    heading = ("limit", "drives", "covers", "error", "half width", "error where used", "drives that used it")
+    title = "whole soils, all nuisances, after 10 s: in per cent of the limit; n: in hundredths"
+    console().print(table(title, heading, body))
+    rows = [
+        (CASES[line.case].title, str(line.runs), _percent(line.flag), _percent(line.outside, 1), line.worst)
+        for line in cases
+    ]
+    console().print(
+        table(
+            "flag and 99 % intervals: in per cent",
+            ("case", "drives", "flag up", "outside, flag up", "worst number"),
+            rows,
+        )
+    )
+    say("flag up: of the time in which steering or roughness acts; outside: of the time with the flag up")

@@ -1,0 +1,96 @@
+"""Settings of the documentation site: ``make docs``."""
+
+from __future__ import annotations
+
+import re
+from itertools import groupby
+from typing import Any
+
+import offroad_env
+
+project = "OffroadBekker"
+author = "The OffroadBekker authors"
+copyright = author
+version = release = offroad_env.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.intersphinx",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+    "sphinx_gallery.gen_gallery",
+]
+root_doc = "index"
+exclude_patterns = ["_build", "gallery/sg_execution_times.rst", "sg_execution_times.rst", "generated/.*"]
+suppress_warnings = ["config.cache"]  # the functions below cannot be pickled
+
+# ---- pages in Markdown
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 4
+
+# ---- reference from docstrings
+autosummary_generate = True
+autodoc_typehints = "none"  # the docstrings give types, shapes and units
+autodoc_member_order = "bysource"
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+# Inventories of other projects need the network: links to them are left as text where it is missing.
+intersphinx_mapping: dict[str, Any] = {}
+
+# ---- gallery
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"/plot_",
+    "remove_config_comments": True,
+    "download_all_examples": False,
+    "show_signature": False,
+    "min_reported_time": 5,
+    "matplotlib_animations": True,
+    "abort_on_example_error": False,
+    "only_warn_on_example_error": False,
+}
+
+# ---- pages
+html_theme = "furo"
+html_title = "OffroadBekker"
+html_static_path: list[str] = []
+html_theme_options = {"navigation_with_keys": True}
+html_show_sourcelink = False
+
+
+_ENTRY = re.compile(r"^(\w[\w, ]*) : ")
+
+
+def _table(rows: list[str]) -> list[str]:
+    """A table in Markdown as one in reStructuredText."""
+    cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows if "---" not in row]
+    body = [line for row in cells for line in (f"   * - {row[0]}", *(f"     - {cell}" for cell in row[1:]))]
+    return ["", ".. list-table::", "   :header-rows: 1", "", *body, ""]
+
+
+def _from_markdown(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Environments describe themselves in Gymnasium's form, in Markdown."""
+    if not any(line.startswith("## ") for line in lines):
+        return
+    found: list[str] = []
+    for is_table, part in groupby(lines, key=lambda line: line.startswith("|")):
+        if is_table:
+            found += _table(list(part))
+            continue
+        for line in part:
+            if line.startswith("## "):
+                found += ["", f".. rubric:: {line[3:].strip()}", ""]
+            elif _ENTRY.match(line):
+                found += ["", _ENTRY.sub(r"- **\1**: ", line)]
+            else:
+                found.append(f"  {line.strip()}" if line.startswith("    ") else line)
+    lines[:] = found
+
+
+def setup(app: Any) -> None:
+    """Sphinx's hook."""
+    app.connect("autodoc-process-docstring", _from_markdown, priority=100)

@@ -1,0 +1,410 @@
+"""Online belief over whole soils: what the soil holds, when more than n is unknown.
+
+A filter for n alone reads a friction angle that is one degree off as another n. Here pressure at 5 cm, n,
+cohesion, friction angle, shear modulus and contact angles are unknown together, with the population of
+measured soils (`offroad_env.world.soil_prior`) as their prior, and so are the vehicle's mass, the biases of
+the inertial unit and the scale of the wheel speeds. Single parameters often stay uncertain; what the soil
+holds (`offroad_env.simulation.soil_holds`) is known much better, and is what a driver and a planner need.
+
+*Copies.* As in `estimators.filters.online_parameter_ukf` every sigma point has a vehicle of its own, which
+finds its slip, sinkage and side slip on its own soil under the command that was given. 17 copies at 50 Hz
+cost about as much as four of that filter.
+
+*A wide belief.* Points lie one standard deviation out, where soils still carry the vehicle; a pair that does
+not is drawn nearer. What the sensitivities leave of the copies' differences counts as noise (second-order
+filter).
+
+*What lasts.* Errors of model and navigation last tenths of a second and count as white noise of that
+duration. What the means of the innovations show beyond it is learnt as a discrepancy and widens the interval.
+When the mean over 2 s leaves its band, no soil explains the drive: the flag goes down and part of the prior
+comes back.
+
+The kernels are in `soil_belief_step`, `soil_belief_points` and `soil_belief_holds`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.filters.navigation import NavigationFilter, NavigationNoise, V
+from estimators.filters.online_base import OnlineFilter, check_positive
+from estimators.filters.protocol import Estimate
+from estimators.filters.soil_belief_holds import (
+    LIMITS,
+    LOGARITHMIC,
+    SHIFT,
+    limits_of_belief,
+    new_surrogate,
+    refresh_surrogate,
+    whole_surrogate,
+)
+from estimators.filters.soil_belief_points import COPIES, LOG_MASS, SAMPLED, SIZE, N, Sigma
+from estimators.filters.soil_belief_step import (
+    CHANNELS,
+    DISCREPANCY,
+    FLAGS,
+    HELD,
+    NIS,
+    REPAIRS,
+    RESETS,
+    SURPRISE,
+    UNSETTLED,
+    BeliefMemory,
+    BeliefRules,
+    learn_soil,
+)
+from offroad_env.errors import InvalidParameter
+from offroad_env.physics import state as at
+from offroad_env.physics.axle import contact_shape
+from offroad_env.physics.numerics import GRAVITY
+from offroad_env.physics.packing import pack
+from offroad_env.physics.records import FloatArray, Soil
+from offroad_env.simulation.sensors import GnssConfig, ImuConfig
+from offroad_env.simulation.simulator import Plant, plant_model
+from offroad_env.simulation.soil_holds import SoilHolds
+from offroad_env.world.soil_prior import ANGLE_SLOPE, EXIT_SHARE, LARGEST_PRESSURE_SHARE, SoilPrior
+from offroad_env.world.soils import make_soil
+
+__all__ = [
+    "BELIEF_VECTOR",
+    "LONGEST",
+    "POPULATION_RANGE",
+    "HeldLimit",
+    "Immobilisation",
+    "OnlineSoilBelief",
+    "SoilBeliefSettings",
+    "population_n",
+    "population_of",
+]
+
+#: What `OnlineSoilBelief.vector` holds: means and standard deviations in turn, risk of getting stuck, flag.
+BELIEF_VECTOR = (
+    *(f"{name}{part}" for name in (*SoilHolds._fields, "n") for part in ("", "_sd")),
+    *("stuck", "stop_in", "valid"),
+)
+#: Longest time to a stop that is reported [s].
+LONGEST = 100.0
+#: Range of n that the population of soils reaches [-].
+POPULATION_RANGE = (0.1, 1.9)
+#: Quantile of a normal distribution that a 95 % interval ends at.
+_Z95 = 1.959964
+
+
+class HeldLimit(NamedTuple):
+    """Belief about one limit."""
+
+    mean: float  #: median; the mean of the best slip
+    sd: float
+    low: float  #: 95 % interval
+    high: float
+
+
+#: Settings that must be positive.
+_POSITIVE = (
+    *("error_time", "drift", "settle_time", "hold_speed", "mass", "acceleration_bias", "misalignment"),
+    *(
+        "rate_bias",
+        "rim_scale",
+        "short_time",
+        "memory_time",
+        "surprise",
+        "discrepancy",
+        "refresh_time",
+        "slowing_time",
+    ),
+)
+
+
+class Immobilisation(NamedTuple):
+    """Risk of getting stuck."""
+
+    probability: float  #: that the soil gives no pull at any slip, on level ground
+    stop_in: float  #: time to a stop as the speed falls now, at most `LONGEST` [s]
+    announced: bool  #: whether the vehicle is about to get stuck
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoilBeliefSettings:
+    """Noise, gains, priors and tests of the belief; each value has its reason here."""
+
+    #: What the model leaves out: a_x, a_y [m/s^2], yaw rate [rad/s], speed of the navigation filter and rims'
+    #: speeds beyond it [m/s]. As in `OnlineParameterSettings`; speed: what the navigation filter has wrong.
+    error: tuple[float, float, float, float, float] = (0.15, 0.3, 0.03, 0.07, 0.22)
+    error_time: float = 0.3  #: how long such an error lasts [s]
+    drift: float = 0.03  #: random walk, in standard deviations of the prior [1/sqrt(s)]
+    settle_time: float = 1.0  #: time in which the copies follow their sigma points [s]
+    position_gain: float = 5.0  #: pulls as in `OnlineParameterSettings` [1/s]
+    speed_gain: float = 4.0
+    side_gain: float = 1.0
+    yaw_rate_gain: float = 2.0
+    pitch_rate_gain: float = 5.0
+    hold_speed: float = 1.0  #: below this the copies rest and the belief holds [m/s]
+    mass: float = 0.05  #: standard deviation of log mass: load and fuel
+    acceleration_bias: float = 0.1  #: of the accelerometers [m/s^2]
+    misalignment: float = math.radians(2.0)  #: of the unit; where it measures gravity, it has a share of that
+    rate_bias: float = 0.005  #: of the gyro, beyond what the navigation filter has found [rad/s]
+    rim_scale: float = 0.01  #: of the rolling radius [-]
+    short_time: float = 0.5  #: of the mean in which a discrepancy shows [s]
+    memory_time: float = 5.0  #: over which its variance is averaged [s]
+    surprise: float = 15.0  #: largest chi-square (6 channels) of the mean innovation for a valid belief
+    discrepancy: float = 2.5  #: largest discrepancy of a channel for a valid belief, over `error`
+    widening: float = 0.2  #: share of the prior's variance that comes back when no soil explains the drive
+    unsettled_time: float = 3.0  #: how long the flag then stays down [s]
+    #: An immobilisation is announced at this probability, where the speed falls to zero within this time [s].
+    stuck: tuple[float, float] = (0.5, 6.0)
+    slowing_time: float = 0.5  #: over which the loss of speed is averaged [s]
+    refresh_time: float = 2.0  #: from one reference of the limits to the next [s]
+
+    def __post_init__(self) -> None:
+        check_positive(self, _POSITIVE)
+
+
+def population_of(n_prior: float | None = None, sd: float | None = None) -> tuple[FloatArray, FloatArray]:
+    """Mean (7,) and covariance (7, 7) of a soil's numbers in the order of the belief.
+
+    The population of measured soils; with ``n_prior`` and ``sd`` what it becomes where n is known so well:
+    the other numbers follow n as they do in the population.
+    """
+    prior = SoilPrior.fitted()
+    mean, cov = np.zeros(7), np.zeros((7, 7))
+    dof = prior.degrees_of_freedom
+    mean[:5] = prior.mean
+    cov[:5, :5] = prior.scale
+    cov[:4, :4] *= dof / (dof - 2.0)
+    for i, (low, high) in ((5, LARGEST_PRESSURE_SHARE), (6, EXIT_SHARE)):
+        mean[i], cov[i, i] = 0.5 * (low + high), (high - low) ** 2 / 12.0
+    if n_prior is not None and sd is not None:
+        gain = cov[:, N] / cov[N, N]
+        mean = mean + gain * (n_prior - mean[N])
+        cov = cov + np.outer(gain, gain) * (sd * sd - cov[N, N])
+    return mean, cov
+
+
+def population_n() -> tuple[float, float]:
+    """Mean and standard deviation of n among the soils of the population."""
+    mean, cov = population_of()
+    return float(mean[N]), math.sqrt(float(cov[N, N]))
+
+
+class OnlineSoilBelief(OnlineFilter):
+    """Belief over whole soils from commands and sensors (an `estimators.filters.protocol.Estimator`).
+
+    Parameters
+    ----------
+    plant : Plant
+        The vehicle's model of itself, its wheels (structure, tyre) and the ground: full model, half-car or
+        bicycle. Its soil is not used.
+    n_range : (float, float)
+        Bounds of the reported n [-].
+    dt : float
+        Time between samples [s].
+    imu : ImuConfig, optional
+        How the inertial unit is mounted and what it measures, as far as known.
+    gnss : GnssConfig, optional
+        The receiver, for the noise of the navigation filter.
+    settings : SoilBeliefSettings, optional
+    navigation : NavigationFilter, optional
+        Somebody else's, who keeps it up to date. Default: one of its own.
+
+    Raises
+    ------
+    InvalidParameter
+        For a plant of the paper's model or with four wheels, or a range or step that it cannot work with.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        n_range: tuple[float, float],
+        *,
+        dt: float = 0.02,
+        imu: ImuConfig | None = None,
+        gnss: GnssConfig | None = None,
+        settings: SoilBeliefSettings | None = None,
+        navigation: NavigationFilter | None = None,
+    ) -> None:
+        own = navigation or NavigationFilter(plant.vehicle, NavigationNoise.of(gnss))
+        super().__init__(plant, n_range, dt=dt, navigation=own, navigates=navigation is None)
+        if plant_model(plant) != "full" or plant.four_wheel is not None:
+            raise InvalidParameter("the belief over soils needs a half-car or bicycle of the full model")
+        self.settings = settings or SoilBeliefSettings()
+        self._mount = (imu or ImuConfig()).mount()
+        self._packed = pack(plant._replace(soil=_base_soil(), soil_field=None))
+        self._rules = self._constants(imu or ImuConfig())
+        self._memory = _new_memory(plant)
+        self._surrogate = new_surrogate()
+        self._limits = np.zeros(LIMITS), np.zeros(LIMITS)
+        self._since, self._refreshing = 0.0, False
+        self._speed, self._gain = math.nan, 0.0
+        self._start()
+
+    def _constants(self, imu: ImuConfig) -> BeliefRules:
+        s, vehicle = self.settings, self.plant.vehicle
+        tilt = self._mount.gravity * s.misalignment
+        bias = math.hypot(s.acceleration_bias, tilt)
+        own = np.square([s.mass, bias, bias, s.rate_bias, s.rim_scale])
+        sensor = np.array([imu.accel_noise, imu.accel_noise, imu.gyro_noise, 0.0, 0.0, 0.0])
+        error = np.array([*s.error, s.error[-1]])
+        return BeliefRules(
+            prior=np.concatenate([np.diag(population_of()[1]), own]),
+            R=sensor**2 + 2.0 * error**2 * s.error_time / self.dt,
+            error=error**2,
+            drift=float(s.drift),
+            lags=(vehicle.steer_lag, vehicle.torque_lag),
+            position_gain=float(s.position_gain),
+            speed_gain=float(s.speed_gain),
+            side_gain=float(s.side_gain),
+            yaw_rate_gain=float(s.yaw_rate_gain),
+            pitch_rate_gain=float(s.pitch_rate_gain),
+            hold_speed=float(s.hold_speed),
+            settle_time=float(s.settle_time),
+            short_time=float(s.short_time),
+            memory_time=float(s.memory_time),
+            surprise=float(s.surprise),
+            widening=float(s.widening),
+            unsettled_time=float(s.unsettled_time),
+            dt=self.dt,
+        )
+
+    def _restart(self, n_prior: float, sd: float) -> None:
+        for array in self._memory:
+            if isinstance(array, np.ndarray):
+                array[:] = 0.0
+        mean, cov = population_of(n_prior, sd)
+        self._memory.mean[:LOG_MASS] = mean
+        self._memory.cov[:] = np.diag(self._rules.prior)
+        self._memory.cov[:LOG_MASS, :LOG_MASS] = cov
+        self._rules.prior[:LOG_MASS] = np.diag(cov)
+        self._memory.last[:] = self._memory.flags[NIS] = math.nan
+        whole_surrogate(self._surrogate, self._packed, self._memory.mean, self._memory.cov)
+        self._since, self._refreshing = 0.0, False
+        self._speed, self._gain = math.nan, 0.0
+        self._note_limits()
+
+    def _update(
+        self,
+        command: tuple[float, float, float],
+        imu: FloatArray,
+        rim_speeds: FloatArray,
+        gnss: FloatArray,
+    ) -> None:
+        memory = self._memory
+        nav = self.navigation.x
+        learn_soil(memory, self._rules, self._packed, self._mount, nav, imu, rim_speeds, command)
+        speed, self._speed = self._speed, float(nav[V])
+        if math.isfinite(speed):
+            share = self.dt / self.settings.slowing_time
+            self._gain += share * ((self._speed - speed) / self.dt - self._gain)
+        self._since += self.dt
+        if self._refreshing or self._since >= self.settings.refresh_time:
+            done = refresh_surrogate(self._surrogate, self._packed, memory.mean, memory.cov, 1)
+            self._refreshing = not done
+            if done:
+                self._since = 0.0
+        self._note_limits()
+
+    def _note_limits(self) -> None:
+        memory = self._memory
+        limits_of_belief(self._surrogate, memory.mean, memory.cov, *self._limits)
+
+    @property
+    def estimate(self) -> Estimate:
+        """The present estimate of n."""
+        memory = self._memory
+        low, high = self.n_range
+        mean, sd = float(memory.mean[N]), math.sqrt(float(memory.cov[N, N]))
+        inside = min(max(mean, low), high)
+        return Estimate(inside, sd, float(memory.flags[NIS]), self.is_valid, int(memory.flags[REPAIRS]))
+
+    @property
+    def is_valid(self) -> bool:
+        """Whether no innovation test rejects the model."""
+        flags = self._memory.flags
+        explained = (
+            flags[SURPRISE] < self._rules.surprise and flags[DISCREPANCY] < self.settings.discrepancy**2
+        )
+        return bool(explained and flags[UNSETTLED] <= 0.0)
+
+    @property
+    def limits(self) -> tuple[FloatArray, FloatArray]:
+        """Means and standard deviations (6,) of the limits in the order of `SoilHolds`, in copies.
+
+        Those of the logarithm where `LOGARITHMIC` is true.
+        """
+        return self._limits[0].copy(), self._limits[1].copy()
+
+    @property
+    def holds(self) -> dict[str, HeldLimit]:
+        """Belief about what the soil holds, by the names of `SoilHolds`."""
+        found = {}
+        for i, name in enumerate(SoilHolds._fields):
+            centre, sd = float(self._limits[0][i]), float(self._limits[1][i])
+            ends = centre - _Z95 * sd, centre + _Z95 * sd
+            if LOGARITHMIC[i]:
+                shift = SHIFT[i] * self.plant.vehicle.m * GRAVITY
+                low, middle, high = (math.exp(min(x, 50.0)) for x in (ends[0], centre, ends[1]))
+                found[name] = HeldLimit(middle - shift, middle * sd, low - shift, high - shift)
+            else:
+                found[name] = HeldLimit(centre, sd, *ends)
+        return found
+
+    @property
+    def vector(self) -> FloatArray:
+        """(17,) what `BELIEF_VECTOR` names: SI units."""
+        numbers = [value for limit in self.holds.values() for value in (limit.mean, limit.sd)]
+        estimate, risk = self.estimate, self.immobilisation
+        known = (estimate.mean, estimate.sd, risk.probability, risk.stop_in, float(estimate.valid))
+        return np.array([*numbers, *known])
+
+    @property
+    def immobilisation(self) -> Immobilisation:
+        """Risk of getting stuck."""
+        i = SoilHolds._fields.index("pull")
+        none = math.log(SHIFT[i] * self.plant.vehicle.m * GRAVITY)
+        z = (none - float(self._limits[0][i])) / max(float(self._limits[1][i]), 1e-9)
+        probability = 0.5 * math.erfc(-z / math.sqrt(2.0))
+        stop_in = LONGEST
+        if self._gain < 0.0:
+            stop_in = min(max(self._speed, 0.0) / -self._gain, LONGEST)
+        least, soon = self.settings.stuck
+        return Immobilisation(probability, stop_in, probability > least and stop_in < soon)
+
+    @property
+    def soil(self) -> tuple[FloatArray, FloatArray]:
+        """Mean (12,) and covariance (12, 12) of the numbers of `BELIEF_NAMES`, in copies."""
+        return self._memory.mean.copy(), self._memory.cov.copy()
+
+    @property
+    def held(self) -> bool:
+        """Whether the last sample left the belief as it was."""
+        return bool(self._memory.flags[HELD] > 0.5)
+
+    @property
+    def changes(self) -> int:
+        """How often no soil has explained the drive since the reset."""
+        return int(self._memory.flags[RESETS])
+
+
+def _base_soil() -> Soil:
+    """What soils of a belief have in common: how contact angles grow with slip."""
+    return make_soil(k_phi=1e6, n=0.7, c=1e3, phi=0.5, k_x=0.02, a_0=0.3, a_1=ANGLE_SLOPE, b_0=-0.1, b_1=0.0)
+
+
+def _new_memory(plant: Plant) -> BeliefMemory:
+    sigma = Sigma(np.zeros((SAMPLED, SAMPLED)), np.ones(SAMPLED), np.zeros((COPIES, SAMPLED)))
+    return BeliefMemory(
+        mean=np.zeros(SIZE),
+        cov=np.zeros((SIZE, SIZE)),
+        sigma=sigma,
+        copies=np.zeros((COPIES, at.STATE_SIZE)),
+        warms=np.zeros((COPIES, *contact_shape(plant.structure))),
+        last=np.zeros(3),
+        mean_innovation=np.zeros(CHANNELS),
+        short_innovation=np.zeros(CHANNELS),
+        discrepancy=np.zeros(CHANNELS),
+        flags=np.zeros(FLAGS),
+    )

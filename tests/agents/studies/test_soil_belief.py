@@ -1,0 +1,94 @@
+"""The study of the online belief over whole soils."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from agents.studies.soil_belief.figure import soil_belief_figure
+from agents.studies.soil_belief.study import (
+    AT,
+    BARS,
+    SoilBelief,
+    case_lines,
+    limit_lines,
+    run_unit,
+    stuck_lines,
+    widths_over_time,
+)
+from estimators.experiments.soil_belief import CASES, SPLITS, draw_run
+from offroad_env.errors import InvalidParameter
+from offroad_env.world.soils import SOILS
+
+
+def test_a_unit_is_a_drive_in_plain_numbers() -> None:
+    unit = run_unit("phi_2", 0, "tuning")
+    again = run_unit("phi_2", 0, "tuning")
+    assert unit == again
+    assert np.shape(unit["z"]) == np.shape(unit["width"]) == (len(AT), 6)
+    widths = np.array(unit["width"])
+    assert (widths[-1, :5] < widths[0, :5]).all()
+
+
+def test_cases_of_one_seed_differ_in_one_thing() -> None:
+    cases = ("matched", "phi_2")
+    plain, other = (draw_run(case, 1, split="tuning", duration=1.0).record.plant for case in cases)
+    assert abs(other.soil.phi - plain.soil.phi) == pytest.approx(CASES["phi_2"].phi)
+    assert other.soil._replace(phi=plain.soil.phi) == plain.soil
+    assert plain.soil == SOILS["clay"]
+    assert other.vehicle == plain.vehicle
+
+
+def test_soils_of_tuning_and_test_are_not_the_same() -> None:
+    runs = [draw_run("nuisances", 0, split=split, duration=1.0).record for split in SPLITS]
+    assert runs[0].plant.soil != runs[1].plant.soil
+
+
+def _result(z: float, used: float, flag: float, outside: float) -> dict[str, object]:
+    ones = np.ones((len(AT), 6))
+    return {
+        "z": (z * ones).tolist(),
+        "error": (0.1 * ones).tolist(),
+        "width": (0.3 * ones).tolist(),
+        "used": [used, used],
+        "valid": True,
+        "flag": [round(100 * flag), 100],
+        "outside": [[round(50 * outside)] + [0] * 5, 50],
+        "stuck": math.inf,
+        "announced": math.inf,
+        "distance": 50.0,
+    }
+
+
+def test_lines_count_what_they_say() -> None:
+    results = {("nuisances", i, "test"): _result(3.0 if i < 2 else 1.0, 0.1 * i, 0.5, 0.2) for i in range(10)}
+    results |= {("grid", 0, "test"): _result(1.0, 0.0, 0.05, 0.0)}
+    limits, cases = limit_lines(results), case_lines(results)
+    assert [line.coverage for line in limits] == [0.8] * 6
+    assert [line.runs_used for line in limits] == [4, 4, 0, 0, 0, 0]
+    assert cases[0][:3] == ("nuisances", 10, 0.5)
+    assert cases[0].outside == pytest.approx(0.2)
+    assert cases[0].worst == "lateral"
+    assert cases[1].flag == pytest.approx(0.05)
+    figure = soil_belief_figure(limits, widths_over_time(results), AT, BARS)
+    assert len(figure.axes) == 2
+
+
+@pytest.mark.parametrize(("announced", "share"), [(3.0, 1.0), (5.5, 0.0), (math.inf, 0.0)])
+def test_an_immobilisation_counts_as_announced_two_seconds_ahead(announced: float, share: float) -> None:
+    stuck = {**_result(1.0, 0.1, 0.5, 0.0), "stuck": 7.0, "announced": announced}
+    early = {**stuck, "stuck": 1.0}
+    free = {**_result(1.0, 0.1, 0.5, 0.0), "announced": announced}
+    line = stuck_lines({("soft", i, "test"): unit for i, unit in enumerate((stuck, early, free, free))})[0]
+    assert (line.case, line.stuck, line.announced) == ("soft", 1, share)
+    assert line.false == (0 if announced == math.inf else 2)
+    assert line.kilometres == pytest.approx(0.1)
+
+
+def test_what_is_not_a_case_is_refused(tmp_path) -> None:
+    with pytest.raises(InvalidParameter, match="under must name some of nuisances"):
+        SoilBelief(out=tmp_path, under=("moon",)).run()
+    with pytest.raises(InvalidParameter, match="case must be one of"):
+        draw_run("moon", 0)

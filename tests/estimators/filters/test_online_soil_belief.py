@@ -1,0 +1,293 @@
+"""The online belief over whole soils: what the soil holds, when more than n is unknown."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from estimators.experiments.soil_belief import BeliefHistory, SoilRun, believe, draw_run
+from estimators.filters.online import Thinned
+from estimators.filters.online_soil_belief import (
+    BELIEF_VECTOR,
+    POPULATION_RANGE,
+    Immobilisation,
+    OnlineSoilBelief,
+    SoilBeliefSettings,
+    population_n,
+    population_of,
+)
+from estimators.filters.protocol import Estimate, Estimator, Pose
+from estimators.filters.soil_belief_holds import LIMITS, transform_limits
+from estimators.filters.soil_belief_points import BELIEF_NAMES, SIZE, N
+from offroad_env.errors import InvalidParameter
+from offroad_env.physics.numerics import GRAVITY
+from offroad_env.physics.records import Soil
+from offroad_env.simulation.sensors import GnssConfig, ImuConfig
+from offroad_env.simulation.simulator import Plant, make_plant
+from offroad_env.simulation.soil_holds import SoilHolds, soils_hold
+from offroad_env.world.soils import SOILS
+from offroad_env.world.terrain import flat
+from offroad_env.world.vehicles import VEHICLES
+
+_CAR = VEHICLES["mrzr"]
+_START = Pose(0.0, 0.0, 0.0, 5.0)
+_RUNS = 8
+
+
+def _plant(**options) -> Plant:
+    return make_plant(_CAR, SOILS["dry_sand"], flat(), **options)
+
+
+def _filter(**settings) -> OnlineSoilBelief:
+    unit, receiver = ImuConfig(kind="specific_force"), GnssConfig(position_sd=1.5)
+    chosen = SoilBeliefSettings(**settings)
+    return OnlineSoilBelief(_plant(), POPULATION_RANGE, imu=unit, gnss=receiver, settings=chosen)
+
+
+@cache
+def _runs() -> tuple[SoilRun, ...]:
+    """Drives of the tuning soils with all nuisances."""
+    return tuple(draw_run("nuisances", seed, split="tuning", duration=8.0) for seed in range(_RUNS))
+
+
+@cache
+def _histories(**settings) -> tuple[BeliefHistory, ...]:
+    return tuple(believe(run, Thinned(_filter(**settings), 2)) for run in _runs())
+
+
+def _errors(histories: tuple[BeliefHistory, ...]) -> np.ndarray:
+    """(runs, 6) errors of the limits at the end, in standard deviations."""
+    found = []
+    for run, history in zip(_runs(), histories, strict=True):
+        truth = np.zeros(LIMITS)
+        transform_limits(run.holds, _CAR.m * GRAVITY, truth)
+        found.append((history.centre[-1] - truth) / history.sd[-1])
+    return np.array(found)
+
+
+def _tested(z: np.ndarray) -> np.ndarray:
+    """All limits but the best slip, which is no smooth number."""
+    return np.delete(z, SoilHolds._fields.index("pull_slip"), axis=1)
+
+
+def test_it_is_an_estimator_of_n_too() -> None:
+    belief = _filter()
+    assert isinstance(belief, Estimator)
+    mean, sd = population_n()
+    found = belief.reset(mean, sd, _START)
+    assert found.mean == pytest.approx(mean)
+    assert found.sd == pytest.approx(sd)
+
+
+def test_before_the_drive_the_belief_about_the_limits_is_that_of_the_population() -> None:
+    """Against soils drawn from the same normal distribution, one by one, with what they hold."""
+    belief = _filter()
+    belief.reset(*population_n(), _START)
+    mean, cov = population_of()
+    rng, soils = np.random.default_rng(1), []
+    for lp, n, lc, phi, lK, a_0, b_0 in rng.multivariate_normal(mean, cov, 400).tolist():
+        if 0.15 < n < 1.9 and 0.05 < phi < 0.9 and 0.1 < a_0 < 0.6 and -0.3 < b_0 <= 0.0:
+            K, modulus = math.exp(min(lK, -2.4)), math.exp(lp) / 0.05**n
+            soils.append(
+                Soil(0.0, modulus, n, math.exp(lc), phi, K, K, a_0, 0.32, b_0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            )
+    rows = soils_hold(_plant(), soils)
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    for name in ("lateral", "resistance", "sinkage", "stopping"):
+        values, held = np.log(rows[:, SoilHolds._fields.index(name)]), belief.holds[name]
+        assert abs(math.log(held.mean) - np.median(values)) < 0.7 * values.std()
+        assert 0.5 < math.log(held.high / held.low) / 3.92 / values.std() < 1.7
+
+
+def test_a_drive_narrows_the_limits_and_they_hold_the_truth() -> None:
+    histories, z = _histories(), _tested(_errors(_histories()))
+    assert (np.abs(z) < 1.96).mean() >= 0.85
+    first, last = (np.median([h.sd[k] for h in histories], axis=0) for k in (0, -1))
+    for name, share in (("lateral", 0.5), ("resistance", 0.25), ("sinkage", 0.4), ("stopping", 0.5)):
+        i = SoilHolds._fields.index(name)
+        assert last[i] < share * first[i]
+
+
+def test_the_intervals_are_neither_half_nor_twice_as_wide_as_they_must_be() -> None:
+    spread = float(np.sqrt(np.mean(_tested(_errors(_histories())) ** 2)))
+    assert 0.5 < spread < 1.3
+    # Half the noise that is assumed, and the same intervals do not hold.
+    s = SoilBeliefSettings()
+    bold = _histories(error=tuple(0.25 * e for e in s.error), settle_time=0.25)
+    assert float(np.sqrt(np.mean(_tested(_errors(bold)) ** 2))) > 1.5 * spread
+
+
+def _fed(belief: OnlineSoilBelief, imu: tuple[float, ...], seconds: float, *, slip: float = 0.0) -> None:
+    """Drive straight at 5 m/s by readings that are made up."""
+    nothing = np.full(4, np.nan)
+    for k in range(round(seconds / belief.dt)):
+        fix = np.array([5.0 * k * belief.dt, 0.0, 5.0, 0.0]) if k % 5 == 0 else nothing
+        rims = np.full(2, 5.0 * (1.0 + slip))
+        belief.update((0.0, 900.0, 0.0), np.array(imu), rims, fix)
+
+
+def test_the_flag_goes_down_when_no_soil_explains_the_readings() -> None:
+    """Rims at three times the speed and a turn without steering: no soil of the population does that."""
+    belief = _filter()
+    belief.reset(*population_n(), _START)
+    _fed(belief, (0.0, 0.0, 0.0, 0.0, 0.0), 1.0)
+    assert belief.is_valid
+    before = belief.soil[1]
+    _fed(belief, (0.0, 0.0, 0.0, 0.0, 0.6), 1.5, slip=2.0)
+    assert not belief.is_valid
+    assert belief.changes > 0
+    # Part of the prior has come back.
+    assert belief.soil[1][N, N] > 0.8 * before[N, N]
+
+
+@pytest.mark.parametrize(("factor", "valid"), [(0.5, False), (1.0, True), (2.0, True)])
+def test_the_limit_of_the_flag_stands_where_it_should(factor: float, valid: bool) -> None:
+    """A yaw rate that the model lacks: it passes, and half the limit refuses it."""
+    limit = SoilBeliefSettings().surprise
+    belief = _filter(surprise=factor * limit)
+    belief.reset(*population_n(), _START)
+    _fed(belief, (0.0, 0.0, 0.0, 0.0, 0.0), 1.0)
+    _fed(belief, (0.0, 0.0, 0.0, 0.0, 0.08), 2.0)
+    assert belief.is_valid is valid
+
+
+@pytest.mark.parametrize(("factor", "valid"), [(0.5, False), (1.0, True), (2.0, True)])
+def test_a_model_that_errs_by_far_more_than_assumed_is_not_valid(factor: float, valid: bool) -> None:
+    """Accelerations that come and go every second without a cause: their mean is zero."""
+    belief = _filter(discrepancy=factor * SoilBeliefSettings().discrepancy)
+    belief.reset(*population_n(), _START)
+    for k in range(8):
+        _fed(belief, (0.7 * (-1.0) ** k, 0.0, 0.0, 0.0, 0.0), 1.0)
+    assert belief.is_valid is valid
+
+
+def test_an_error_that_lasts_is_learnt_and_its_channel_counts_less() -> None:
+    plain, deaf = _filter(), _filter(memory_time=1e6)
+    for belief in (plain, deaf):
+        belief.reset(*population_n(), _START)
+        for k in range(8):
+            _fed(belief, (1.2 * (-1.0) ** k, 0.0, 0.0, 0.0, 0.0), 1.0)
+    bias = BELIEF_NAMES.index("bias a_x")
+    assert plain.soil[1][bias, bias] > 2.0 * deaf.soil[1][bias, bias]
+
+
+def test_at_rest_the_belief_holds_and_widens_slowly() -> None:
+    belief = _filter()
+    belief.reset(*population_n(), _START)
+    _fed(belief, (0.0, 0.0, 0.0, 0.0, 0.0), 3.0)
+    mean, cov = belief.soil
+    belief.navigation.x[3] = 0.0
+    for _ in range(50):
+        belief.update((0.0, 0.0, 0.0), np.zeros(5), np.zeros(2), np.full(4, np.nan))
+    assert belief.held
+    later, wider = belief.soil
+    np.testing.assert_allclose(later, mean)
+    grown = np.diag(wider) / np.diag(cov)
+    assert (grown >= 1.0).all()
+    assert (grown < 1.2).all()
+
+
+def test_a_prior_of_n_takes_the_other_numbers_along_as_in_the_population() -> None:
+    mean, cov = population_of()
+    other, narrow = population_of(1.2, 0.05)
+    assert other[N] == pytest.approx(1.2)
+    assert narrow[N, N] == pytest.approx(0.05**2)
+    assert other[2] < mean[2]  # cohesion falls with n
+    assert np.linalg.eigvalsh(narrow).min() > 0.0
+    assert (np.diag(narrow) <= np.diag(cov) + 1e-12).all()
+    same, as_wide = population_of(*population_n())
+    np.testing.assert_allclose(same, mean)
+    np.testing.assert_allclose(as_wide, cov)
+
+
+def test_the_vector_has_a_name_for_every_number() -> None:
+    belief = _filter()
+    belief.reset(*population_n(), _START)
+    numbers = dict(zip(BELIEF_VECTOR, belief.vector, strict=True))
+    assert numbers["lateral"] == belief.holds["lateral"].mean
+    assert numbers["stopping_sd"] == belief.holds["stopping"].sd
+    assert numbers["n"] == belief.estimate.mean
+    assert numbers["valid"] == 1.0
+    assert len(belief.soil[0]) == SIZE
+
+
+class _Watched(Thinned):
+    """Keeps the risk of getting stuck at every sample."""
+
+    risks: list[Immobilisation]
+
+    def update(self, *sample) -> Estimate:
+        found = super().update(*sample)
+        self.risks.append(self.inner.immobilisation)
+        return found
+
+
+@cache
+def _soft() -> tuple[tuple[float, np.ndarray], ...]:
+    """Drives on soft soils: when they are stuck [s]; probability and time to a stop, sample by sample."""
+    found, belief = [], _Watched(_filter(), 2)
+    for seed in range(14):
+        run = draw_run("soft", seed, split="tuning", duration=12.0)
+        belief.risks = []
+        history = believe(run, belief)
+        announced = np.array([risk.announced for risk in belief.risks])
+        np.testing.assert_array_equal(announced[1::2], history.announced)
+        found.append((_first(history.t, history.stuck), np.array([risk[:2] for risk in belief.risks])))
+    return tuple(found)
+
+
+def _first(t: np.ndarray, event: np.ndarray) -> float:
+    rows = np.flatnonzero(event)
+    return float(t[rows[0]]) if rows.size else math.inf
+
+
+@pytest.mark.parametrize(
+    ("probability", "time", "all_ahead", "quiet"),
+    [(1.0, 1.0, True, True), (0.5, 1.0, True, False), (2.0, 1.0, False, True), (1.0, 0.5, False, True)],
+)
+def test_getting_stuck_is_announced_two_seconds_ahead_and_nothing_else_is(
+    probability: float, time: float, all_ahead: bool, quiet: bool
+) -> None:
+    """By factors of both limits: twice or half of what they are either warns without a cause or too late."""
+    least, soon = SoilBeliefSettings().stuck
+    ahead, false = [], 0
+    for stuck, risks in _soft():
+        event = (risks[:, 0] > probability * least) & (risks[:, 1] < time * soon)
+        warned = _first(0.01 * np.arange(1, len(risks) + 1), event)
+        if 3.0 < stuck < math.inf:
+            ahead.append(stuck - warned >= 2.0)
+        elif stuck == math.inf:
+            false += warned < math.inf
+    assert len(ahead) >= 3
+    assert all(ahead) == all_ahead
+    assert (false == 0) == quiet
+
+
+def test_nobody_is_warned_on_firm_soil_or_while_the_speed_holds() -> None:
+    for run, history in zip(_runs(), _histories(), strict=True):
+        if run.holds.pull > 0.15 * _CAR.m * GRAVITY:
+            assert not history.announced.any()
+    belief = _filter()
+    belief.reset(*population_n(), _START)
+    _fed(belief, (0.0, 0.0, 0.0, 0.0, 0.0), 1.0)
+    risk = belief.immobilisation
+    assert risk.stop_in > 50.0
+    assert not risk.announced
+
+
+def test_plants_that_it_cannot_work_with_are_refused() -> None:
+    for plant in (_plant(model="paper"), _plant(vehicle_model="four_wheel")):
+        with pytest.raises(InvalidParameter, match="half-car or bicycle of the full model"):
+            OnlineSoilBelief(plant, POPULATION_RANGE)
+
+
+def test_it_survives_a_mean_soil_that_does_not_carry_the_vehicle() -> None:
+    """A prior of soft soils: the vehicle stands all the same."""
+    heavy = _plant()._replace(vehicle=_CAR._replace(m=12.0 * _CAR.m))
+    belief = OnlineSoilBelief(heavy, POPULATION_RANGE)
+    belief.reset(*population_n(), _START)
+    _fed(belief, (0.0, 0.0, 0.0, 0.0, 0.0), 0.5)
+    assert np.isfinite(belief.vector).all()

@@ -1,0 +1,131 @@
+"""The cache of compiled kernels: from nobody else, and rebuilt where it is damaged."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+
+import numba
+import pytest
+
+from helpers import REPOSITORY
+from offroad_env.physics._kernel_cache import DurableCache
+from offroad_env.physics._kernel_folder import own_folder
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+
+MODULE = """
+from offroad_env.physics._jit import kernel
+
+@kernel
+def doubled(x):
+    return x + x
+"""
+PROGRAM = "from doubling import doubled; print(doubled(2.0), sum(doubled._cache_hits.values()))"
+
+
+def doubled(folder, **environment):
+    """(Value and number of hits, what went to standard error) of a kernel in a new interpreter."""
+    (folder / "doubling.py").write_text(MODULE, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=REPOSITORY,
+        env={
+            **os.environ,
+            "PYTHONPATH": f"{REPOSITORY}:{folder}",
+            "OFFROAD_CACHE": str(folder / "cache"),
+            **environment,
+        },
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split(), done.stderr
+
+
+def files(folder, ending):
+    return [path for path in (folder / "cache").rglob(f"*{ending}") if "doubled" in path.name]
+
+
+def test_a_second_process_takes_what_the_first_has_compiled(tmp_path):
+    assert doubled(tmp_path)[0] == ["4.0", "0"]
+    assert doubled(tmp_path)[0] == ["4.0", "1"]
+
+
+@pytest.mark.parametrize("ending", [".nbi", ".nbc"])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda content: b"",
+        lambda content: content[: len(content) // 2],
+        lambda content: content[:-9] + b"x" * 9,
+    ],
+    ids=["empty", "cut off", "bits"],
+)
+def test_a_damaged_cache_is_built_anew(tmp_path, ending, damage):
+    doubled(tmp_path)
+    (path,) = files(tmp_path, ending)
+    path.write_bytes(damage(path.read_bytes()))
+    assert doubled(tmp_path) == (["4.0", "0"], "")
+    assert doubled(tmp_path)[0] == ["4.0", "1"]
+
+
+def test_a_crafted_cache_runs_nothing(tmp_path):
+    """Its hash fits no content that this project has written; and its folder takes no files of others."""
+    doubled(tmp_path)
+    mark = tmp_path / "ran"
+
+    class Payload:
+        def __reduce__(self):
+            return (open, (str(mark), "w"))
+
+    for ending in (".nbi", ".nbc"):
+        (path,) = files(tmp_path, ending)
+        path.write_bytes(pickle.dumps(Payload()))
+    assert doubled(tmp_path)[0] == ["4.0", "0"]
+    assert not mark.exists()
+
+
+def test_a_folder_that_others_may_write_to_is_not_used_and_that_is_stated_once(tmp_path):
+    doubled(tmp_path)
+    for path in (tmp_path / "cache" / "kernels").iterdir():
+        path.chmod(0o777)
+    value, said = doubled(tmp_path)
+    assert value == ["4.0", "0"]
+    assert said.count("other users may write there") == 1
+
+
+def test_a_folder_that_is_a_link_or_belongs_to_somebody_else_is_not_used(tmp_path, monkeypatch):
+    (tmp_path / "real").mkdir(mode=0o700)
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    assert own_folder(str(tmp_path / "real"))
+    assert not own_folder(str(tmp_path / "link"))
+    own_folder.cache_clear()
+    os_geteuid = os.geteuid()
+    monkeypatch.setattr(os, "geteuid", lambda: os_geteuid + 1)
+    if os_geteuid == 0:
+        os.chown(tmp_path / "real", 12345, -1)
+    assert not own_folder(str(tmp_path / "real"))
+
+
+def test_without_a_place_for_it_a_process_compiles_for_itself(tmp_path):
+    (tmp_path / "cache").write_text("a file in the place of the folder")
+    value, said = doubled(tmp_path)
+    assert value == ["4.0", "0"]
+    assert said.count("compiled kernels are not kept") == 1
+
+
+def test_a_full_disk_costs_the_next_process_time_and_nothing_else(monkeypatch, caplog):
+    from numba.core.caching import FunctionCache
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(FunctionCache, "save_overload", full)
+    cache = object.__new__(DurableCache)
+    cache._cache_path = "/somewhere/kernels/x"
+    cache.save_overload(None, None)
+    assert "No space left on device" in caplog.text
