@@ -34,6 +34,11 @@ class Extension:
     structure: str | None = None  #: laws of the wheels where they are not the log's, see `read_structure`
     vehicle_model: str | None = None  #: "half_car", "four_wheel", ...; None: as it is
 
+    def choices(self, structure: Any, vehicle_model: str) -> tuple[str, Any, str]:
+        """Model, structure (as an environment takes it) and vehicle model, where these were asked for."""
+        laws = self.structure if structure is None else structure
+        return self.model, laws, self.vehicle_model or vehicle_model
+
     def to_dict(self) -> dict[str, Any]:
         """The content of the file."""
         content: dict[str, Any] = {

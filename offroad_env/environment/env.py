@@ -212,11 +212,8 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         own = isinstance(model, str) and model.endswith(".json")
         self.extension: Extension | None = read_extension(model) if own else None
         if self.extension is not None:
-            model = self.extension.model
-            structure = self.extension.structure if structure is None else structure
-            vehicle_model = self.extension.vehicle_model or vehicle_model
-            # Laws of wheel and soil are part of the plant; only effects need the step call by call.
-            self.extension = self.extension if self.extension.effects else None
+            model, structure, vehicle_model = self.extension.choices(structure, vehicle_model)
+            self.extension = self.extension if self.extension.effects else None  # what is left is the plant's
         require_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         self.terrain_info, self.model, self.vehicle_model = terrain_info, model, vehicle_model
         self.render_mode = render_mode
