@@ -132,7 +132,8 @@ class Diagnose(Results):
                 "change by the causes",
             )
             console().print(table(title, heading, rows))
-        return {"transfer": [asdict(other) for other in transfers]}
+        gains = {other.log: other.gains for other in transfers}
+        return {"gain_on_other_runs": gains, "transfer": [asdict(other) for other in transfers]}
 
     def _checked(self, diagnosis: Diagnosis) -> dict[str, dict[str, tuple[ChannelGain, ...]]]:
         """Gains on the logs of ``--check``, printed and as numbers."""

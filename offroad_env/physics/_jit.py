@@ -25,8 +25,9 @@ from offroad_env.physics._kernel_notes import keep_apart
 
 __all__ = ["apart_kernel", "cache_folder", "inline_kernel", "kernel", "merged_kernel"]
 
-#: First version of numba whose inner parts, on which `_staged` rests, are unknown: kernels are then plain.
-_UNKNOWN_NUMBA = (0, 69)
+#: Versions of numba, from the first to below the second, whose inner parts `_staged` fits; with any other
+#: kernels are plain.
+_KNOWN_NUMBA = (0, 68), (0, 69)
 #: Set to "plain", this asks for them too.
 _VARIABLE = "OFFROAD_KERNELS"
 
@@ -117,7 +118,8 @@ def _compile(function: F, **options: Any) -> F:
 @cache
 def _staged() -> Any:
     """The module with kernels in two editions; None where this numba cannot have them."""
-    known = tuple(map(int, re.findall(r"\d+", numba.__version__)[:2])) < _UNKNOWN_NUMBA
+    first, unknown = _KNOWN_NUMBA
+    known = first <= tuple(map(int, re.findall(r"\d+", numba.__version__)[:2])) < unknown
     if not known or os.environ.get(_VARIABLE) == "plain":
         return None
     try:
