@@ -210,7 +210,9 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         estimator = checked_estimator(estimator, terrain_info)
         own = isinstance(model, str) and model.endswith(".json")
         self.extension: Extension | None = read_extension(model) if own else None
-        model = model if self.extension is None else self.extension.model
+        if self.extension is not None:
+            model, structure, vehicle_model = self.extension.choices(structure, vehicle_model)
+            self.extension = self.extension if self.extension.effects else None  # what is left is the plant's
         require_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         self.terrain_info, self.model, self.vehicle_model = terrain_info, model, vehicle_model
         self.render_mode = render_mode
