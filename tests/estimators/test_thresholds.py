@@ -201,6 +201,13 @@ def test_a_log_tests_the_library_if_it_would_show_half_of_it(lost, verdict):
     assert diagnosis(limits=limits, not_testable=gone)._without_causes(4) is verdict
 
 
+def test_a_larger_model_that_the_hold_out_test_refused_is_not_used():
+    search = SimpleNamespace(extended="larger", nominal="nominal")
+    assert VehicleDiagnosis(search=search).model == "nominal"
+    cause = SimpleNamespace(alternatives=(1,))
+    assert VehicleDiagnosis(search=search, causes=(cause,)).model == "larger"
+
+
 def joint(kept=0.6, size=1.0, correlation=0.1, deviation=0.1):
     matrix = np.array([[0.0, correlation], [correlation, 0.0]])
     return JointSizes(
