@@ -23,7 +23,7 @@ import numba
 from offroad_env.physics._kernel_folder import own_folder
 from offroad_env.physics._kernel_notes import keep_apart
 
-__all__ = ["apart_kernel", "cache_folder", "inline_kernel", "kernel", "merged_kernel"]
+__all__ = ["apart_kernel", "cache_folder", "exact_kernel", "inline_kernel", "kernel", "merged_kernel"]
 
 #: Versions of numba, from the first to below the second, whose inner parts `_staged` fits; with any other
 #: kernels are plain.
@@ -104,7 +104,8 @@ def cache_folder(module: str) -> Path:
 def _compile(function: F, **options: Any) -> F:
     if numba.config.DISABLE_JIT:
         return function
-    options |= {"nopython": True, "error_model": "numpy", "nogil": True, "fastmath": {"contract"}}
+    options |= {"nopython": True, "error_model": "numpy", "nogil": True}
+    options.setdefault("fastmath", {"contract"})
     # Left open, it would be that of the first caller: the machine code would depend on who called first.
     options.setdefault("forceinline", False)
     staged, folder = _staged(), str(cache_folder(function.__module__))
@@ -151,6 +152,11 @@ def kernel(function: F) -> F:
     of a step.
     """
     return _compile(function)
+
+
+def exact_kernel(function: F) -> F:
+    """A kernel that rounds after every operation, as NumPy does: with the same numbers bit for bit."""
+    return _compile(function, fastmath=False)
 
 
 def inline_kernel(function: F) -> F:
