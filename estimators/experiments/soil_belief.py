@@ -50,10 +50,14 @@ SPLITS = ("tuning", "test")
 _VEHICLE = "mrzr"
 #: Quantile of a normal distribution that a 95 % interval ends at.
 _Z95 = 1.959964
-_TRIES = 50
+_TRIES = 1000
 #: Soils that nobody would start on: wheels deeper than this share of the radius, or less net pull per weight.
 _DEEPEST, _LEAST_PULL = 0.5, 0.03
 _START_SPEED = 5.0
+#: Net pull per weight of soft soils: about half of them stop the vehicle.
+_SOFT = (-0.12, 0.08)
+#: A vehicle that is slower is stuck [m/s].
+_STUCK = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,12 +72,14 @@ class Case:
     exit: float = 0.0  #: change of b_0
     heading: float = 0.0  #: error of the start heading, either way [rad]
     structure: str | None = None  #: of the truth; the filter assumes "full"
+    soft: bool = False  #: soils on which the vehicle hardly gets on
     nuisances: bool = False  #: vehicle, sensors, start, road and scatter of the soil differ too
 
 
 _DEGREE = math.radians(1.0)
 CASES: dict[str, Case] = {
     "nuisances": Case(title="whole soils, all nuisances", nuisances=True),
+    "soft": Case(title="soft soils, all nuisances", nuisances=True, soft=True),
     "matched": Case(title="nothing differs", soil="clay"),
     "phi_1": Case(title="phi ±1°", soil="clay", phi=_DEGREE),
     "phi_2": Case(title="phi ±2°", soil="clay", phi=2.0 * _DEGREE),
@@ -208,7 +214,8 @@ def draw_run(case: str, seed: int, *, split: str = "test", duration: float = 12.
         held = what_soil_holds(plant._replace(soil_field=None))
         if not held.carried or held.sinkage > _DEEPEST * plant.vehicle.r:
             continue
-        if chosen.soil is None and held.pull < _LEAST_PULL * plant.vehicle.m * GRAVITY:
+        low, high = _SOFT if chosen.soft else (_LEAST_PULL, math.inf)
+        if chosen.soil is None and not low < held.pull / (plant.vehicle.m * GRAVITY) < high:
             continue
         try:
             record = simulate_drive(plant, manoeuvre, sensors, rng, duration=duration, speed=_START_SPEED)
@@ -229,6 +236,9 @@ class BeliefHistory:
     valid: np.ndarray  #: (T,) bool
     excited: np.ndarray  #: (T,) bool: steering or roughness acts
     used: np.ndarray  #: (T, 2) largest lateral acceleration and pull so far, over the limits
+    announced: np.ndarray  #: (T,) bool: the vehicle is about to get stuck
+    stuck: np.ndarray  #: (T,) bool: it is
+    distance: float  #: driven until the end [m]
 
 
 def believe(run: SoilRun, filter_: Estimator | None = None) -> BeliefHistory:
@@ -250,7 +260,8 @@ def believe(run: SoilRun, filter_: Estimator | None = None) -> BeliefHistory:
         steer, drive, brake = record.commands[k].tolist()
         found = filter_.update((steer, drive, brake), record.imu[k], record.wheel[k], record.gnss[k])
         if k % 2 == 0:
-            rows.append((record.t[k], found.mean, found.sd, float(found.valid)))
+            warned = float(inner.immobilisation.announced)
+            rows.append((record.t[k], found.mean, found.sd, float(found.valid), warned))
             centre, sd = inner.limits
             centres.append(centre)
             sds.append(sd)
@@ -264,6 +275,9 @@ def believe(run: SoilRun, filter_: Estimator | None = None) -> BeliefHistory:
         valid=table[:, 3] > 0.5,
         excited=acting[every][: len(table)],
         used=_used(run)[every][: len(table)],
+        announced=table[:, 4] > 0.5,
+        stuck=record.states[every, at.V_X][: len(table)] < _STUCK,
+        distance=float(np.hypot(*np.diff(record.states[:, [at.X, at.Y]], axis=0).T).sum()),
     )
 
 

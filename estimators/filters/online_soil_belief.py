@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.filters.navigation import NavigationFilter, NavigationNoise
+from estimators.filters.navigation import NavigationFilter, NavigationNoise, V
 from estimators.filters.online_base import OnlineFilter, check_positive
 from estimators.filters.protocol import Estimate
 from estimators.filters.soil_belief_holds import (
@@ -71,19 +71,23 @@ from offroad_env.world.soils import make_soil
 
 __all__ = [
     "BELIEF_VECTOR",
+    "LONGEST",
     "POPULATION_RANGE",
     "HeldLimit",
+    "Immobilisation",
     "OnlineSoilBelief",
     "SoilBeliefSettings",
     "population_n",
     "population_of",
 ]
 
-#: What `OnlineSoilBelief.vector` holds: mean and standard deviation in turn, last the validity flag.
+#: What `OnlineSoilBelief.vector` holds: means and standard deviations in turn, risk of getting stuck, flag.
 BELIEF_VECTOR = (
     *(f"{name}{part}" for name in (*SoilHolds._fields, "n") for part in ("", "_sd")),
-    "valid",
+    *("stuck", "stop_in", "valid"),
 )
+#: Longest time to a stop that is reported [s].
+LONGEST = 100.0
 #: Range of n that the population of soils reaches [-].
 POPULATION_RANGE = (0.1, 1.9)
 #: Quantile of a normal distribution that a 95 % interval ends at.
@@ -102,8 +106,25 @@ class HeldLimit(NamedTuple):
 #: Settings that must be positive.
 _POSITIVE = (
     *("error_time", "drift", "settle_time", "hold_speed", "mass", "acceleration_bias", "misalignment"),
-    *("rate_bias", "rim_scale", "short_time", "memory_time", "surprise", "discrepancy", "refresh_time"),
+    *(
+        "rate_bias",
+        "rim_scale",
+        "short_time",
+        "memory_time",
+        "surprise",
+        "discrepancy",
+        "refresh_time",
+        "slowing_time",
+    ),
 )
+
+
+class Immobilisation(NamedTuple):
+    """Risk of getting stuck."""
+
+    probability: float  #: that the soil gives no pull at any slip, on level ground
+    stop_in: float  #: time to a stop as the speed falls now, at most `LONGEST` [s]
+    announced: bool  #: whether the vehicle is about to get stuck
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,6 +154,9 @@ class SoilBeliefSettings:
     discrepancy: float = 2.5  #: largest discrepancy of a channel for a valid belief, over `error`
     widening: float = 0.2  #: share of the prior's variance that comes back when no soil explains the drive
     unsettled_time: float = 3.0  #: how long the flag then stays down [s]
+    #: An immobilisation is announced at this probability, where the speed falls to zero within this time [s].
+    stuck: tuple[float, float] = (0.5, 6.0)
+    slowing_time: float = 0.5  #: over which the loss of speed is averaged [s]
     refresh_time: float = 2.0  #: from one reference of the limits to the next [s]
 
     def __post_init__(self) -> None:
@@ -215,6 +239,7 @@ class OnlineSoilBelief(OnlineFilter):
         self._surrogate = new_surrogate()
         self._limits = np.zeros(LIMITS), np.zeros(LIMITS)
         self._since, self._refreshing = 0.0, False
+        self._speed, self._gain = math.nan, 0.0
         self._start()
 
     def _constants(self, imu: ImuConfig) -> BeliefRules:
@@ -257,6 +282,7 @@ class OnlineSoilBelief(OnlineFilter):
         self._memory.last[:] = self._memory.flags[NIS] = math.nan
         whole_surrogate(self._surrogate, self._packed, self._memory.mean, self._memory.cov)
         self._since, self._refreshing = 0.0, False
+        self._speed, self._gain = math.nan, 0.0
         self._note_limits()
 
     def _update(
@@ -269,6 +295,10 @@ class OnlineSoilBelief(OnlineFilter):
         memory = self._memory
         nav = self.navigation.x
         learn_soil(memory, self._rules, self._packed, self._mount, nav, imu, rim_speeds, command)
+        speed, self._speed = self._speed, float(nav[V])
+        if math.isfinite(speed):
+            share = self.dt / self.settings.slowing_time
+            self._gain += share * ((self._speed - speed) / self.dt - self._gain)
         self._since += self.dt
         if self._refreshing or self._since >= self.settings.refresh_time:
             done = refresh_surrogate(self._surrogate, self._packed, memory.mean, memory.cov, 1)
@@ -324,10 +354,24 @@ class OnlineSoilBelief(OnlineFilter):
 
     @property
     def vector(self) -> FloatArray:
-        """(15,) what `BELIEF_VECTOR` names: SI units."""
+        """(17,) what `BELIEF_VECTOR` names: SI units."""
         numbers = [value for limit in self.holds.values() for value in (limit.mean, limit.sd)]
-        estimate = self.estimate
-        return np.array([*numbers, estimate.mean, estimate.sd, 1.0 if estimate.valid else 0.0])
+        estimate, risk = self.estimate, self.immobilisation
+        known = (estimate.mean, estimate.sd, risk.probability, risk.stop_in, float(estimate.valid))
+        return np.array([*numbers, *known])
+
+    @property
+    def immobilisation(self) -> Immobilisation:
+        """Risk of getting stuck."""
+        i = SoilHolds._fields.index("pull")
+        none = math.log(SHIFT[i] * self.plant.vehicle.m * GRAVITY)
+        z = (none - float(self._limits[0][i])) / max(float(self._limits[1][i]), 1e-9)
+        probability = 0.5 * math.erfc(-z / math.sqrt(2.0))
+        stop_in = LONGEST
+        if self._gain < 0.0:
+            stop_in = min(max(self._speed, 0.0) / -self._gain, LONGEST)
+        least, soon = self.settings.stuck
+        return Immobilisation(probability, stop_in, probability > least and stop_in < soon)
 
     @property
     def soil(self) -> tuple[FloatArray, FloatArray]:

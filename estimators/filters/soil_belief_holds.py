@@ -37,7 +37,11 @@ LIMITS = len(SoilHolds._fields)
 #: Which of them are normal in their logarithm, and what is added before it is taken, in weights of the
 #: vehicle: pull is what is left of the thrust, which is positive. The best slip is not among them.
 LOGARITHMIC, SHIFT = (True, True, False, True, True, True), (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)
-_SMALLEST, _LARGEST = 1e-4, 1e9
+#: Range of the numbers whose logarithm is taken, in their own units, of pull in weights: beyond, a soil is as
+#: bad, or as good, as there is any.
+_SMALLEST, _LARGEST = (1e-2, 2e-2, 0.0, 1.0, 1e-4, 5e-2), (1e3, 1e3, 1.0, 1e8, 1e2, 1e3)
+#: Least standard deviation of a limit on that scale.
+_LEAST_SD = 1e-3
 #: Distance of the reference's points from its mean, in standard deviations: as far as an interval reaches
 #: where the belief is wide would be 2; beyond 1 soils of the population do not carry the vehicle.
 _DISTANCE = 1.0
@@ -91,7 +95,9 @@ def transform_limits(held: SoilHolds, weight: float, out: FloatArray) -> None:
     for i, value in enumerate(held):
         out[i] = value
         if LOGARITHMIC[i]:
-            out[i] = math.log(min(max(value + SHIFT[i] * weight, _SMALLEST), _LARGEST))
+            unit = weight if SHIFT[i] > 0.0 else 1.0
+            inside = min(max(value / unit + SHIFT[i], _SMALLEST[i]), _LARGEST[i])
+            out[i] = math.nan if math.isnan(value) else math.log(unit * inside)
 
 
 @kernel
@@ -198,7 +204,7 @@ def limits_of_belief(
         for i in range(SAMPLED):
             for j in range(SAMPLED):
                 variance += slope[i] * S[i, j] * slope[j]
-        out_mean[k], out_sd[k] = centre, math.sqrt(max(variance, 0.0))
+        out_mean[k], out_sd[k] = centre, max(math.sqrt(max(variance, 0.0)), _LEAST_SD)
     # Pull hardly changes around its best slip, and the search for it ends there or at the highest slip.
     out_mean[2] = min(max(out_mean[2], 0.0), HIGHEST_SLIP)
     out_sd[2] = max(out_sd[2], _SLIP_SD)

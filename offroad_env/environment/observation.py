@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium import spaces
 
-from estimators.filters.online_soil_belief import BELIEF_VECTOR
+from estimators.filters.online_soil_belief import BELIEF_VECTOR, LONGEST
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.path_geometry import PathTable, preview, project
 
@@ -42,7 +42,7 @@ _DISTANCE_HIGH = 1e3
 #: Lowest and highest values of `BELIEF_VECTOR`: limits of a vehicle of up to some tonnes, n, the flag. A pull
 #: can be negative.
 _BELIEF_HIGH = {"lateral": 100.0, "pull": 1e6, "pull_slip": 1.0, "resistance": 1e6, "sinkage": 10.0}
-_BELIEF_HIGH |= {"stopping": 1e4, "n": 3.0, "valid": 1.0}
+_BELIEF_HIGH |= {"stopping": 1e4, "n": 3.0, "stuck": 1.0, "stop_in": LONGEST, "valid": 1.0}
 _belief_high = np.array([_BELIEF_HIGH[name.removesuffix("_sd")] for name in BELIEF_VECTOR], dtype=np.float32)
 BELIEF_BOUNDS = np.stack([np.where(np.array(BELIEF_VECTOR) == "pull", -_belief_high, 0.0), _belief_high])
 BELIEF_BOUNDS = BELIEF_BOUNDS.astype(np.float32)

@@ -6,6 +6,7 @@ on drives of the split "tuning"; by default the drives are of the split "test".
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -30,7 +31,9 @@ from offroad_env.simulation.soil_holds import SoilHolds
 __all__ = ["AT", "BARS", "CaseLine", "LimitLine", "SoilBelief", "case_lines", "limit_lines", "run_unit"]
 
 #: When the belief is looked at [s], the last time counts; how long a drive is.
-AT, _DURATION = (2.0, 5.0, 10.0), 12.0
+AT, _DURATION = (2.0, 5.0, 10.0), 14.0
+#: How long ahead an immobilisation must be announced, and could be foreseen who knows the soil [s].
+_AHEAD, _FORESEEN = 2.0, 3.0
 #: Ends of the normal 95 % and 99 % intervals.
 _Z95, _Z99 = 1.959964, 2.575829
 #: A limit counts as used from this share on.
@@ -38,7 +41,15 @@ _USED = 0.6
 #: Requirements: coverage of the limits, their median error where they were used, and for the other cases the
 #: share of the flagged time outside of the 99 % interval and the share of the excited time with the flag up;
 #: the latter is an upper limit where no structure of the filter is that of the truth.
-BARS = {"coverage": (0.9, 0.98), "error": 0.1, "outside": 0.05, "flag": 0.7, "flag_grid": 0.1}
+BARS = {
+    "coverage": (0.9, 0.98),
+    "error": 0.1,
+    "outside": 0.05,
+    "flag": 0.7,
+    "flag_grid": 0.1,
+    "announced": 0.9,
+    "false_per_km": 1.0,
+}
 #: All limits but the best slip, which no drive needs to a few per cent, and n.
 _NAMES = (*(name for name in SoilHolds._fields if name != "pull_slip"), "n")
 
@@ -53,6 +64,16 @@ class LimitLine(NamedTuple):
     width: float  #: median half width of the 95 % interval, relative; of n absolute
     error_used: float  #: median error where the drive used 60 % of the limit; NaN where nothing measures that
     runs_used: int
+
+
+class StuckLine(NamedTuple):
+    """Immobilisations on the soils of one case."""
+
+    case: str
+    stuck: int  #: drives that end stuck, later than `_FORESEEN` after the start
+    announced: float  #: share of them that was announced `_AHEAD` before
+    false: int  #: drives that were announced and did not get stuck
+    kilometres: float  #: of the drives that did not get stuck
 
 
 class CaseLine(NamedTuple):
@@ -79,7 +100,16 @@ def _numbers(run: SoilRun, history: BeliefHistory) -> dict[str, Any]:
         "valid": bool(history.valid[rows[-1]]),
         "flag": [int(flags.sum()), len(flags)],
         "outside": [outside[up].sum(axis=0).tolist(), int(up.sum())],
+        "stuck": _first(history.t, history.stuck),
+        "announced": _first(history.t, history.announced),
+        "distance": history.distance,
     }
+
+
+def _first(t: np.ndarray, event: np.ndarray) -> float:
+    """When an event came first [s]; infinite where it did not."""
+    rows = np.flatnonzero(event)
+    return float(t[rows[0]]) if rows.size else math.inf
 
 
 def run_unit(case: str, seed: int, split: str) -> dict[str, Any]:
@@ -134,6 +164,26 @@ def case_lines(results: Mapping[Key, Mapping[str, Any]]) -> list[CaseLine]:
     return lines
 
 
+def stuck_lines(results: Mapping[Key, Mapping[str, Any]]) -> list[StuckLine]:
+    """A line for each case whose soils are drawn, from the results by (case, seed, split)."""
+    lines = []
+    for case in dict.fromkeys(key[0] for key in results if CASES[key[0]].soil is None):
+        found = [result for key, result in results.items() if key[0] == case]
+        late = [result for result in found if _FORESEEN < result["stuck"] < math.inf]
+        free = [result for result in found if result["stuck"] == math.inf]
+        ahead = [result["stuck"] - result["announced"] >= _AHEAD for result in late]
+        lines.append(
+            StuckLine(
+                case=case,
+                stuck=len(late),
+                announced=float(np.mean(ahead)) if ahead else math.nan,
+                false=sum(result["announced"] < math.inf for result in free),
+                kilometres=1e-3 * sum(result["distance"] for result in free),
+            )
+        )
+    return lines
+
+
 @dataclass(kw_only=True)
 class SoilBelief(Results):
     """The online belief over whole soils: what the soil holds, n, and the flag.
@@ -144,7 +194,7 @@ class SoilBelief(Results):
     """
 
     quick: bool = False  #: 8 drives with nuisances and 2 of each other case
-    seeds: int = 240  #: drives with nuisances
+    seeds: int = 240  #: drives with nuisances; half as many on soft soils
     case_seeds: int = 20  #: drives of each other case
     under: tuple[str, ...] = ()  #: these cases
     tuning: bool = False  #: drives on which the settings were chosen
@@ -160,10 +210,18 @@ class SoilBelief(Results):
             self.out / "soil_belief.jsonl", run_unit, self._units(), label="soil belief", n_jobs=self.n_jobs
         )
         limits, cases = limit_lines(results), case_lines(results)
+        risks = stuck_lines(results)
         _show(limits, cases)
+        _show_risks(risks)
         if limits:
             self.save_figure(soil_belief_figure(limits, widths_over_time(results), AT, BARS), "soil_belief")
-        self.save_numbers({"limits": limits, "cases": cases, "bars": BARS, "at": AT})
+        self.save_numbers({"limits": limits, "cases": cases, "stuck": risks, "bars": BARS, "at": AT})
+
+    def _drives(self, case: str) -> int:
+        """How many drives of a case."""
+        if case == "soft":
+            return max(self.seeds // 2, 1)
+        return self.seeds if case == "nuisances" else self.case_seeds
 
     def _units(self) -> dict[Key, str]:
         unknown = [case for case in self.under if case not in CASES]
@@ -175,8 +233,23 @@ class SoilBelief(Results):
         return {
             (case, seed, split): stamp
             for case in self.under or tuple(CASES)
-            for seed in range(self.seeds if case == "nuisances" else self.case_seeds)
+            for seed in range(self._drives(case))
         }
+
+
+def _show_risks(risks: Sequence[StuckLine]) -> None:
+    body = [
+        (
+            CASES[line.case].title,
+            str(line.stuck),
+            _percent(line.announced),
+            str(line.false),
+            f"{line.kilometres:.1f}",
+        )
+        for line in risks
+    ]
+    heading = ("case", "drives that get stuck", "announced 2 s ahead [%]", "false alarms", "in km")
+    console().print(table("immobilisation", heading, body))
 
 
 def _percent(value: float, digits: int = 0) -> str:

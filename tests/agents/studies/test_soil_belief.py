@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from agents.studies.soil_belief.study import (
     case_lines,
     limit_lines,
     run_unit,
+    stuck_lines,
     widths_over_time,
 )
 from estimators.experiments.soil_belief import CASES, SPLITS, draw_run
@@ -53,6 +56,9 @@ def _result(z: float, used: float, flag: float, outside: float) -> dict[str, obj
         "valid": True,
         "flag": [round(100 * flag), 100],
         "outside": [[round(50 * outside)] + [0] * 5, 50],
+        "stuck": math.inf,
+        "announced": math.inf,
+        "distance": 50.0,
     }
 
 
@@ -68,6 +74,17 @@ def test_lines_count_what_they_say() -> None:
     assert cases[1].flag == pytest.approx(0.05)
     figure = soil_belief_figure(limits, widths_over_time(results), AT, BARS)
     assert len(figure.axes) == 2
+
+
+@pytest.mark.parametrize(("announced", "share"), [(3.0, 1.0), (5.5, 0.0), (math.inf, 0.0)])
+def test_an_immobilisation_counts_as_announced_two_seconds_ahead(announced: float, share: float) -> None:
+    stuck = {**_result(1.0, 0.1, 0.5, 0.0), "stuck": 7.0, "announced": announced}
+    early = {**stuck, "stuck": 1.0}
+    free = {**_result(1.0, 0.1, 0.5, 0.0), "announced": announced}
+    line = stuck_lines({("soft", i, "test"): unit for i, unit in enumerate((stuck, early, free, free))})[0]
+    assert (line.case, line.stuck, line.announced) == ("soft", 1, share)
+    assert line.false == (0 if announced == math.inf else 2)
+    assert line.kilometres == pytest.approx(0.1)
 
 
 def test_what_is_not_a_case_is_refused(tmp_path) -> None:

@@ -13,12 +13,13 @@ from estimators.filters.online import Thinned
 from estimators.filters.online_soil_belief import (
     BELIEF_VECTOR,
     POPULATION_RANGE,
+    Immobilisation,
     OnlineSoilBelief,
     SoilBeliefSettings,
     population_n,
     population_of,
 )
-from estimators.filters.protocol import Estimator, Pose
+from estimators.filters.protocol import Estimate, Estimator, Pose
 from estimators.filters.soil_belief_holds import LIMITS, transform_limits
 from estimators.filters.soil_belief_points import BELIEF_NAMES, SIZE, N
 from offroad_env.errors import InvalidParameter
@@ -211,6 +212,70 @@ def test_the_vector_has_a_name_for_every_number() -> None:
     assert numbers["n"] == belief.estimate.mean
     assert numbers["valid"] == 1.0
     assert len(belief.soil[0]) == SIZE
+
+
+class _Watched(Thinned):
+    """Keeps the risk of getting stuck at every sample."""
+
+    risks: list[Immobilisation]
+
+    def update(self, *sample) -> Estimate:
+        found = super().update(*sample)
+        self.risks.append(self.inner.immobilisation)
+        return found
+
+
+@cache
+def _soft() -> tuple[tuple[float, np.ndarray], ...]:
+    """Drives on soft soils: when they are stuck [s]; probability and time to a stop, sample by sample."""
+    found, belief = [], _Watched(_filter(), 2)
+    for seed in range(14):
+        run = draw_run("soft", seed, split="tuning", duration=12.0)
+        belief.risks = []
+        history = believe(run, belief)
+        announced = np.array([risk.announced for risk in belief.risks])
+        np.testing.assert_array_equal(announced[1::2], history.announced)
+        found.append((_first(history.t, history.stuck), np.array([risk[:2] for risk in belief.risks])))
+    return tuple(found)
+
+
+def _first(t: np.ndarray, event: np.ndarray) -> float:
+    rows = np.flatnonzero(event)
+    return float(t[rows[0]]) if rows.size else math.inf
+
+
+@pytest.mark.parametrize(
+    ("probability", "time", "all_ahead", "quiet"),
+    [(1.0, 1.0, True, True), (0.5, 1.0, True, False), (2.0, 1.0, False, True), (1.0, 0.5, False, True)],
+)
+def test_getting_stuck_is_announced_two_seconds_ahead_and_nothing_else_is(
+    probability: float, time: float, all_ahead: bool, quiet: bool
+) -> None:
+    """By factors of both limits: twice or half of what they are either warns without a cause or too late."""
+    least, soon = SoilBeliefSettings().stuck
+    ahead, false = [], 0
+    for stuck, risks in _soft():
+        event = (risks[:, 0] > probability * least) & (risks[:, 1] < time * soon)
+        warned = _first(0.01 * np.arange(1, len(risks) + 1), event)
+        if 3.0 < stuck < math.inf:
+            ahead.append(stuck - warned >= 2.0)
+        elif stuck == math.inf:
+            false += warned < math.inf
+    assert len(ahead) >= 3
+    assert all(ahead) == all_ahead
+    assert (false == 0) == quiet
+
+
+def test_nobody_is_warned_on_firm_soil_or_while_the_speed_holds() -> None:
+    for run, history in zip(_runs(), _histories(), strict=True):
+        if run.holds.pull > 0.15 * _CAR.m * GRAVITY:
+            assert not history.announced.any()
+    belief = _filter()
+    belief.reset(*population_n(), _START)
+    _fed(belief, (0.0, 0.0, 0.0, 0.0, 0.0), 1.0)
+    risk = belief.immobilisation
+    assert risk.stop_in > 50.0
+    assert not risk.announced
 
 
 def test_plants_that_it_cannot_work_with_are_refused() -> None:
