@@ -115,6 +115,7 @@ def main() -> int:
                 shutil.copytree(source, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
             else:
                 shutil.copy(source, tree / name)
+        left = []
         for mutant in mutants:
             key, start = mutant.key(), time.perf_counter()
             if key not in known:
@@ -124,7 +125,8 @@ def main() -> int:
                 file.flush()
                 word = "SURVIVES" if known[key] else "noticed"
                 print(f"{word:9s} {time.perf_counter() - start:5.0f} s  {mutant.name}", flush=True)
-    left = [mutant.name for mutant in mutants if known[mutant.key()]]
+            if known[key]:
+                left.append(mutant.name)
     print(f"{len(mutants)} mutants, {len(left)} survive")
     print("\n".join(left))
     return int(bool(left))
