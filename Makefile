@@ -5,6 +5,8 @@ PYTHONS = $(or $(PYTHON),python3.13 python3.12 python3.11 python3)
 PYTEST_ARGS ?=
 BASE ?=
 CASES ?=
+# Versions with which the tests pass; CONSTRAINTS= takes the newest there are.
+CONSTRAINTS ?= constraints/newest.txt
 GOLDEN_ARGS ?=
 BIN = $(VENV)/bin
 
@@ -113,10 +115,10 @@ $(VENV)/.torch: .ci/install_torch.py $(VENV)/.created
 
 $(VENV)/.installed-demo: pyproject.toml $(VENV)/.torch
 	@echo "== installing OffroadBekker with learning and viewing"
-	$(BIN)/python -m pip install --editable ".[rl,view]"
+	$(BIN)/python -m pip install $(if $(CONSTRAINTS),--constraint $(CONSTRAINTS)) --editable ".[rl,view]"
 	@touch $@
 
 $(VENV)/.installed-test: pyproject.toml $(VENV)/.torch
 	@echo "== installing OffroadBekker with everything"
-	$(BIN)/python -m pip install --editable ".[all,dev]"
+	$(BIN)/python -m pip install $(if $(CONSTRAINTS),--constraint $(CONSTRAINTS)) --editable ".[all,dev]"
 	@touch $(VENV)/.installed-demo $@

@@ -78,7 +78,6 @@ class Diagnose(Results):
         from agents.reports.diagnosis import made_by, render_diagnosis
         from estimators.discrepancy.verdict import Verdict
         from estimators.discrepancy.wording import terminal_lines
-        from offroad_env.effects import Extension
 
         command = " ".join(["offroad", *sys.argv[1:]])
         numbers = summary.to_dict() | {"command": command, "made_by": made_by()}
@@ -92,9 +91,9 @@ class Diagnose(Results):
             page = render_diagnosis(summary, command).encode()
             say(f"report: {write_bytes(self.out / 'diagnosis.html', page)}")
         say(f"numbers: {write_json(self.out / 'diagnosis.json', numbers)}")
-        if summary.extension or summary.structure:
-            extension = Extension(model=summary.model, effects=summary.extension, structure=summary.structure)
-            say(f"extended model: {write_json(self.out / 'extended.json', extension.to_dict())}")
+        if summary.extended_model is not None:
+            content = summary.extended_model.to_dict()
+            say(f"extended model: {write_json(self.out / 'extended.json', content)}")
         if self.rig and not bad:
             from agents.studies.rig_fault_detection.figure import rig_figure
 
@@ -133,17 +132,20 @@ class Diagnose(Results):
                 "change by the causes",
             )
             console().print(table(title, heading, rows))
-        return {"transfer": [asdict(other) for other in transfers]}
+        gains = {other.log: other.gains for other in transfers}
+        return {"gain_on_other_runs": gains, "transfer": [asdict(other) for other in transfers]}
 
     def _checked(self, diagnosis: Diagnosis) -> dict[str, dict[str, tuple[ChannelGain, ...]]]:
         """Gains on the logs of ``--check``, printed and as numbers."""
-        from estimators.discrepancy.other_runs import gains_on
+        from estimators.discrepancy.other_runs import gains_on, restructured_gains_on
         from estimators.logs import read_logs, with_structure
 
-        if not diagnosis.causes:
+        logs = with_structure(read_logs(self.check), self.structure)
+        found = restructured_gains_on(diagnosis, logs)
+        if not diagnosis.causes and not found:
             say("no causes, so nothing to gain on other runs")
             return {"gain_on_other_runs": {}}
-        found = gains_on(diagnosis, with_structure(read_logs(self.check), self.structure))
+        found = found or gains_on(diagnosis, logs)
         for name, gains in found.items():
             parts = (
                 f"{g.channel} {100.0 * (1.0 - g.extended / max(g.nominal, 1e-300)):+.0f} %" for g in gains

@@ -12,8 +12,10 @@ from agents.reports.page import Picture, Section, Table, figure_picture, render_
 from estimators.discrepancy.checks.forecast import Prediction
 from estimators.discrepancy.checks.misfit import WORST
 from estimators.discrepancy.evidence import SEED, Evidence
+from estimators.discrepancy.structure_comparison import StructureComparison, StructureTrial
 from estimators.discrepancy.summary import CauseSummary, DiagnosisSummary, Estimate
 from estimators.discrepancy.verdict import Verdict
+from estimators.discrepancy.wording import structure_lines
 
 __all__ = ["made_by", "percent", "render_diagnosis"]
 
@@ -77,6 +79,10 @@ def _unreached(summary: DiagnosisSummary) -> str:
         return "Not reached: the data must be corrected before any model is fitted."
     if summary.verdict is Verdict.OUTSIDE:
         return "Not reached: no model of this kind can be right, so none is fitted."
+    if summary.comparison is not None and summary.comparison.found:
+        return (
+            "Not judged: the structure of the model is wrong, and effects within it would stand in for that."
+        )
     if not summary.causes:
         return "Nothing to show: no cause was found, so there is no extended model."
     return "Nothing to show: the runs are too short to keep test data."
@@ -90,6 +96,8 @@ def _verdict(summary: DiagnosisSummary) -> Section:
     heading = ("cause", "effect", "size", "95 % interval", "log-likelihood gained", "p-value")
     notes = [f"Finding: {finding}." for finding in summary.findings]
     notes += [figures.sentence(line) for line in summary.limitations]
+    if summary.comparison is not None and summary.comparison.found:
+        return _structure(summary, summary.comparison, notes)
     if not summary.causes and summary.limits:
         notes.append("Part 4 lists the smallest detectable size of every effect.")
     return Section(
@@ -98,6 +106,38 @@ def _verdict(summary: DiagnosisSummary) -> Section:
         sees=figures.raised(summary.sentence),
         tables=(Table(heading=heading, rows=tuple(rows), texts=2),) if rows else (),
         notes=tuple(notes),
+    )
+
+
+def _structure(summary: DiagnosisSummary, found: StructureComparison, notes: list[str]) -> Section:
+    """Other laws of wheel and soil, or of the vehicle: what each is worth, and the errors by structure."""
+    causes = tuple(
+        (one.id, one.sentence, f"{100.0 * one.gain:.0f} %", f"{one.p_value:.1g}") for one in found.causes
+    )
+    trials = tuple(
+        (
+            one.case.structure,
+            one.case.vehicle_model.replace("_", " "),
+            f"{found.n - found.best.change + one.change:.3f}",
+            *("-" if value is None else f"{value:.3g}" for value in one.pooled),
+        )
+        for one in (found.nominal, *found.trials)
+    )
+    units = [f"{name} [{figures.error_unit(name, set())}]" for name in StructureTrial.channels()]
+    return Section(
+        name="verdict",
+        title="Verdict",
+        sees=figures.raised(summary.sentence),
+        tables=(
+            Table(
+                heading=("cause", "what it is", "errors grow without it by", "p-value"), rows=causes, texts=2
+            ),
+            Table(heading=("structure", "vehicle", "n", *units), rows=trials, texts=2),
+        ),
+        notes=(
+            *notes,
+            *(f"{line[0].upper()}{line[1:]}." for line in structure_lines(summary)[len(causes) :]),
+        ),
     )
 
 

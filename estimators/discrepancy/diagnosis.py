@@ -13,6 +13,7 @@ from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT, REPORT, SELECT
 from estimators.discrepancy.search.result import Cause, SearchResult
 from estimators.discrepancy.search.stepwise import search
+from estimators.discrepancy.structure_comparison import StructureComparison, compare_structures
 from estimators.discrepancy.verdict import VehicleChecks, VehicleDiagnosis
 from estimators.logs.clocks import pose_age
 from estimators.logs.log import Log
@@ -96,10 +97,23 @@ def diagnose(
         not_judged=not_judged,
         checks=_checks(found, solver_error, ordered),
     )
+    if result.incomplete or result.inaccurate:
+        progress("structures")
+        result = _with_structure(result, compare_structures(ordered))
+    if result.restructured is not None:
+        return result
     if result.causes and result.incomplete:
         result = replace(result, joint=sizes_with_unknown_inputs(found.extended))
     progress("test data")
     return _on_test_data(result, found, splits[REPORT])
+
+
+def _with_structure(result: VehicleDiagnosis, compared: StructureComparison | None) -> VehicleDiagnosis:
+    """The result with the comparison of structures; effects within a wrong structure stand in for it."""
+    if compared is None or not compared.found:
+        return replace(result, structure=compared)
+    stand_ins = tuple(cause.best.candidate.effect for cause in result.causes)
+    return replace(result, structure=compared, causes=(), unknown_inputs=(), stand_ins=stand_ins)
 
 
 def _pose_findings(reports: Sequence[QualityReport]) -> tuple[Finding, ...]:

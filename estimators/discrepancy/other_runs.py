@@ -7,10 +7,22 @@ from collections.abc import Sequence
 from estimators.discrepancy.checks.holdout_gain import ChannelGain, channel_gains, held_out
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import REPORT
-from estimators.discrepancy.verdict import Diagnosis
+from estimators.discrepancy.structure_comparison import gains_with
+from estimators.discrepancy.verdict import Diagnosis, VehicleDiagnosis
 from estimators.logs.log import Log
 
-__all__ = ["gains_on"]
+__all__ = ["gains_on", "restructured_gains_on"]
+
+
+def restructured_gains_on(diagnosis: Diagnosis, logs: Sequence[Log]) -> dict[str, tuple[ChannelGain, ...]]:
+    """The same where another structure was named: errors of predictions, to which nothing is fitted.
+
+    Each run may have a soil of its own: n departs from the stated one as in the diagnosed runs. Empty where
+    no structure was named.
+    """
+    if not isinstance(diagnosis, VehicleDiagnosis) or diagnosis.restructured is None:
+        return {}
+    return {log.name: gains_with(diagnosis.restructured, log) for log in logs}
 
 
 def gains_on(diagnosis: Diagnosis, logs: Sequence[Log]) -> dict[str, tuple[ChannelGain, ...]]:

@@ -30,11 +30,12 @@ from estimators.discrepancy.summary import (
     UnknownInput,
     UnknownInputShape,
 )
-from estimators.discrepancy.verdict import Diagnosis, RigDiagnosis
+from estimators.discrepancy.verdict import Diagnosis, RigDiagnosis, VehicleDiagnosis
 from estimators.discrepancy.wording import (
     advice_sentence,
     amount,
     correlation_phrase,
+    interval_text,
     limitation_sentences,
     structure_sentence,
     verdict_sentence,
@@ -95,6 +96,8 @@ def summarise(diagnosis: Diagnosis, evidence: Evidence | None = None) -> Diagnos
         else (),
         limitations=limitation_sentences(diagnosis),
         evidence=evidence,
+        comparison=diagnosis.structure if isinstance(diagnosis, VehicleDiagnosis) else None,
+        stand_ins=diagnosis.stand_ins if isinstance(diagnosis, VehicleDiagnosis) else (),
     )
 
 
@@ -194,7 +197,7 @@ def _member(one: Alternative) -> CauseMember:
         high=high,
         lacks_loglik=0.5 * one.likelihood_ratio,
         sentence=sentence,
-        phrase=f"{sentence} (95 %: {low:.3g} to {amount(effect.id, high)})",
+        phrase=f"{sentence} (95 %: {interval_text(effect, low, high)})",
     )
 
 

@@ -12,7 +12,9 @@ import numpy as np
 from estimators.discrepancy.checks.holdout_gain import ChannelGain
 from estimators.discrepancy.evidence import Evidence, rounded
 from estimators.discrepancy.next_experiment import Advice
+from estimators.discrepancy.structure_comparison import StructureComparison
 from estimators.discrepancy.verdict import FitChecks, Verdict
+from offroad_env.effects import Extension
 
 __all__ = [
     "CauseMember",
@@ -257,6 +259,23 @@ class DiagnosisSummary:
     failed: Mapping[str, str]  #: part of the diagnosis that could not be computed -> why
     limitations: tuple[str, ...]  #: effects that are not judged, and what was fitted in their place
     evidence: Evidence | None  #: None where none was asked for
+    comparison: StructureComparison | None = None  #: of structures, where effects leave a discrepancy
+    stand_ins: tuple[str, ...] = ()  #: effects that are not judged, because the structure is wrong
+
+    @property
+    def extended_model(self) -> Extension | None:
+        """The model with the causes for the environment; None where there is none."""
+        if self.comparison is not None and self.comparison.found:
+            case = self.comparison.best.case
+            return Extension(
+                model=self.model,
+                effects=(),
+                structure=case.structure,
+                vehicle_model=case.vehicle_model,
+            )
+        if not self.extension and self.structure is None:
+            return None
+        return Extension(model=self.model, effects=self.extension, structure=self.structure)
 
     @property
     def effects(self) -> list[list[str]]:
@@ -281,6 +300,8 @@ class DiagnosisSummary:
             "unexplained": [self._unexplained_dict(one) for one in self.unexplained] or None,
             "not_testable": {name: _finite(limit) for name, limit in self.not_testable.items()},
             "missing_channels": dict(self.missing_channels),
+            "structure_comparison": None if self.comparison is None else self.comparison.to_dict(),
+            "stand_ins": list(self.stand_ins),
             "not_judged": dict(self.not_judged),
             "limits": {name: _finite(limit) for name, limit in self.limits.items()},
             "gain": {gain.channel: self._gain_dict(gain) for gain in self.gains},

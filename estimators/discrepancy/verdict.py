@@ -13,8 +13,10 @@ import numpy as np
 from estimators.discrepancy.checks.holdout_gain import ChannelGain, Held
 from estimators.discrepancy.checks.unmodelled_forces import JointSizes, UnmodelledForce
 from estimators.discrepancy.model.fit_result import FitResult
+from estimators.discrepancy.physical_ranges import is_physical
 from estimators.discrepancy.rig.structure_search import StructuralCause
 from estimators.discrepancy.search.result import Cause, SearchResult
+from estimators.discrepancy.structure_comparison import StructureComparison
 from estimators.logs.channel_checks import OUTSIDE
 from estimators.logs.log import Log
 from estimators.logs.quality import QualityReport
@@ -165,12 +167,29 @@ class Diagnosis(ABC):
 
     @property
     def identifiable(self) -> tuple[bool, ...]:
-        """Of every cause, whether it may be named although unknown inputs are fitted jointly."""
+        """Of every cause, whether it may be named: of a possible size, also with unknown inputs fitted."""
         if self.joint is None:
-            return (True,) * len(self.causes)
+            return self.physical
         # Two that may be one missing cause make every name uncertain, also those of the others.
         certain = not any(self.confounded)
-        return tuple(bool(stable) and certain for stable in self._stable(self.joint))
+        pairs = zip(self._stable(self.joint), self.physical, strict=True)
+        return tuple(bool(stable) and certain and possible for stable, possible in pairs)
+
+    @property
+    def physical(self) -> tuple[bool, ...]:
+        """Of every cause, whether physics allows a size within its interval."""
+        if self.search is None or self.logs[0].rig:
+            return (True,) * len(self.causes)
+        vehicle = self.logs[0].vehicle
+        return tuple(
+            is_physical(
+                cause.best.candidate.effect,
+                cause.best.size - _Z * cause.best.deviation,
+                cause.best.size + _Z * cause.best.deviation,
+                vehicle,
+            )
+            for cause in self.causes
+        )
 
     @property
     def confounded(self) -> tuple[bool, ...]:
@@ -212,7 +231,7 @@ class Diagnosis(ABC):
     def incomplete(self) -> bool:
         """Whether a discrepancy remains: an unknown input, or effects that the hold-out test refuses."""
         refused = self.search is not None and self.search.refused
-        return bool(self.unexplained) or (bool(self.causes) and refused)
+        return bool(self.unexplained) or (bool(self.causes) and refused) or not all(self.physical)
 
     @property
     def inaccurate(self) -> bool:
@@ -237,6 +256,13 @@ class VehicleDiagnosis(Diagnosis):
     """Result of a diagnosis of vehicle logs."""
 
     checks: VehicleChecks | None = None
+    structure: StructureComparison | None = None  #: where the nominal structure is inadequate
+    stand_ins: tuple[str, ...] = ()  #: effects that improved the nominal model where its structure is wrong
+
+    @property
+    def restructured(self) -> StructureComparison | None:
+        """The comparison of structures, if it names another one."""
+        return self.structure if self.structure is not None and self.structure.found else None
 
     @property
     def overlapping(self) -> bool:
@@ -249,6 +275,8 @@ class VehicleDiagnosis(Diagnosis):
         if self.search is None:
             outside = bool(self.findings) and all(finding.kind == OUTSIDE for finding in self.findings)
             return Verdict.OUTSIDE if outside else Verdict.DATA_PROBLEM
+        if self.restructured is not None:
+            return Verdict.NAMED
         if self.inaccurate:
             return Verdict.NUMERICS
         if self.incomplete:

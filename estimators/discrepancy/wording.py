@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from estimators.discrepancy.checks.forecast import Prediction
+from estimators.discrepancy.structure_comparison import StructureComparison
 from estimators.discrepancy.summary import CauseSummary, DiagnosisSummary, UnknownInput, UnknownInputShape
 from estimators.discrepancy.verdict import Diagnosis, RigDiagnosis, VehicleDiagnosis, Verdict
 from offroad_env.effects import EFFECTS
+from offroad_env.effects.protocol import Effect
 
 __all__ = [
     "advice_sentence",
     "amount",
     "correlation_phrase",
+    "interval_text",
     "limitation_sentences",
+    "structure_lines",
     "structure_sentence",
     "terminal_lines",
     "verdict_sentence",
@@ -44,6 +48,15 @@ def amount(effect: str, size: float) -> str:
     return f"{size:.3g} {EFFECTS[effect].size.unit}".removesuffix(" -")
 
 
+def interval_text(effect: Effect, low: float, high: float) -> str:
+    """An interval of sizes with its unit, by the sign and in the unit of the sentence for its middle."""
+    _, sign = effect.wording(0.5 * (low + high))
+    first, last = sorted((sign * low, sign * high))
+    if effect.amount(1.0).endswith("%"):
+        return f"{100.0 * first:.3g} to {effect.amount(last)}"
+    return f"{first:.3g} to {effect.amount(last)}"
+
+
 # ------------------------------------------------------------------ the verdict
 
 
@@ -54,6 +67,8 @@ def verdict_sentence(
     unexplained: Sequence[UnknownInput] = (),
 ) -> str:
     """The verdict on a diagnosis in one plain sentence."""
+    if isinstance(diagnosis, VehicleDiagnosis) and diagnosis.restructured is not None:
+        return _structure_sentence(diagnosis.restructured)
     if verdict is Verdict.UNEXPLAINED:
         rest = _discrepancy_phrase(diagnosis, causes, unexplained)
         return f"The model is wrong in a way that no effect of the library explains: {rest}."
@@ -66,6 +81,36 @@ def verdict_sentence(
             sentence += "; or a single cause that the library lacks: their sizes are correlated"
         return sentence + "."
     return _sentence_without_causes(verdict, diagnosis)
+
+
+def _structure_sentence(found: StructureComparison) -> str:
+    parts = "; ".join(cause.sentence for cause in found.causes)
+    return (
+        f"The structure of the model is wrong: {parts}. With another one the errors of predictions fall by "
+        f"{100.0 * found.gain:.0f} % on windows to which nothing was fitted."
+    )
+
+
+def structure_lines(summary: DiagnosisSummary) -> list[str]:
+    """The other structure in lines: its causes, its n, what it gains and what is as good."""
+    found = summary.comparison
+    if found is None or not found.found:
+        return []
+    lines = [
+        f"cause: {cause.id}: {cause.sentence} (errors grow by {100.0 * cause.gain:.0f} % without it)"
+        for cause in found.causes
+    ]
+    case = found.best.case
+    lines.append(f"structure: {case.structure}, vehicle model {case.vehicle_model}, n {found.n:.3f}")
+    lines += [f"as good: {one.structure}, vehicle model {one.vehicle_model}" for one in found.equals]
+    lines += [
+        f"error within 3 s, {gain.channel}: {gain.nominal:.3g} -> {gain.extended:.3g} "
+        f"({100.0 * gain.low:.0f} to {100.0 * gain.high:.0f} % less)"
+        for gain in found.gains
+    ]
+    if summary.stand_ins:
+        lines.append(f"not judged within the wrong structure: {', '.join(summary.stand_ins)}")
+    return lines
 
 
 def _sentence_without_causes(verdict: Verdict, diagnosis: Diagnosis) -> str:
@@ -98,8 +143,8 @@ def _cause_phrase(cause: CauseSummary) -> str:
     """A cause that the verdict names; its size with unknown inputs fitted jointly, where they are present."""
     first, *others = (member.phrase for member in cause.members)
     if cause.joint is not None:
-        high = amount(cause.best.effect, cause.joint.high)
-        first += f", {cause.joint.low:.3g} to {high} with unknown inputs fitted jointly"
+        interval = interval_text(EFFECTS[cause.best.effect], cause.joint.low, cause.joint.high)
+        first += f", {interval} with unknown inputs fitted jointly"
     return "one of: " + "; or ".join([first, *others]) if others else first
 
 
@@ -112,13 +157,18 @@ def _discrepancy_phrase(
         phrase = "no effect of a physical size explains it on the conditions of the hold-out test, too"
     if unexplained:
         phrase = _largest(unexplained).phrase
+    impossible = [
+        cause.best.effect for cause, possible in zip(causes, diagnosis.physical, strict=True) if not possible
+    ]
+    if impossible:
+        phrase += f"; {', '.join(impossible)} would explain it with a size that physics does not allow"
     names = [" or ".join(cause.effects) for cause in causes if not cause.structural]
     confounded = diagnosis.confounded
     mutually = [name for name, one in zip(names, confounded, strict=True) if one]
     with_inputs = [
         name
         for name, one, identifiable in zip(names, confounded, diagnosis.identifiable, strict=True)
-        if not one and not identifiable
+        if not one and not identifiable and name not in impossible
     ]
     if with_inputs:
         phrase += f", confounded with {', '.join(with_inputs)}"
@@ -186,6 +236,7 @@ def limitation_sentences(diagnosis: Diagnosis) -> tuple[str, ...]:
 def terminal_lines(summary: DiagnosisSummary) -> list[str]:
     """The summary for a terminal: with the names of the files that follow it, at most 25 lines."""
     lines = [f"{summary.verdict}: {summary.sentence}"]
+    lines += structure_lines(summary)
     for cause in summary.causes:
         what = "cause" if cause.named else "candidate, confounded with a discrepancy that remains"
         lines.append(f"{what}: log-likelihood gain {cause.delta_loglik:.0f}, p-value {cause.p_value:.1g}")

@@ -43,6 +43,7 @@ _RIM_SCALE = 0.01
 #: Standard deviations of the start: position [m], heading [rad], speeds [m/s], biases of gyro [rad/s] and
 #: accelerometer [m/s^2], creep [m/s].
 _START = (0.1, 0.1, 0.02, 0.3, 0.2, 0.01, 0.3, 1.0)
+_START_COVARIANCE = np.diag(np.square(_START))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,11 +247,11 @@ class NavigationFilter:
         InvalidParameter
             For a pose that is not finite.
         """
+        if not all(map(math.isfinite, (x, y, yaw, v))):
+            raise InvalidParameter(f"the start must be finite, got {(x, y, yaw, v)}")
         self.x[:] = 0.0
         self.x[:4] = x, y, yaw, v
-        if not np.isfinite(self.x).all():
-            raise InvalidParameter(f"the start must be finite, got {(x, y, yaw, v)}")
-        self.P[:] = np.diag(np.square(_START))
+        self.P[:] = _START_COVARIANCE
         return self.pose
 
     def update(

@@ -31,7 +31,7 @@ _MARKS = ("na", "n/a", "null", "none", "-", "--", "missing")
 #: Bytes that could not be decoded.
 _NO_TEXT = re.compile("[\udc80-\udcff]")
 #: Rows that are turned into numbers at a time, and the longest line of a table [characters].
-_PIECE, _LONGEST_LINE = 10_000, 1_000_000
+_PIECE, _LONGEST_LINE = 2_000, 1_000_000
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:\.\d*)?)")
 
 

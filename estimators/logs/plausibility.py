@@ -227,7 +227,9 @@ def _lean(log: Log, untrusted: frozenset[str]) -> tuple[list[Violation], set[str
 def _leaning(windows: Windows, gyro: str, push: str, lean: float) -> Likeness | None:
     """A gyro against ``lean`` [rad s^2/m] times the change of an acceleration."""
     rate, acceleration = windows.mean(gyro), windows.mean(push)
-    if rate is None or acceleration is None or not np.nanstd(acceleration) > _LEAN_PUSH:
+    if rate is None or acceleration is None or not np.isfinite(acceleration).any():
+        return None
+    if not np.nanstd(acceleration) > _LEAN_PUSH:
         return None
     change = np.full(len(acceleration), math.nan)
     change[1:-1] = lean * (acceleration[2:] - acceleration[:-2]) / windows.length

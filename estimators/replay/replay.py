@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,9 +23,20 @@ from estimators.replay.prediction import Predicted, predict_windows
 from estimators.replay.structures import Case, plant_for
 from offroad_env.errors import DataError, InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
+from offroad_env.physics.axle import Plant
 from offroad_env.simulation.simulator import FULL_STEP
 
-__all__ = ["CHANNELS", "LEAD_IN", "Reality", "Replay", "grid_of", "pooled", "replay_log", "windows_of"]
+__all__ = [
+    "CHANNELS",
+    "LEAD_IN",
+    "Reality",
+    "Replay",
+    "WindowReplay",
+    "grid_of",
+    "pooled",
+    "replay_log",
+    "windows_of",
+]
 
 #: Compared quantities and their units.
 CHANNELS = {
@@ -169,10 +180,8 @@ def _errors(predicted: Predicted, reality: Reality, instants: np.ndarray) -> dic
     return {name: errors[name] for name in CHANNELS}
 
 
-def replay_log(
-    log: Log, cases: Sequence[Case], *, window: float = 4.0, hold: str | None = None, step: float = FULL_STEP
-) -> tuple[Replay, ...]:
-    """Predict a log in windows by every model of ``cases``, and compare.
+class WindowReplay:
+    """What the replay of a log needs besides a model, made once.
 
     Parameters
     ----------
@@ -182,6 +191,75 @@ def replay_log(
         How inputs go on between their rows; default: as the log states.
     step
         Longest step of the solver [s].
+    references
+        Whether predictions are compared with the reference columns, where there are any.
+
+    Raises
+    ------
+    DataError
+        If the log is no drive, too short, or lacks inputs or pose.
+    InvalidParameter
+        For an impossible window.
+    """
+
+    def __init__(
+        self,
+        log: Log,
+        window: float,
+        *,
+        hold: str | None = None,
+        step: float = FULL_STEP,
+        references: bool = True,
+    ) -> None:
+        self.log = log
+        t = grid_of(log)
+        self._firsts = windows_of(log, t, window)
+        # Channels that were not measured are substituted to smooth the motion, and are not compared.
+        complete, _ = substituted(log)
+        self._motion = smooth_motion(complete, t)
+        self._steps = max(math.ceil(self._motion.step / step - 1e-6), 1)
+        self._inputs = input_rows(log, t, self._steps, hold)
+        compared = log if references else replace(log, references={})
+        self._reality = _reality(compared, self._motion)
+        self._lengths = round(LEAD_IN / self.step), round(window / self.step)
+        self._instants = self._firsts[:, None] + self._lengths[0] + np.arange(self._lengths[1] + 1)
+
+    @property
+    def step(self) -> float:
+        """Time between instants [s]."""
+        return self._motion.step
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of windows, and of instants in each."""
+        windows, instants = self._instants.shape
+        return windows, instants
+
+    @property
+    def references(self) -> tuple[str, ...]:
+        """Channels that are compared with reference columns."""
+        return self._reality.references
+
+    def errors(self, plant: Plant) -> dict[str, np.ndarray]:
+        """Errors of a model by channel, (W, K); NaN where nothing can be compared or the model fails."""
+        try:
+            predicted = predict_windows(
+                plant, self._motion, self._inputs, self._firsts, self._lengths, self._steps
+            )
+        except SolverFailure:
+            return {name: np.full(self.shape, math.nan) for name in CHANNELS}
+        return _errors(predicted, self._reality, self._instants)
+
+
+def replay_log(
+    log: Log, cases: Sequence[Case], *, window: float = 4.0, hold: str | None = None, step: float = FULL_STEP
+) -> tuple[Replay, ...]:
+    """Predict a log in windows by every model of ``cases``, and compare.
+
+    Parameters
+    ----------
+    window, hold, step
+        See `WindowReplay`.
 
     Raises
     ------
@@ -190,23 +268,11 @@ def replay_log(
     InvalidParameter
         For an impossible window or an unknown model.
     """
-    t = grid_of(log)
-    firsts = windows_of(log, t, window)
-    # Channels that were not measured are substituted to smooth the motion, and are not compared.
-    complete, _ = substituted(log)
-    motion = smooth_motion(complete, t)
-    steps = max(math.ceil(motion.step / step - 1e-6), 1)
-    inputs, reality = input_rows(log, t, steps, hold), _reality(log, motion)
-    lengths = round(LEAD_IN / motion.step), round(window / motion.step)
-    instants = firsts[:, None] + lengths[0] + np.arange(lengths[1] + 1)
+    prepared = WindowReplay(log, window, hold=hold, step=step)
+    windows, instants = prepared.shape
     found = []
     for case in cases:
-        shape = instants.shape
-        try:
-            predicted = predict_windows(plant_for(log, case), motion, inputs, firsts, lengths, steps)
-            errors = _errors(predicted, reality, instants)
-        except SolverFailure:
-            errors = {name: np.full(shape, math.nan) for name in CHANNELS}
+        errors = prepared.errors(plant_for(log, case))
         # A window that fails has no error at its end: none of it counts, and the table says how many.
         complete = np.isfinite(errors["v_x"]).all(axis=1)
         kept = {name: values[complete] for name, values in errors.items()}
@@ -216,12 +282,12 @@ def replay_log(
                 structure=case.structure,
                 vehicle_model=case.vehicle_model,
                 window_s=window,
-                t=motion.step * np.arange(shape[1]),
+                t=prepared.step * np.arange(instants),
                 squares={name: np.nansum(values**2, axis=0) for name, values in kept.items()},
                 counts={name: np.isfinite(values).sum(axis=0) for name, values in kept.items()},
-                windows=shape[0],
+                windows=windows,
                 failed=int((~complete).sum()),
-                references=reality.references,
+                references=prepared.references,
             )
         )
     return tuple(found)

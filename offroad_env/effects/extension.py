@@ -10,8 +10,9 @@ from typing import Any
 
 from offroad_env.effects.library import FORMER_IDS, find_effect
 from offroad_env.errors import DataError, InvalidParameter
-from offroad_env.simulation.simulator import MODELS
+from offroad_env.simulation.simulator import MODELS, VEHICLE_MODELS
 from offroad_env.world.files import read_json
+from offroad_env.world.structures import read_structure
 from offroad_env.world.yaml_text import shown
 
 __all__ = ["Extension", "read_extension"]
@@ -21,15 +22,22 @@ _FORMAT = "offroad-extension-2"
 _OLDER_FORMAT = "offroad-extension-1"
 #: What an extended model can be of: a preset of the vehicle, or the wheel of a rig.
 _MODELS = (*MODELS, "rig")
+_VEHICLE_MODELS = (*VEHICLE_MODELS, "four_wheel")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Extension:
-    """A preset of the vehicle model and the effects that it lacks."""
+    """A preset of the vehicle model, and the effects or the structure that it lacks."""
 
     model: str  #: "full", "paper" or "rig"
     effects: tuple[tuple[str, dict[str, float]], ...]  #: (effect, its parameters)
     structure: str | None = None  #: laws of the wheels where they are not the log's, see `read_structure`
+    vehicle_model: str | None = None  #: "half_car", "four_wheel", ...; None: as it is
+
+    def choices(self, structure: Any, vehicle_model: str) -> tuple[str, Any, str]:
+        """Model, structure (as an environment takes it) and vehicle model, where these were asked for."""
+        laws = self.structure if structure is None else structure
+        return self.model, laws, self.vehicle_model or vehicle_model
 
     def to_dict(self) -> dict[str, Any]:
         """The content of the file."""
@@ -38,7 +46,8 @@ class Extension:
             "model": self.model,
             "effects": [{"id": name, "parameters": dict(values)} for name, values in self.effects],
         }
-        return content if self.structure is None else content | {"structure": self.structure}
+        laws = {"structure": self.structure, "vehicle_model": self.vehicle_model}
+        return content | {name: value for name, value in laws.items() if value is not None}
 
 
 def read_extension(path: str | Path) -> Extension:
@@ -61,10 +70,34 @@ def read_extension(path: str | Path) -> Extension:
         effects = tuple(_effect(entry, ids) for entry in content["effects"])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise DataError(f"{path}: effects must be a list of id and parameters: {error}") from None
-    structure = content.get("structure")
-    if structure is not None and not isinstance(structure, str):
-        raise DataError(f'{path}: structure must be a text such as "full,ruts=none", got {structure!r}')
-    return Extension(model=content["model"], effects=effects, structure=structure)
+    return Extension(
+        model=content["model"],
+        effects=effects,
+        structure=_structure(content, path),
+        vehicle_model=_vehicle_model(content, path),
+    )
+
+
+def _structure(content: Mapping[str, Any], path: str | Path) -> str | None:
+    text = content.get("structure")
+    if text is None:
+        return None
+    try:
+        if not isinstance(text, str):
+            raise InvalidParameter(f"it must be text, got {text!r:.80}")
+        read_structure(text)
+    except InvalidParameter as error:
+        raise DataError(f"{path}: structure: {error}") from None
+    return text
+
+
+def _vehicle_model(content: Mapping[str, Any], path: str | Path) -> str | None:
+    name = content.get("vehicle_model")
+    if name is not None and name not in _VEHICLE_MODELS:
+        raise DataError(
+            f"{path}: vehicle_model must be one of {', '.join(_VEHICLE_MODELS)}, got {name!r:.80}"
+        )
+    return None if name is None else str(name)
 
 
 def _effect(entry: dict[str, Any], ids: Mapping[str, str]) -> tuple[str, dict[str, float]]:

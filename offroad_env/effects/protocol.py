@@ -134,6 +134,20 @@ LoadLaw = Callable[[float, FloatArray, SpringState, AxleSpring], float]
 BodyLaw = Callable[[BodyForces, FloatArray, FloatArray, Vehicle], BodyForces]
 
 
+#: Words of a sentence that a negative size turns into their opposites; the first that occurs is replaced.
+_OPPOSITES = (
+    ("too much", "too little"), ("heavier", "lighter"), ("larger", "smaller"), ("stiffer", "softer"),
+    ("further ahead of", "further behind"), ("further ahead", "further behind"),
+    ("further above", "further below"), ("further back", "further forward"),
+    ("further left", "further right"), ("older than", "newer than"), ("later than", "earlier than"),
+    ("nose up", "nose down"), ("to the right", "to the left"), ("to the left", "to the right"),
+    ("climbs", "falls"), ("grows by", "falls by"), ("more", "less"), ("further", "less far"),
+    ("pushes forward", "pushes back"),
+)  # fmt: skip
+#: Numbers without a unit that are no shares of anything.
+_PLAIN_NUMBERS = ("n_step", "n_trend", "slip_exponent", "slip_sinkage", "soil_loosening")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Effect:
     """One way in which the model may be wrong; one id names one law.
@@ -192,5 +206,21 @@ class Effect:
         return (self.size, *self.others)
 
     def describe(self, size: float) -> str:
-        """The sentence with its number."""
-        return self.sentence.format(size=f"{size:.3g} {self.size.unit}".removesuffix(" -"))
+        """The sentence with its number: a share in per cent, and less of something for a negative size."""
+        sentence, sign = self.wording(size)
+        return sentence.format(size=self.amount(sign * size))
+
+    def wording(self, size: float) -> tuple[str, float]:
+        """The sentence for a size of this sign, and the sign by which its number is printed."""
+        if size >= 0.0:
+            return self.sentence, 1.0
+        for more, less in _OPPOSITES:
+            if f" {more}" in self.sentence:
+                return self.sentence.replace(f" {more}", f" {less}"), -1.0
+        return self.sentence, 1.0
+
+    def amount(self, size: float) -> str:
+        """A size with its unit."""
+        if self.size.unit == "-" and self.id not in _PLAIN_NUMBERS:
+            return f"{100.0 * size:.3g} %"
+        return f"{size:.3g} {self.size.unit}".removesuffix(" -")

@@ -20,7 +20,7 @@ from offroad_env.simulation.simulator import make_plant, settled_state
 from offroad_env.world.argument_checks import is_one_of, numbers
 from offroad_env.world.catalogue import Quantity
 from offroad_env.world.soil_fields import SOIL_RANGES
-from offroad_env.world.soils import make_soil
+from offroad_env.world.soils import make_soil, with_exponent
 from offroad_env.world.terrain import flat
 from offroad_env.world.vehicles import make_vehicle
 from offroad_env.world.yaml_text import shown
@@ -248,7 +248,7 @@ class ResetOptions:
         if self.n is not None:
             n = make_soil(soil, n=self.n).n
         if self.mismatch is None:
-            return vehicle, make_soil(soil, n=n)
+            return vehicle, with_exponent(soil, n)
         mass, k_phi, lag = self.mismatch
         return (
             make_vehicle(vehicle, m=mass * vehicle.m, torque_lag=lag * vehicle.torque_lag),

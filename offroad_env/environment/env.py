@@ -56,7 +56,6 @@ from offroad_env.errors import InvalidParameter
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.imu import GNSS, IMU, WHEEL
 from offroad_env.physics.packing import pack
-from offroad_env.physics.path_geometry import nearest_index
 from offroad_env.physics.records import Soil, Structure, Tyre, Vehicle
 from offroad_env.simulation.drive import Command
 from offroad_env.simulation.sensor_descriptions import SensorsLike, read_sensors
@@ -211,7 +210,9 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         estimator = checked_estimator(estimator, terrain_info)
         own = isinstance(model, str) and model.endswith(".json")
         self.extension: Extension | None = read_extension(model) if own else None
-        model = model if self.extension is None else self.extension.model
+        if self.extension is not None:
+            model, structure, vehicle_model = self.extension.choices(structure, vehicle_model)
+            self.extension = self.extension if self.extension.effects else None  # what is left is the plant's
         require_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         self.terrain_info, self.model, self.vehicle_model = terrain_info, model, vehicle_model
         self.render_mode = render_mode
@@ -296,13 +297,13 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         if self._plants.is_natural:
             field = self._plants.soil_field(soil, int(self.np_random.integers(2**63)))
         self.plant = self._plants.truth(vehicle, soil, truth.ground, soils, field)
-        X, Y, yaw = (float(value) for value in self.course.path.nodes[0, :3])
+        X, Y, yaw = self.course.path.nodes[0, :3].tolist()
         start = self.scenario.start_speed
         if self.extension is not None:
             self._extended = ExtendedTruth(self.extension, self.plant, self._sensing.mount)
             self.plant = self._extended.setup.plant
         self.state[:], self.warm[:] = settled_state(self.plant, x=X, y=Y, yaw=yaw, v_x=start)
-        self._start(X, Y, start)
+        self._start(start)
         self._navigation.reset(X, Y, yaw, start)
         self._choose_estimator()
         self._memory.set_rules(
@@ -324,6 +325,8 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
     def _choose_estimator(self) -> None:
         """A new estimator at the start of the course, if one runs."""
         self.estimator = self._learner = None
+        if self._choice == "none":
+            return
         whole = isinstance(self._choice, OnBoard) and self._choice.kind == SOIL_BELIEF
         known = self.course.known_ground
         belief = self._plants.belief(self.vehicle, self._believed_soil, known, wheels=whole)
@@ -345,12 +348,11 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
             )
             self._learner.reset(*self.prior, self._navigation.pose)
 
-    def _start(self, X: float, Y: float, speed: float) -> None:
+    def _start(self, speed: float) -> None:
         """Write into the record what an episode starts with."""
         self.readings[:] = 0.0
         self._rims[:] = speed
         self._memory.lay_out(self._row, self.course.path, self.plant, self.course.known_ground)
-        nearest = nearest_index(self.course.path, X, Y)
         episode = self._episode
         for name, value in (
             ("plant", pack(self.plant).numbers),
@@ -359,8 +361,8 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
             ("estimate", (*self.prior, 0.0, 0.0, 0.0)),
             ("time", 0.0),
             ("action", 0.0),
-            ("true_index", nearest),
-            ("seen_index", nearest),
+            ("true_index", 0),  # it starts at the first node
+            ("seen_index", 0),
             ("tilting_for", 0.0),
             ("stuck_for", 0.0),
             ("mean_square", 0.0),

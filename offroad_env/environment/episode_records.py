@@ -7,7 +7,9 @@ size (path, waves of the ground, patches of soil) lies in a table beside it.
 from __future__ import annotations
 
 import math
+import operator
 from functools import cache
+from itertools import accumulate
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -269,6 +271,8 @@ class Memory:
         self.structure: Structure | None = None
         #: What four wheels have beyond two axles, the same in all episodes.
         self.four_wheel: FourWheel | None = None
+        #: What the rules of each row were made from.
+        self._ruled: dict[int, tuple[object, ...]] = {}
         #: Natural soil with the waves of all episodes, one after the other; None where soil is uniform.
         self.soil_field: SoilField | None = None
 
@@ -299,12 +303,14 @@ class Memory:
         ``known`` is what a map shows of the ground.
         """
         parts = (path.nodes, plant.ground.waves, plant.soil_map.patches, known.waves)
-        ends = np.cumsum([len(part) for part in parts])
+        ends = list(accumulate(map(len, parts)))
         if ends[-1] > self.tables.shape[1]:
-            grown = np.zeros((len(self.tables), int(ends[-1]), 4))
+            grown = np.zeros((len(self.tables), ends[-1], 4))
             grown[:, : self.tables.shape[1]] = self.tables
             self.tables = grown
-        self.tables[row, : ends[-1]] = np.concatenate(parts)
+        table = self.tables[row]
+        for part, end in zip(parts, ends, strict=True):
+            table[end - len(part) : end] = part
         self.structure, self.four_wheel, episode = plant.structure, plant.four_wheel, self.episodes[row]
         if plant.soil_field is not None:
             if self.soil_field is None:
@@ -324,7 +330,11 @@ class Memory:
         weights: RewardWeights,
         layout: Layout,
     ) -> None:
-        """Write down what holds for the whole of an episode of ``vehicle``."""
+        """Write down what holds for the whole of an episode of ``vehicle``, unless it stands there."""
+        origin = (vehicle, navigation, scenario, weights, layout)
+        if all(map(operator.is_, origin, self._ruled.get(row, (None,)))):
+            return
+        self._ruled[row] = origin
         rules = self.rules[row]
         for name, value in (
             ("dt", FULL_STEP),

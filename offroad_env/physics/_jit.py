@@ -23,10 +23,11 @@ import numba
 from offroad_env.physics._kernel_folder import own_folder
 from offroad_env.physics._kernel_notes import keep_apart
 
-__all__ = ["apart_kernel", "cache_folder", "inline_kernel", "kernel", "merged_kernel"]
+__all__ = ["apart_kernel", "cache_folder", "exact_kernel", "inline_kernel", "kernel", "merged_kernel"]
 
-#: First version of numba whose inner parts, on which `_staged` rests, are unknown: kernels are then plain.
-_UNKNOWN_NUMBA = (0, 69)
+#: Versions of numba, from the first to below the second, whose inner parts `_staged` fits; with any other
+#: kernels are plain.
+_KNOWN_NUMBA = (0, 68), (0, 69)
 #: Set to "plain", this asks for them too.
 _VARIABLE = "OFFROAD_KERNELS"
 
@@ -103,7 +104,8 @@ def cache_folder(module: str) -> Path:
 def _compile(function: F, **options: Any) -> F:
     if numba.config.DISABLE_JIT:
         return function
-    options |= {"nopython": True, "error_model": "numpy", "nogil": True, "fastmath": {"contract"}}
+    options |= {"nopython": True, "error_model": "numpy", "nogil": True}
+    options.setdefault("fastmath", {"contract"})
     # Left open, it would be that of the first caller: the machine code would depend on who called first.
     options.setdefault("forceinline", False)
     staged, folder = _staged(), str(cache_folder(function.__module__))
@@ -117,7 +119,8 @@ def _compile(function: F, **options: Any) -> F:
 @cache
 def _staged() -> Any:
     """The module with kernels in two editions; None where this numba cannot have them."""
-    known = tuple(map(int, re.findall(r"\d+", numba.__version__)[:2])) < _UNKNOWN_NUMBA
+    first, unknown = _KNOWN_NUMBA
+    known = first <= tuple(map(int, re.findall(r"\d+", numba.__version__)[:2])) < unknown
     if not known or os.environ.get(_VARIABLE) == "plain":
         return None
     try:
@@ -149,6 +152,11 @@ def kernel(function: F) -> F:
     of a step.
     """
     return _compile(function)
+
+
+def exact_kernel(function: F) -> F:
+    """A kernel that rounds after every operation, as NumPy does: with the same numbers bit for bit."""
+    return _compile(function, fastmath=False)
 
 
 def inline_kernel(function: F) -> F:

@@ -108,14 +108,6 @@ def half_angle(d: float) -> tuple[float, float]:
     return twice + twice * q * c, twice * s
 
 
-@inline_kernel
-def decay(x: float) -> float:
-    """exp(-x) for small ``|x|``, by Pade's approximation of order 3: to 8e-8 at 0.5, 1.1e-5 at 1."""
-    square = x * x
-    even, odd = 120.0 + 12.0 * square, x * (60.0 + square)
-    return max((even - odd) / (even + odd), 0.0)
-
-
 # ln 2 in two parts, the first exact in 33 bits (W. J. Cody & W. Waite, 1980).
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 _LN2, _PER_LN2 = 6.931471805599453094e-01, 1.442695040888963407

@@ -101,10 +101,19 @@ def array_count(record_class: type) -> int:
     return sum(array_count(part) if _is_record(part) else int(part is None) for part in _parts(record_class))
 
 
+@cache
+def _is_flat(record_class: type) -> bool:
+    """Whether a record has nothing but numbers."""
+    return all(part in (float, bool) for part in _parts(record_class))
+
+
 def numbers_of(record: tuple[Any, ...]) -> list[float]:
     """Every number of a record in the order of its fields, those of nested records where they stand."""
+    kind = type(record)
+    if _is_flat(kind):
+        return list(map(float, record))
     numbers: list[float] = []
-    for part, value in zip(_parts(type(record)), record, strict=True):
+    for part, value in zip(_parts(kind), record, strict=True):
         if _is_record(part):
             numbers += numbers_of(value)
         elif part is not None:

@@ -20,7 +20,6 @@ from offroad_env.physics.tyre import (
     belt_on_soil,
     displacement_in_series,
     friction_limited_strength,
-    mobilised_in_series,
 )
 
 __all__ = ["Rim", "flexed_rim", "mobilised_stress", "shear_strength", "soil_displacement"]
@@ -58,9 +57,17 @@ def mobilised_stress(tyre: Tyre | None, rim: Rim, strength: float, j: float) -> 
     """What of a ``strength`` [Pa] a shear displacement mobilises [Pa]."""
     if tyre is None:
         return strength * janosi_hanamoto_mobilisation(j)
-    # Soil that has sheared before does not give way until its stress is back: the tread alone does.
-    alone = (j - rim.belt.carried) * (1.0 / (rim.belt.tread + _TINY))
-    return min(alone, strength * mobilised_in_series(j, rim.belt.soil, rim.belt.tread * strength))
+    # The tread gives way by what the soil leaves of the displacement.
+    return (j - _of_soil(rim.belt, strength, j)) * (1.0 / (rim.belt.tread + _TINY))
+
+
+@inline_kernel
+def _of_soil(belt: Belt, strength: float, j: float) -> float:
+    """What soil of a ``strength`` [Pa] has of a displacement in series with a tread [units of the belt].
+
+    Soil that has sheared before does not give way until its stress is back: the tread alone does.
+    """
+    return max(belt.soil * displacement_in_series(j, belt.soil, belt.tread * strength), belt.carried)
 
 
 @inline_kernel
@@ -68,10 +75,8 @@ def soil_displacement(tyre: Tyre | None, rim: Rim, peak: float, j: float) -> flo
     """What soil has of the shear displacement ``j`` at the exit of a strip [Janosi moduli]."""
     if tyre is None:
         return j
-    tread = rim.belt.tread * shear_strength(tyre, rim, peak)
     # Along the rim a displacement has a sign; ruts that keep it have path lengths.
-    v, _ = displacement_in_series(max(j, 0.0), rim.belt.soil, tread)
-    return rim.belt.unit * max(rim.belt.soil * v, rim.belt.carried)
+    return rim.belt.unit * _of_soil(rim.belt, shear_strength(tyre, rim, peak), max(j, 0.0))
 
 
 @inline_kernel
@@ -91,6 +96,7 @@ def flexed_rim(
     strength = shear_strength(tyre, rim, peak)
     modulus = 1.0 / math.sqrt(rim.per_k_x * rim.per_k_y)
     belt = belt_on_soil(rim.carried, rim.radius, z, peak / slope, modulus, strength)
-    per_k_x, per_k_y = rim.per_k_x / belt.unit, rim.per_k_y / belt.unit
-    belt = replace(belt, carried=shear / belt.unit)
+    per_unit = 1.0 / belt.unit
+    per_k_x, per_k_y = rim.per_k_x * per_unit, rim.per_k_y * per_unit
+    belt = replace(belt, carried=shear * per_unit)
     return replace(rim, radius=belt.radius, per_k_x=per_k_x, per_k_y=per_k_y, belt=belt)

@@ -44,6 +44,7 @@ from offroad_env.physics.slip import TINY_SPEED, rolling_direction, slip_ratio
 from offroad_env.physics.slip_sinkage import linear_sinkage_factor, lyasko_sinkage_factor
 from offroad_env.physics.structured_patch import RimForces, SlipSpeeds, rebound_angle, rim_forces
 from offroad_env.physics.tyre import (
+    ROUGH_STEP,
     Belt,
     TyreLoad,
     TyreOnSoil,
@@ -266,42 +267,26 @@ def _steep_exponent(ratio_V: float, ratio_h: float) -> float:
 
 
 @inline_kernel
-def _held_share(tyre: Tyre | None, carried: TyreLoad, rise: float) -> float:
-    """Local exponent of the force at a held deflection over that where a tyre deflects with its load."""
-    if tyre is None:
-        return 1.0
-    f = carried.deflection
-    # Force grows like the root of the circle's radius: d ln R* / d ln f of `substitute_circle_ratio`.
-    share: float = 1.0 - 0.5 * carried.growth * math.sqrt(f / (f + rise))
-    return share
+def _exponent_of_solutions(tyre: Tyre | None, exponent: float, near: TyreLoad, rise: float) -> float:
+    """Exponent d ln force / d ln rise from solution to solution; ``exponent``: of the trials for one.
 
-
-@inline_kernel
-def _remembered_exponent(tyre: Tyre | None, exponent: float, warm: FloatArray, now: _Balance) -> float:
-    """Exponent d ln load / d ln rise for the next prediction; ``exponent`` is the last one's.
-
-    A tyre's is measured from one solution to the next: within a solution its load hardly changes.
+    A tyre deflects with its load, and the force grows like the root of the belt's radius. From trial to trial
+    the load falls as the wheel sinks, from solution to solution it is the force.
     """
     if tyre is None:
         return exponent
-    rise, force = warm[at.RISE], warm[at.FORCE_ROW]
-    if rise > 0.0 and force > 0.0 and now.rise > 0.0 and now.force > 0.0:
-        grown = fast_log(now.rise / rise)
-        if abs(grown) > 1e-6:
-            measured = fast_log(now.force / force) / grown
-            if 0.6 * exponent < measured < 1.7 * exponent:
-                return measured
-    return exponent
+    f = near.deflection
+    # d ln R* / d ln f of `substitute_circle_ratio`.
+    share = 0.5 * near.growth * math.sqrt(f / (f + rise))
+    return (exponent + share * near.relief * rise / near.load) / (1.0 - share)
 
 
 @inline_kernel
-def _keep(
-    tyre: Tyre | None, warm: FloatArray, h: float, exponent: float, now: _Balance, forces: RimForces
-) -> None:
+def _keep(warm: FloatArray, h: float, exponent: float, now: _Balance, forces: RimForces) -> None:
     """A solution into its row of the contact state."""
     warm[at.MET_SHARE], warm[at.MET_DEPTH] = warm[at.RUT_SHARE], warm[at.RUT_DEPTH]
     warm[at.BY_SHARE], warm[at.BY_DEPTH] = forces.by_share, forces.by_depth
-    warm[at.EXPONENT_OF_RISE] = _remembered_exponent(tyre, exponent, warm, now)
+    warm[at.EXPONENT_OF_RISE] = exponent
     warm[at.SINKAGE_ROW], warm[at.FORCE_ROW], warm[at.RISE] = h, now.force, now.rise
     warm[at.PEAK], warm[at.SHEAR] = forces.peak, forces.shear
 
@@ -342,13 +327,19 @@ def _start(n: float, r: float, rut: RutSection, warm: FloatArray) -> _Start:
 
 @inline_kernel
 def _predicted_rise(
-    start: _Start, near: TyreLoad, rut: RutSection, wheels: float, r: float, warm: FloatArray
+    start: _Start,
+    exponent: float,
+    near: TyreLoad,
+    rut: RutSection,
+    wheels: float,
+    r: float,
+    warm: FloatArray,
 ) -> float:
     """Rise [m] by the last solution; ``near``: the load at its rise."""
     if not start.known:
         return start.rise
     left, relief = wheels * (near.load + near.relief * start.rise), wheels * near.relief
-    rise: float = predicted_sinkage(start.rise, start.exponent, _force_there(rut, wheels, warm), left, relief)
+    rise: float = predicted_sinkage(start.rise, exponent, _force_there(rut, wheels, warm), left, relief)
     most: float = 0.999 * (deepest_sinkage(r) - start.depth)
     return min(rise, most)
 
@@ -380,16 +371,19 @@ def solve_structured_contact(
     rut = rut_section_of(structure, warm)
     start = _start(soil.n, wheel.r, rut, warm)
     depth, exponent, near_h = start.depth, start.exponent, start.depth + start.rise
-    pressing = (N_0 - k * near_h) / wheels
-    near = supported_load(structure.tyre, on_soil, pressing, k / wheels, warm[at.FORCE_ROW] / wheels)
-    h = depth + _predicted_rise(start, near, rut, wheels, wheel.r, warm)
+    pressing, guess = (N_0 - k * near_h) / wheels, warm[at.FORCE_ROW] / wheels
+    near = supported_load(structure.tyre, on_soil, pressing, k / wheels, guess, ROUGH_STEP)
+    overall = _exponent_of_solutions(structure.tyre, exponent, near, start.rise)
+    h = depth + _predicted_rise(start, overall, near, rut, wheels, wheel.r, warm)
+    far = structure.tyre is not None
     low, high = 0.0, deepest_sinkage(wheel.r)
     e_old, V_old, before = 0.0, 0.0, RimForces(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    status, held = NO_ROOT, 1.0
+    status = NO_ROOT
     for i in range(_ITERATIONS):
-        if _is_far(near, h - near_h, h):
-            near_h = h
-            near = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels, near.load)
+        if far or _is_far(near, h - near_h, h):
+            guess = near.load - near.relief * (h - near_h)
+            near = supported_load(structure.tyre, on_soil, (N_0 - k * h) / wheels, k / wheels, guess)
+            near_h, far = h, False
         carried = eased_load(structure.tyre, on_soil, near, h - near_h)
         forces = _directed(structure, soil, wheel, motion, h, carried, rut, options)
         V = wheels * (forces.F_x * frame.l_z + forces.F_y * frame.c_z + forces.F_z * frame.n_z)
@@ -398,9 +392,6 @@ def solve_structured_contact(
         e = h - depth
         change = e - e_old
         measured = i > 0 and abs(change) > 1e-8 * abs(e) and e > 0.0 < e_old and V > 0.0 and V_old > 0.0
-        if i == 0:
-            held = _held_share(structure.tyre, carried, e)
-            exponent *= held
         if measured:
             exponent = _steep_exponent(V / V_old, e / e_old)
         step = (target - V) / (exponent * abs(V) / max(e, _SHALLOWEST) + relief)
@@ -420,7 +411,7 @@ def solve_structured_contact(
         if i > _CHORDS or not low < h < high:
             h = _middle(low, high)
     load = wheels * eased_load(structure.tyre, on_soil, near, h - near_h).load
-    _keep(structure.tyre, warm, h, exponent / held, _Balance(h - depth, load), forces)
+    _keep(warm, h, exponent, _Balance(h - depth, load), forces)
     forces = _scaled(forces, wheels)
     return ContactSolution(status, forces.F_x, forces.F_y, forces.F_z, forces.torque, h)
 

@@ -102,6 +102,7 @@ class SensorSuite:
         self.imu = ImuConfig() if imu is None else imu
         self.wheel = wheel
         self.gnss = gnss
+        self._is_biased, (self._errors_sd, self._noise_sd) = bool(self._bias.any()), self._spreads()
         #: IMU samples from one sample of the wheel speeds, and of the GNSS, to the next; 0: none.
         self.wheel_every = _divisor("wheel", self.imu.rate, wheel.rate) if wheel else 0
         self.gnss_every = _divisor("gnss", self.imu.rate, gnss.rate) if gnss else 0
@@ -155,9 +156,9 @@ class SensorSuite:
         """
         self._seed, self._radius = int(rng.integers(2**63)), radius
         self._rng = np.random.default_rng(self._seed)
-        z = self._rng.standard_normal(_CONSTANT_DRAWS)
-        self._errors = self._draw_errors(z)
-        roll, pitch, yaw = (z[_MISALIGNMENT] * self.imu.misalignment_sd).tolist()
+        drawn = self._rng.standard_normal(_CONSTANT_DRAWS) * self._errors_sd
+        self._errors = self._placed(drawn)
+        roll, pitch, yaw = drawn[_MISALIGNMENT].tolist()
         self._mount = self.imu.mount((roll, pitch, yaw))
         self._tick = 0
         self._slow = self._memory = None
@@ -169,19 +170,30 @@ class SensorSuite:
             if self.has_memory:
                 self._memory = make_memory(self.imu, self.wheel, self.gnss, slow, radius)
 
-    def _draw_errors(self, z: np.ndarray) -> np.ndarray:
-        errors = np.zeros((3, CHANNELS))
-        errors[OFFSET, IMU] = z[_BIASES] * np.repeat([self.imu.accel_bias_sd, self.imu.gyro_bias_sd], (3, 2))
-        if self._bias.any():
-            errors[OFFSET, IMU] += self._bias
-        errors[NOISE_SD, IMU] = np.repeat([self.imu.accel_noise, self.imu.gyro_noise], (3, 2))
+    def _spreads(self) -> tuple[np.ndarray, np.ndarray]:
+        """What an episode's standard normal numbers are multiplied by, and the noise sd of the channels."""
+        constant, noise = np.zeros(_CONSTANT_DRAWS), np.zeros(CHANNELS)
+        constant[_BIASES] = np.repeat([self.imu.accel_bias_sd, self.imu.gyro_bias_sd], (3, 2))
+        constant[_MISALIGNMENT] = self.imu.misalignment_sd
+        noise[IMU] = np.repeat([self.imu.accel_noise, self.imu.gyro_noise], (3, 2))
         if self.wheel:
-            errors[SCALE, WHEEL] = z[_SCALES] * self.wheel.scale_sd
-            errors[NOISE_SD, WHEEL] = self.wheel.noise
+            constant[_SCALES], noise[WHEEL] = self.wheel.scale_sd, self.wheel.noise
         if self.gnss:
             position, velocity = self.gnss.position_sd, self.gnss.velocity_sd
-            errors[OFFSET, GNSS] = np.append(z[_OFFSETS], (0.0, 0.0)) * self.gnss.offset_sd
-            errors[NOISE_SD, GNSS] = (position, position, velocity, velocity)
+            constant[_OFFSETS], noise[GNSS] = self.gnss.offset_sd, (position, position, velocity, velocity)
+        return constant, noise
+
+    def _placed(self, drawn: np.ndarray) -> np.ndarray:
+        """The constant errors of an episode (_CONSTANT_DRAWS,), and the noise sd, by channel."""
+        errors = np.zeros((3, CHANNELS))
+        errors[NOISE_SD] = self._noise_sd
+        errors[OFFSET, IMU] = drawn[_BIASES]
+        if self._is_biased:
+            errors[OFFSET, IMU] += self._bias
+        if self.wheel:
+            errors[SCALE, WHEEL] = drawn[_SCALES]
+        if self.gnss:
+            errors[OFFSET, GNSS][:2] = drawn[_OFFSETS]
         return errors
 
     def draw_noise(self, out: np.ndarray) -> None:

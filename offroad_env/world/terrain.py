@@ -15,6 +15,7 @@ from offroad_env.errors import InvalidParameter
 from offroad_env.physics.ground import ground_heights
 from offroad_env.physics.path_geometry import PathTable, path_point
 from offroad_env.physics.records import Ground, SoilMap
+from offroad_env.world.bin_search import ANGLE, HIGH, LOW, TRIED, WANTED, search_step
 from offroad_env.world.catalogue import Quantity
 
 __all__ = [
@@ -51,8 +52,8 @@ _LENGTH = Quantity("in (0, 1e4] m", 0.0, 1e4, low_open=True)
 _EXPONENT = Quantity("in (0.05, 2.5]", 0.05, 2.5, low_open=True)
 
 #: Half the length, over the frequency, of an interval that surely encloses a root: rounding errors are less
-#: than a tenth of it. Halved so often, it is still longer than the distance of two numbers.
-_CLOSE, _LEAST_HALVINGS = 2e-14, 7
+#: than a tenth of it.
+_CLOSE = 2e-14
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -176,47 +177,22 @@ def _bin_edges(low: float, high: float, count: int) -> np.ndarray:
     return edges
 
 
-def _newton(low: np.ndarray, high: np.ndarray, top: float, wanted: np.ndarray) -> np.ndarray:
-    """Newton's method, from the middle of ``low`` ... ``high``, of arccos(k / top) / k = ``wanted``.
-
-    Every array is written in place: at this length making one costs as much as what is computed.
-    """
-    guess: np.ndarray = 0.5 * (low + high)
-    variance, per, root = np.empty((3, len(low)))
-    for _ in range(6):
-        np.divide(guess, top, out=variance)
-        np.arccos(variance, out=variance)
-        np.divide(variance, guess, out=variance)
-        np.multiply(guess, guess, out=root)
-        np.subtract(top * top, root, out=root)
-        np.maximum(root, 1e-300, out=root)
-        np.sqrt(root, out=root)
-        np.multiply(guess, root, out=root)
-        np.divide(1.0, root, out=root)
-        np.divide(variance, guess, out=per)
-        np.add(per, root, out=per)  # minus the slope
-        np.subtract(variance, wanted, out=variance)
-        np.divide(variance, per, out=variance)
-        np.add(guess, variance, out=guess)
-        np.maximum(guess, low, out=guess)
-        np.minimum(guess, high, out=guess)
-    return guess
-
-
-def _narrowed(
-    low: np.ndarray, high: np.ndarray, top: float, wanted: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """A close interval within ``low`` ... ``high`` around where the variance beyond is ``wanted``.
+def _narrow(rows: np.ndarray, top: float) -> None:
+    """Close intervals of the search around where the variance beyond is what is wanted.
 
     Where the ends of what Newton's method finds do not enclose the root, the interval stays as it was.
     """
-    guess = _newton(low, high, top, wanted)
-    below, above = guess * (1.0 - _CLOSE), guess * (1.0 + _CLOSE)
-    low = np.where((below > low) & (_variance_beyond(below, top) > wanted), below, low)
-    high = np.where((above < high) & (_variance_beyond(above, top) <= wanted), above, high)
+    tried, angle, wanted, low, high = rows[TRIED], rows[ANGLE], rows[WANTED], rows[LOW], rows[HIGH]
+    np.multiply(0.5, np.add(low, high, out=tried), out=tried)
+    np.divide(tried, top, out=angle)
+    for _ in range(6):
+        np.arccos(angle, out=angle)
+        search_step(rows, top, False)
+    below, above = tried * (1.0 - _CLOSE), tried * (1.0 + _CLOSE)
+    np.copyto(low, below, where=(below > low) & (_variance_beyond(below, top) > wanted))
+    np.copyto(high, above, where=(above < high) & (_variance_beyond(above, top) <= wanted))
     for i in np.flatnonzero(high - low > 8.0 * _CLOSE * low).tolist():
-        low[i], high[i] = _halved(float(low[i]), float(high[i]), float(top), float(wanted[i]))
-    return low, high
+        low[i], high[i] = _halved(float(low[i]), float(high[i]), top, float(wanted[i]))
 
 
 def _halved(low: float, high: float, top: float, wanted: float) -> tuple[float, float]:
@@ -244,25 +220,19 @@ def _halved(low: float, high: float, top: float, wanted: float) -> tuple[float, 
 
 def _draw_frequencies(edges: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """One frequency [cycles/m] from each bin, with probability in proportion to the variance density."""
-    low, high, top = edges[:-1], edges[1:], float(edges[-1])
-    share, beyond_edge = rng.random(len(low)), _variance_beyond(edges, top)
-    wanted = (1.0 - share) * beyond_edge[:-1] + share * beyond_edge[1:]
-    low, high = _narrowed(low, high, top, wanted)
-    middle, variance = np.empty((2, len(low)))
-    beyond = np.empty(len(low), dtype=bool)
-    for i in range(60):  # bisection: the variance beyond a frequency falls with it
-        np.add(low, high, out=middle)
-        np.multiply(0.5, middle, out=middle)
-        # Intervals are that long at first. One that has become as short as can be stays as it is.
-        if i >= _LEAST_HALVINGS and not ((middle != low) & (middle != high)).any():
+    top, rows = float(edges[-1]), np.empty((5, len(edges) - 1))
+    share, beyond = rng.random(rows.shape[1]), _variance_beyond(edges, top)
+    rows[WANTED] = (1.0 - share) * beyond[:-1] + share * beyond[1:]
+    rows[LOW], rows[HIGH] = edges[:-1], edges[1:]
+    _narrow(rows, top)
+    tried, angle = rows[TRIED], rows[ANGLE]
+    np.multiply(0.5, np.add(rows[LOW], rows[HIGH], out=tried), out=tried)
+    np.divide(tried, top, out=angle)
+    for _ in range(60):  # bisection: the variance beyond a frequency falls with it
+        np.arccos(angle, out=angle)
+        if search_step(rows, top, True) == 0:
             break
-        np.divide(middle, top, out=variance)
-        np.arccos(variance, out=variance)
-        np.divide(variance, middle, out=variance)
-        np.greater(variance, wanted, out=beyond)
-        np.copyto(low, middle, where=beyond)
-        np.copyto(high, middle, where=np.logical_not(beyond, out=beyond))
-    drawn: np.ndarray = 0.5 * (low + high)
+    drawn: np.ndarray = tried.copy()
     return drawn
 
 

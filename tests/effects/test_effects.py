@@ -288,3 +288,13 @@ def test_a_damaged_file_of_an_extended_model_is_refused(tmp_path, content, messa
     path.write_text(content)
     with pytest.raises(DataError, match=message):
         read_extension(path)
+
+
+def test_a_negative_size_is_worded_as_less_and_a_share_in_per_cent():
+    assert EFFECTS["torque_scale"].describe(-0.18) == "drive and brake give 18 % less than logged"
+    assert EFFECTS["lever_arm_x"].describe(-0.1).startswith("the IMU sits 0.1 m further behind the centre")
+    assert EFFECTS["n_step"].describe(-0.2).startswith("n is 0.2 smaller")
+    for effect in EFFECTS.values():
+        sentence = effect.describe(-0.1)
+        # What has no opposite, such as soil that pushes, keeps its sign.
+        assert "-" not in sentence.replace("exp(-", "") or effect.wording(-0.1)[1] == 1.0

@@ -50,11 +50,13 @@ def files(folder, ending):
     return [path for path in (folder / "cache").rglob(f"*{ending}") if "doubled" in path.name]
 
 
+@pytest.mark.check
 def test_a_second_process_takes_what_the_first_has_compiled(tmp_path):
     assert doubled(tmp_path)[0] == ["4.0", "0"]
     assert doubled(tmp_path)[0] == ["4.0", "1"]
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("ending", [".nbi", ".nbc"])
 @pytest.mark.parametrize(
     "damage",
@@ -89,6 +91,7 @@ def test_a_crafted_cache_runs_nothing(tmp_path):
     assert not mark.exists()
 
 
+@pytest.mark.check
 def test_a_folder_that_others_may_write_to_is_not_used_and_that_is_stated_once(tmp_path):
     doubled(tmp_path)
     for path in (tmp_path / "cache" / "kernels").iterdir():
@@ -102,6 +105,9 @@ def test_a_folder_that_is_a_link_or_belongs_to_somebody_else_is_not_used(tmp_pat
     (tmp_path / "real").mkdir(mode=0o700)
     (tmp_path / "link").symlink_to(tmp_path / "real")
     assert own_folder(str(tmp_path / "real"))
+    (tmp_path / "open").mkdir(mode=0o700)
+    (tmp_path / "open").chmod(0o770)
+    assert not own_folder(str(tmp_path / "open"))
     assert not own_folder(str(tmp_path / "link"))
     own_folder.cache_clear()
     os_geteuid = os.geteuid()
@@ -111,6 +117,7 @@ def test_a_folder_that_is_a_link_or_belongs_to_somebody_else_is_not_used(tmp_pat
     assert not own_folder(str(tmp_path / "real"))
 
 
+@pytest.mark.check
 def test_without_a_place_for_it_a_process_compiles_for_itself(tmp_path):
     (tmp_path / "cache").write_text("a file in the place of the folder")
     value, said = doubled(tmp_path)

@@ -15,7 +15,7 @@ from offroad_env.physics.axle import with_exponent
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.full_vehicle import full_advance
 from offroad_env.physics.ground import sin_cos
-from offroad_env.physics.numerics import decay, fast_exp, fast_log, half_angle, smooth_clamp, smooth_step
+from offroad_env.physics.numerics import fast_exp, fast_log, half_angle, smooth_clamp, smooth_step
 from offroad_env.physics.paper_vehicle import paper_advance
 from offroad_env.physics.quadrature import COARSE, FINE, WHOLE, Rule
 from offroad_env.physics.records import ContactOptions, Wheel, WheelMotion
@@ -234,9 +234,3 @@ def test_a_step_allocates_nothing(model):
     # A handle for each array that comes from Python, and scratch for all steps of the call: it does count.
     assert 5 <= one <= 8
     assert many == one
-
-
-@pytest.mark.parametrize(("x", "error"), [(0.1, 1e-12), (0.5, 8e-8), (1.0, 1.1e-5), (-1.0, 1.1e-5)])
-def test_the_decay_of_a_small_step_errs_by_no_more_than_it_states(x, error):
-    assert decay(x) == pytest.approx(math.exp(-x), rel=error)
-    assert decay(40.0) == 0.0

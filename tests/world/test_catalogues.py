@@ -15,7 +15,7 @@ from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics.records import Soil, Vehicle
 from offroad_env.simulation.wheel import wheel_forces
 from offroad_env.world.catalogue import Catalogue, Entry, UnknownNameError
-from offroad_env.world.soils import SOILS, make_soil
+from offroad_env.world.soils import SOILS, make_soil, with_exponent
 from offroad_env.world.vehicles import VEHICLES, make_vehicle, make_wheel, static_loads
 from strategies import any_soils, any_wheels
 
@@ -129,6 +129,14 @@ def test_base_by_name_and_by_record_agree_and_only_the_given_changes():
     assert changed == make_soil(SOILS["clay"], n=0.4)
     assert changed == SOILS["clay"]._replace(n=0.4)
     assert make_soil("clay") == SOILS["clay"]
+
+
+@pytest.mark.parametrize("name", [*SOILS])
+def test_the_quick_way_to_another_exponent_gives_the_same_soil(name):
+    for n in (0.1, 1 / 3, 1.1, 2.5):
+        assert with_exponent(SOILS[name], n) == make_soil(name, n=n)
+    with pytest.raises(InvalidParameter, match=r"n must be in \(0.05, 2.5\], got 2.6"):
+        with_exponent(SOILS[name], 2.6)
 
 
 def test_soil_from_scratch_needs_the_essentials_and_shares_the_shear_modulus():

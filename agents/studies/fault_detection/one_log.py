@@ -20,6 +20,7 @@ from estimators.discrepancy.faults.unmodelled import UNMODELLED_FAULTS
 from estimators.discrepancy.model.fit import fit_runs
 from estimators.discrepancy.model.run_model import RunModel, drives
 from estimators.discrepancy.model.windows import FIT, REPORT
+from estimators.discrepancy.physical_ranges import NEVER_NEGATIVE
 from estimators.discrepancy.search.result import SearchResult
 from estimators.discrepancy.search.score_test import ScoreTest, candidates_for, score_test
 from estimators.discrepancy.verdict import VehicleDiagnosis
@@ -34,7 +35,7 @@ __all__ = ["Numbers", "limits_of", "run_unit"]
 Numbers = dict[str, Any]  #: result of one unit, or of the study, as JSON takes it
 
 #: Effects that cannot be negative.
-_ONE_SIDED = (*ONE_SIDED, "aero_drag")
+_ONE_SIDED = (*ONE_SIDED, *NEVER_NEGATIVE, "aero_drag")
 #: Where the soil of a fault changes, as parameters of the effect.
 _PLACES = {"n_step": {"place": 35.0, "direction": 0.0}, "n_trend": {"place": 80.0, "direction": 0.0}}
 #: Size of the unmodelled faults [share of the weight].

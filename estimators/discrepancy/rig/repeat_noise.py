@@ -66,7 +66,8 @@ class RepeatNoise:
 
         if excess(0.0) <= 0.0:
             return cls(repeat=np.sqrt(repeat), between=0.0)
-        between = brentq(excess, 0.0, float(np.sum(mean**2)) / left + repeat)
+        # Twice the bound: where repeats all but agree, rounding leaves no change of sign at the bound itself.
+        between = brentq(excess, 0.0, 2.0 * (float(np.sum(mean**2)) / left + repeat))
         return cls(repeat=np.sqrt(repeat), between=np.sqrt(between))
 
 

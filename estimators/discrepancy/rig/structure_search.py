@@ -39,7 +39,7 @@ STRUCTURAL_CAUSES: Mapping[str, str] = MappingProxyType(
 #: Structures that get a search of their own: the most promising with the effects of the first one.
 _SEARCHED = 3
 #: Most laws that a structure may change.
-_MOST_LAWS = 3
+_MOST_LAWS = 4
 
 
 @dataclass(frozen=True, kw_only=True)

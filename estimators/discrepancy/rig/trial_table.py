@@ -16,8 +16,9 @@ __all__ = ["RIG_CHANNELS", "Trials", "condition_means"]
 
 #: Channel of a rig -> its index in the readings of the model.
 RIG_CHANNELS = {"sinkage": at.SINKAGE, "drawbar": at.F_L, "side_force": at.F_C, "torque": at.TORQUE}
-#: Settings that lie nearer than this are repeats of one: slip angle [rad], slip [-], share of the load.
-_SAME_ANGLE, _SAME_SLIP, _SAME_LOAD = 0.02, 0.02, 0.15
+#: Settings that lie no further apart are repeats of one: slip angle [rad], slip [-], share of the load. Steps
+#: of 0.02 are meant.
+_SAME_ANGLE, _SAME_SLIP, _SAME_LOAD = 0.019, 0.019, 0.15
 #: Fewer conditions than this leave none for a hold-out test of the search.
 _FEWEST = 15
 

@@ -7,11 +7,13 @@ import pytest
 from scipy.stats import binomtest
 
 from agents.benchmark.statistics import (
+    effect_size,
     headroom,
     interquartile_mean,
     mean_interval,
     paired_difference,
     probability_of_improvement,
+    recovered_share,
     wilson_interval,
 )
 from offroad_env.errors import InvalidParameter
@@ -82,3 +84,33 @@ def test_samples_that_are_no_pairs_are_refused(samples, message):
 def test_a_missing_score_is_refused():
     with pytest.raises(InvalidParameter, match="finite"):
         mean_interval(np.array([1.0, np.nan]))
+
+
+def test_the_headroom_keeps_episodes_together():
+    """Episodes differ by ten seconds, arms on the same one by a tenth: the interval is that of the latter."""
+    rng = np.random.default_rng(7)
+    course = rng.normal(60.0, 10.0, 100)
+    oracle, nominal = (course + shift + rng.normal(0.0, 0.1, 100) for shift in (0.0, 1.0))
+    found = headroom(oracle, (nominal,))
+    assert found.high - found.low < 0.1
+    assert found.low < 1.0 < found.high
+
+
+def test_the_effect_size_is_the_mean_difference_over_its_standard_deviation():
+    assert effect_size(np.array([3.0, 5.0]), np.array([1.0, 1.0])) == pytest.approx(3.0 / np.sqrt(2.0))
+    assert effect_size(np.array([2.0, 2.0]), np.array([1.0, 1.0])) == 0.0
+
+
+def test_the_recovered_share_is_measured_from_the_best_of_the_uninformed():
+    base = np.random.default_rng(8).normal(60.0, 5.0, 50)
+    found = recovered_share(base - 3.0, base - 4.0, (base, base + 6.0))
+    assert found.value == pytest.approx(0.75)
+    assert (found.low, found.high) == pytest.approx((0.75, 0.75))
+
+
+def test_a_lower_level_has_a_narrower_interval():
+    values = np.random.default_rng(9).normal(0.0, 1.0, 200)
+    wide, narrow = (mean_interval(values, level=level) for level in (0.95, 0.5))
+    half = 1.96 * values.std(ddof=1) / np.sqrt(200)
+    assert wide.high - wide.low == pytest.approx(2.0 * half, rel=0.08)
+    assert narrow.high - narrow.low == pytest.approx(2.0 * half * 0.6745 / 1.96, rel=0.1)

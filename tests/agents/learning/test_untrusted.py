@@ -109,7 +109,7 @@ SMALL = {
 }
 
 
-@pytest.fixture(scope="module", params=["recurrent_ppo", "sac"])
+@pytest.fixture(scope="module", params=[pytest.param("recurrent_ppo", marks=pytest.mark.check), "sac"])
 def interrupted(request, tmp_path_factory):
     """A run with memory or a buffer that was interrupted, one that was not, and the first gone on with."""
     pytest.importorskip("sb3_contrib")

@@ -17,6 +17,7 @@ from estimators.discrepancy.model.nuisances import NUISANCES
 from estimators.discrepancy.model.problem import LeastSquaresProblem
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT
+from estimators.discrepancy.structure_comparison import compare_structures
 from estimators.discrepancy.summarise import summarise
 from estimators.discrepancy.verdict import OVERLAP
 from estimators.logs import f1tenth_log, read_log, write_log
@@ -146,10 +147,19 @@ def test_the_slow_steering_of_the_measured_car_is_named_with_one_size_for_every_
     assert named["steer_lag"].size == pytest.approx(0.05, abs=2.0 * named["steer_lag"].deviation)
 
 
-def test_causes_that_make_up_together_for_a_wrong_law_of_the_wheels_are_not_named():
-    """Wheels on a grid of soil follow no law of the library: what mends them is not there."""
-    diagnosis = diagnose([read_log(measured_data("chrono_scm") / "clay_0.05_sin02_R0.csv")])
+def test_causes_that_make_up_together_for_a_wrong_law_of_the_wheels_are_not_named(monkeypatch):
+    """Wheels on a grid of soil follow no effect of the library: what mends them is another structure."""
+    log = read_log(measured_data("chrono_scm") / "clay_0.05_sin02_R0.csv")
+    with monkeypatch.context() as alone:
+        alone.setattr("estimators.discrepancy.diagnosis.compare_structures", lambda logs: None)
+        diagnosis = diagnose([log])
     assert len(diagnosis.causes) > 1
     assert diagnosis.joint.correlations.max() > OVERLAP
     assert diagnosis.verdict == "UNEXPLAINED"
     assert "may be one cause that the library lacks" in summarise(diagnosis).sentence
+    restructured = replace(diagnosis, structure=compare_structures([log]), causes=())
+    assert restructured.verdict == "NAMED"
+    summary = summarise(restructured)
+    assert summary.sentence.startswith("The structure of the model is wrong: ")
+    assert summary.extended_model.structure.startswith(("grid", "field"))
+    assert not summary.extended_model.effects

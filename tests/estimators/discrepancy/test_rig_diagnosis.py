@@ -185,6 +185,14 @@ def test_noise_is_told_apart_into_repeats_and_what_they_share():
     assert alone.between < 0.12
 
 
+def test_repeats_that_agree_to_the_last_digit_are_solvable():
+    """A simulation elsewhere has no noise, or forces of 1e-32 N where a rig would read 0.1 N."""
+    group = np.repeat(np.arange(30), 2)
+    residual = (100.0 * np.sin(np.arange(30.0)))[group] + 1e-13 * np.arange(60.0)
+    noise = RepeatNoise.fitted(residual, group, 1.0, white=False)
+    assert noise.between == pytest.approx(np.sqrt(np.mean(residual**2)), rel=0.1)
+
+
 def test_a_rig_with_nothing_wrong_says_so(trials):
     diagnosis = diagnose_rig([trials])
     assert diagnosis.verdict == "NO EFFECT"

@@ -12,8 +12,9 @@ from estimators.experiments.buzhardt_tallapragada import ROWS, row_plant
 from estimators.experiments.simulated_rows import row_model, simulate_row
 from estimators.filters.joint_bank import BankSettings, run_bank
 from estimators.filters.joint_ukf import run_joint_filter
-from estimators.filters.online import KINDS, OnBoard, make_estimator
+from estimators.filters.online import OnBoard, make_estimator
 from estimators.filters.protocol import Pose
+from estimators.filters.registry import ONLINE_FILTERS
 from estimators.models.half_car_on_map import JointSettings, prior
 from offroad_env.physics import state as at
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig
@@ -74,7 +75,7 @@ def stop_and_stand(drive):
     return drive(0.8, seed=1, duration=11.0, driver=driver, ground=flat())
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ONLINE_FILTERS)
 def test_standing_on_board_the_estimate_holds_and_its_band_grows(stop_and_stand, kind):
     record = stop_and_stand
     belief = make_plant(VEHICLES["mrzr"], make_soil("dry_sand"), flat())

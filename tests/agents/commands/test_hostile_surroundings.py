@@ -1,0 +1,89 @@
+"""Commands in places that do not help: full disk, closed output, other locales, no home, names that bite."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from agents.reports.output import printable, say
+from helpers import REPOSITORY
+
+
+def offroad(*arguments, shell="", **environment):
+    """What a command answers in a new process; ``shell`` is what a shell puts behind it."""
+    command = f'exec "{sys.executable}" -m agents.commands.cli {" ".join(arguments)} {shell}'
+    return subprocess.run(
+        ["/bin/sh", "-c", command],
+        capture_output=True,
+        check=False,
+        cwd=REPOSITORY,
+        env={**os.environ, **environment},
+    )
+
+
+def test_a_full_device_as_output_is_one_sentence():
+    done = offroad("soil", "--list", shell="> /dev/full")
+    assert done.returncode == 1
+    assert done.stderr.decode().startswith("offroad: cannot write: No space left on device")
+    assert b"Traceback" not in done.stderr
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("shell", [">&-", "2>&-", ">&- 2>&- <&-"])
+def test_closed_streams_are_no_error(shell):
+    done = offroad("soil", "--list", shell=shell)
+    assert done.returncode == 0
+    assert b"Traceback" not in done.stderr
+
+
+@pytest.mark.check
+@pytest.mark.parametrize(
+    "locale",
+    [
+        {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+        {"LC_ALL": "POSIX", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"},
+    ],
+    ids=["C", "ASCII"],
+)
+def test_a_locale_without_other_letters_replaces_them(locale):
+    done = offroad("soil", "--list", **locale)
+    assert done.returncode == 0
+    assert b"Traceback" not in done.stderr
+    assert b"dry_sand" in done.stdout
+
+
+@pytest.mark.check
+def test_a_home_that_does_not_exist_costs_the_cache_alone(tmp_path):
+    home = tmp_path / "file"
+    home.write_text("no folder")
+    done = offroad("soil", "--list", HOME=str(home), XDG_CACHE_HOME="", OFFROAD_CACHE="")
+    assert done.returncode == 0
+    assert b"Traceback" not in done.stderr
+
+
+@pytest.mark.check
+def test_numbers_go_to_a_pipe_and_leave_it_a_pipe(tmp_path):
+    done = offroad("soil", "clay", "--out", str(tmp_path), "--json", "/dev/stdout")
+    assert done.returncode == 0, done.stderr
+    assert b'"' in done.stdout
+
+
+def test_names_cannot_command_the_terminal_nor_fill_it(capsys):
+    assert printable("\x1b[2J\x07 \u202eabc\tx\n") == "\\x1b[2J\\x07 \\u202eabc\tx\n"
+    long = printable("a" * 100_000 + " b")
+    assert len(long) < 500
+    assert long.endswith("... (100000 characters) b")
+    say("\x1b]0;title\x07")
+    assert capsys.readouterr().out == "\\x1b]0;title\\x07\n"
+
+
+def test_a_refusal_shows_the_name_of_a_file_without_obeying_it(tmp_path):
+    name = tmp_path / "\x1b[31mrun.csv"
+    name.write_text("t\n")
+    done = offroad("log", "draw", f"'{name}'")
+    assert done.returncode == 1
+    assert b"\x1b" not in done.stderr
+    assert b"\\x1b[31mrun.csv" in done.stderr

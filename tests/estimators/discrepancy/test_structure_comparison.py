@@ -1,0 +1,86 @@
+"""Structure is a cause: other laws of wheel and soil are named, where the nominal ones cannot be right."""
+
+import json
+
+import numpy as np
+import pytest
+
+from estimators.discrepancy.faults.drive import draw_case, simulated_log
+from estimators.discrepancy.faults.library import FAULTS
+from estimators.discrepancy.physical_ranges import is_physical
+from estimators.discrepancy.structure_comparison import (
+    STRUCTURAL_CAUSES,
+    StructureComparison,
+    compare_structures,
+    gains_with,
+)
+from estimators.logs import read_log
+from estimators.logs.log import Log
+from helpers import measured_data
+from offroad_env import OffroadBekkerEnv
+from offroad_env.effects import Extension, read_extension
+from offroad_env.errors import DataError
+from offroad_env.world.vehicles import VEHICLES
+
+
+@pytest.fixture(scope="module")
+def sand() -> tuple[Log, Log]:
+    """Two drives of another program's vehicle on a soil grid, straight on and weaving."""
+    folder = measured_data("chrono_scm")
+    return read_log(folder / "sand_0.01_straight_R0.csv"), read_log(folder / "sand_0.01_sin02_R0.csv")
+
+
+@pytest.fixture(scope="module")
+def found(sand) -> StructureComparison:
+    return compare_structures(sand[:1])
+
+
+def test_the_laws_of_a_soil_grid_are_named_with_its_n(found, sand):
+    assert found.found
+    assert {"pressure_distribution", "ruts"} <= {cause.id for cause in found.causes}
+    assert found.n == pytest.approx(sand[0].config.soil.n, abs=0.06)
+    assert abs(found.nominal.change) > 0.1  # n of the wrong structure absorbs what it lacks
+
+
+def test_on_a_drive_that_was_not_used_the_error_falls_with_nothing_fitted(found, sand):
+    gains = {gain.channel: 1.0 - gain.extended / gain.nominal for gain in gains_with(found, sand[1])}
+    assert gains["v_x"] > 0.8
+    assert gains["yaw_rate"] > 0.5
+    assert gains["omega_f"] > 0.8
+
+
+def test_no_structure_is_named_where_an_effect_is_the_cause():
+    log = simulated_log(draw_case(102, duration=24.0), FAULTS["rolling_resistance"](0.05))
+    assert not compare_structures([log]).found
+
+
+def test_every_structural_cause_has_its_sentence(found):
+    assert {cause.id for cause in found.causes} <= set(STRUCTURAL_CAUSES)
+    assert all(cause.sentence and cause.gain > 0.0 for cause in found.causes)
+
+
+def test_an_extended_model_with_another_structure_drives_the_environment(found, tmp_path):
+    case = found.best.case
+    extension = Extension(
+        model="full", effects=(), structure=case.structure, vehicle_model=case.vehicle_model
+    )
+    path = tmp_path / "extended.json"
+    path.write_text(json.dumps(extension.to_dict()))
+    assert read_extension(path) == extension
+    env = OffroadBekkerEnv(model=str(path))
+    env.reset(seed=1)
+    assert env.plant.structure is not None
+    for _ in range(3):
+        _, reward, *_ = env.step(np.array([0.0, 0.3]))
+    assert np.isfinite(reward)
+    path.write_text(json.dumps(extension.to_dict() | {"structure": "grid,ruts=deep"}))
+    with pytest.raises(DataError, match="ruts"):
+        read_extension(path)
+
+
+def test_soil_never_pulls_and_no_cause_is_named_far_beyond_what_is_believable():
+    vehicle = VEHICLES["mrzr"]
+    assert not is_physical("bulldozing", -3.6e5, -3.4e5, vehicle)
+    assert is_physical("bulldozing", -1e3, 1e3, vehicle)
+    assert is_physical("rolling_resistance", -0.03, -0.01, vehicle)
+    assert not is_physical("payload", 1.9, 2.0, vehicle)

@@ -1,0 +1,258 @@
+"""Thresholds that decide flags, widths and gates, and the behaviour on either side of those in plain code.
+
+A threshold is a decision: the false alarms and the power that the pages state were measured with it. Whoever
+changes one changes this list, and measures again.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimators.analysis.consistency import innovation_flag
+from estimators.analysis.scores import score
+from estimators.discrepancy.checks.unmodelled_forces import JointSizes
+from estimators.discrepancy.search.holdout import HoldOutResult
+from estimators.discrepancy.verdict import RigChecks, RigDiagnosis, VehicleDiagnosis, Verdict
+from estimators.filters.belief_history import BeliefHistory
+from estimators.filters.model_evidence import EvidenceSettings, RobustPosterior
+
+THRESHOLDS = (
+    ("estimators.filters.joint_bank", "BankSettings", "sure", 0.99),
+    ("estimators.filters.joint_bank", "BankSettings", "widest", 0.1),
+    ("estimators.filters.joint_bank", "BankSettings", "watch_time", 2.0),
+    ("estimators.filters.joint_bank", "BankSettings", "surprise", 5.0),
+    ("estimators.filters.joint_bank", "BankSettings", "renew", 10.0),
+    ("estimators.filters.joint_bank", "BankSettings", "change_time", 1.0),
+    ("estimators.filters.joint_bank", "BankSettings", "change_level", 6.0),
+    ("estimators.filters.joint_bank", "BankSettings", "drop", 1e-08),
+    ("estimators.filters.joint_bank", "BankSettings", "merge", 0.5),
+    ("estimators.filters.augmented_ekf_bank", "AugmentedBankSettings", "sure", 0.99),
+    ("estimators.filters.augmented_ekf_bank", "AugmentedBankSettings", "widest", 0.15),
+    ("estimators.filters.augmented_ekf_bank", "AugmentedBankSettings", "watch_time", 2.0),
+    ("estimators.filters.augmented_ekf_bank", "AugmentedBankSettings", "surprise", 5.0),
+    ("estimators.filters.augmented_ekf_bank", "AugmentedBankSettings", "renew", 10.0),
+    ("estimators.filters.augmented_ekf_bank", "AugmentedBankSettings", "drop", 1e-06),
+    ("estimators.filters.augmented_ekf_bank", "AugmentedBankSettings", "merge", 1.0),
+    ("estimators.filters.model_evidence", "EvidenceSettings", "memory", 20.0),
+    ("estimators.filters.model_evidence", "EvidenceSettings", "speed", 0.05),
+    ("estimators.filters.model_evidence", "EvidenceSettings", "error_time", 0.3),
+    ("estimators.filters.model_evidence", "EvidenceSettings", "widest", 0.15),
+    ("estimators.filters.online_parameter_ukf", "OnlineParameterSettings", "alpha", 1.0),
+    ("estimators.filters.online_parameter_ukf", "OnlineParameterSettings", "drift", 0.03),
+    ("estimators.filters.online_parameter_ukf", "OnlineParameterSettings", "error_time", 0.3),
+    ("estimators.filters.online_parameter_ukf", "OnlineParameterSettings", "hold_speed", 1.0),
+    ("estimators.filters.online_parameter_ukf", "OnlineParameterSettings", "least_information", 0.02),
+    ("estimators.filters.online_parameter_ukf", "OnlineParameterSettings", "surprise", 25.0),
+    ("estimators.filters.online_parameter_ukf", "OnlineParameterSettings", "change_time", 0.5),
+    ("estimators.filters.online_parameter_ukf", "OnlineParameterSettings", "change_level", 1.25),
+    ("estimators.filters.online_parameter_ukf", "OnlineParameterSettings", "change_settle", 1.0),
+    ("estimators.filters.online_joint_ukf", "OnlineJointSettings", "drift", 0.02),
+    ("estimators.filters.online_joint_ukf", "OnlineJointSettings", "push_time", 0.3),
+    ("estimators.filters.online_joint_ukf", "OnlineJointSettings", "hold_speed", 1.0),
+    ("estimators.filters.online_joint_ukf", "OnlineJointSettings", "surprise", 25.0),
+    ("estimators.filters.online_joint_ukf", "OnlineJointSettings", "drop", 0.0001),
+    ("estimators.filters.online_joint_ukf", "OnlineJointSettings", "change_time", 1.0),
+    ("estimators.filters.online_joint_ukf", "OnlineJointSettings", "change_level", 3.0),
+    ("estimators.filters.online_joint_ukf", "OnlineJointSettings", "change_settle", 1.0),
+    ("estimators.filters.parameter_ukf", "ParameterSettings", "alpha", 0.5),
+    ("estimators.filters.parameter_ukf", "ParameterSettings", "drift", 0.01),
+    ("estimators.filters.online_base", "", "MEAN_TIME", 2.0),
+    ("estimators.filters.online_base", "", "WIDEST", 1.0),
+    ("estimators.filters.online_base", "", "_MARGIN", 0.15),
+    ("estimators.filters.gaussian_sum", "", "APART", 3.0),
+    ("estimators.filters.gaussian_sum", "", "DISTRUST", 4.0),
+    ("estimators.filters.gaussian_sum", "", "_LOWER", 0.025),
+    ("estimators.filters.gaussian_sum", "", "_UPPER", 0.975),
+    ("estimators.analysis.consistency", "", "_LARGEST_EXCESS", 5.0),
+    ("estimators.analysis.consistency", "", "_WATCH_TIME", 2.0),
+    ("estimators.analysis.consistency", "", "_NARROW", 0.08),
+    ("estimators.analysis.scores", "", "SETTLED", 20.0),
+    ("estimators.analysis.scores", "", "WRONG", 0.05),
+    ("estimators.analysis.scores", "", "_DIVERGED", 0.2),
+    ("estimators.analysis.scores", "", "_LASTING", 2.0),
+    ("estimators.discrepancy.verdict", "", "REST_RATE", 0.002),
+    ("estimators.discrepancy.verdict", "", "OVERLAP", 0.2),
+    ("estimators.discrepancy.verdict", "", "_OWN", 0.5),
+    ("estimators.discrepancy.verdict", "", "_MOST", 0.9),
+    ("estimators.discrepancy.verdict", "", "_SAME", 0.5),
+    ("estimators.discrepancy.verdict", "", "_Z", 1.96),
+    ("estimators.discrepancy.verdict", "", "_SOLVER", 1.0),
+    ("estimators.discrepancy.verdict", "", "_SOLVER_SHARE", 0.1),
+    ("estimators.discrepancy.verdict", "", "_TESTABLE", 0.5),
+    ("estimators.discrepancy.verdict", "", "_REMAINING", 0.3333333333333333),
+    ("estimators.discrepancy.diagnosis", "", "SCREEN_RATE", 0.06),
+    ("estimators.discrepancy.search.holdout", "", "_AGAINST", 2.33),
+    ("estimators.discrepancy.search.result", "", "EQUIVALENT", 6.63),
+    ("estimators.discrepancy.search.score_test", "", "_NOTHING", 0.4),
+    ("estimators.discrepancy.search.score_test", "", "_CLOSE", 0.5),
+    ("estimators.discrepancy.search.score_test", "", "_CLOSER", 0.1),
+    ("estimators.discrepancy.search.score_test", "", "DETECTABLE", 4.42),
+    ("estimators.discrepancy.search.stepwise", "", "_CONFIRMED", 0.4),
+    ("estimators.discrepancy.search.stepwise", "", "_NEAR_BEST", 0.8),
+    ("estimators.discrepancy.search.stepwise", "", "_LARGE", 2.0),
+    ("estimators.discrepancy.checks.holdout_gain", "", "_BAD", 1.5),
+    ("estimators.discrepancy.checks.holdout_gain", "", "_BESIDE", 0.25),
+    ("estimators.discrepancy.checks.likelihood_profiles", "", "LEVEL", 3.841),
+    ("estimators.discrepancy.checks.misfit", "", "WORST", 5.0),
+    ("offroad_env.environment.control_period", "", "_STUCK_TIME", 4.0),
+    ("offroad_env.environment.control_period", "", "_STUCK_DRIVE", 0.3),
+    ("offroad_env.environment.control_period", "", "_ROLLOVER_TIME", 0.2),
+)
+
+
+@pytest.mark.parametrize(("module", "settings", "name", "value"), THRESHOLDS)
+def test_a_threshold_is_the_one_with_which_its_rates_were_measured(module, settings, name, value):
+    place = importlib.import_module(module)
+    assert getattr(getattr(place, settings)() if settings else place, name) == value
+
+
+def history(n, sd=0.01, valid=True, nis=3.0):
+    n = np.asarray(n, dtype=float)
+    t = 0.1 * np.arange(len(n))
+    return BeliefHistory(
+        t=t,
+        n=n,
+        sd=np.full(len(n), sd),
+        low=n - 2.0 * sd,
+        high=n + 2.0 * sd,
+        nis=np.full(len(n), nis),
+        channels=3,
+        valid=np.full(len(n), valid),
+    )
+
+
+@pytest.mark.parametrize(
+    ("end", "valid", "wrong"), [(0.74, True, False), (0.76, True, True), (0.76, False, False)]
+)
+def test_an_estimate_is_wrong_where_its_flag_is_up_for_another_soil(end, valid, wrong):
+    assert score(history([0.7] * 9 + [end], valid=valid), 0.7).wrong is wrong
+
+
+@pytest.mark.parametrize(
+    ("factor", "count", "sd", "silent"),
+    [(1.25, 25, 0.01, True), (1.15, 25, 0.01, False), (1.25, 15, 0.01, False), (1.25, 25, 0.2, False)],
+)
+def test_a_run_diverges_silently_by_a_fifth_for_two_seconds_outside_of_its_interval(
+    factor, count, sd, silent
+):
+    n = [0.7 * factor] * count + [0.7] * (60 - count)
+    assert score(history(n, sd=sd), 0.7).silent is silent
+    assert not score(history(n, sd=sd, valid=False), 0.7).silent
+
+
+def test_the_late_error_counts_from_twenty_seconds_on():
+    found = score(history([0.8] * 200 + [0.7] * 100), 0.7)
+    assert found.late_mse == 0.0
+    assert found.mse == pytest.approx(0.01 * 200 / 300)
+    assert score(history([0.7] * 200 + [0.8] * 100), 0.7).late_mse == pytest.approx(0.01)
+
+
+def test_an_estimate_has_settled_where_its_error_stays_below_five_per_cent():
+    truth = 0.7
+    assert score(history([1.07 * truth] * 10 + [1.03 * truth] * 20), truth).time_to_5pct == pytest.approx(1.0)
+    assert score(history([1.03 * truth] * 10 + [1.07 * truth] * 20), truth).time_to_5pct == math.inf
+
+
+def test_a_flag_without_one_needs_innovations_as_expected_a_narrow_interval_and_time():
+    calm, dt = np.full(600, 3.0), 0.01
+    narrow, wide = np.full(600, 0.079), np.full(600, 0.081)
+    flag = innovation_flag(calm, narrow, 3, dt)
+    assert not flag[:200].any()
+    assert flag[205:].all()
+    assert not innovation_flag(calm, wide, 3, dt).any()
+    assert not innovation_flag(np.full(600, 30.0), narrow, 3, dt)[205:].any()
+
+
+@pytest.mark.parametrize(
+    ("gain", "expected", "deviation", "contradicts"),
+    [(-3.0, 5.0, 2.0, True), (1.0, 5.0, 1.0, False), (-0.1, 5.0, 2.0, True), (-0.1, 5.0, 4.0, False)],
+)
+def test_a_larger_model_is_refused_where_it_gains_less_than_a_true_one_in_a_hundredth_of_logs(
+    gain, expected, deviation, contradicts
+):
+    assert HoldOutResult(gain=gain, expected=expected, deviation=deviation).contradicts is contradicts
+
+
+def test_a_robust_flag_is_down_where_the_possible_soils_are_wider_than_a_share_of_the_estimate():
+    share = EvidenceSettings().widest
+    n = np.array([0.5, 0.7])
+    posterior = RobustPosterior(n=n, weights=np.array([[0.0, 1.0], [0.5, 0.5]]), widest=share)
+    sd, valid = posterior.robust(np.array([0.7, 0.7]), np.array([0.03, 0.03]), np.array([True, True]))
+    assert sd == pytest.approx([0.03, math.hypot(0.03, 0.2 / math.sqrt(2.0))])
+    assert valid.tolist() == [True, False]
+    _, valid = posterior.robust(np.array([0.7, 0.7]), np.array([0.03, 0.03]), np.array([False, False]))
+    assert not valid.any()
+    assert posterior.mean == pytest.approx([0.7, 0.6])
+    assert posterior.sd == pytest.approx([0.0, 0.1])
+
+
+def diagnosis(solver=0.01, strongest=2.0, **parts):
+    search = SimpleNamespace(first=SimpleNamespace(z=np.array([strongest])), refused=False)
+    checks = RigChecks(
+        solver=solver, gate=(), converged=True, threshold=3.0, trials=9, left_out=0, conditions={"search": 3}
+    )
+    return RigDiagnosis(**{"search": search, "checks": checks, "limits": {"cohesion": 1.0}, **parts})
+
+
+@pytest.mark.parametrize(
+    ("solver", "strongest", "accurate"),
+    [(0.9, 2.0, True), (1.1, 2.0, False), (1.9, 20.0, True), (2.1, 20.0, False), (2.1, -20.0, False)],
+)
+def test_a_solver_may_move_scores_by_one_or_by_a_tenth_of_the_largest(solver, strongest, accurate):
+    assert diagnosis(solver, strongest).inaccurate is not accurate
+
+
+@pytest.mark.parametrize(("lost", "verdict"), [(1, Verdict.NO_EFFECT), (3, Verdict.NOT_TESTABLE)])
+def test_a_log_tests_the_library_if_it_would_show_half_of_it(lost, verdict):
+    limits = dict.fromkeys("abcd", 1.0)
+    gone = dict.fromkeys("abcd"[:lost], 1.0)
+    assert diagnosis(limits=limits, not_testable=gone)._without_causes(4) is verdict
+
+
+def test_a_larger_model_that_the_hold_out_test_refused_is_not_used():
+    search = SimpleNamespace(extended="larger", nominal="nominal")
+    assert VehicleDiagnosis(search=search).model == "nominal"
+    cause = SimpleNamespace(alternatives=(1,))
+    assert VehicleDiagnosis(search=search, causes=(cause,)).model == "larger"
+
+
+def joint(kept=0.6, size=1.0, correlation=0.1, deviation=0.1):
+    matrix = np.array([[0.0, correlation], [correlation, 0.0]])
+    return JointSizes(
+        sizes=np.array([size, 1.0]),
+        deviations=np.full(2, deviation),
+        kept=np.array([kept, 0.6]),
+        correlations=matrix,
+    )
+
+
+def named(found, remaining=0.0):
+    """Which of two causes may be named with unknown inputs fitted jointly."""
+    search = SimpleNamespace(
+        extended=SimpleNamespace(sizes=np.array([1.0, 1.0])),
+        first=SimpleNamespace(z=np.array([9.0])),
+        refused=False,
+        threshold=3.0,
+    )
+    cause = SimpleNamespace(alternatives=(1,))
+    inputs = (SimpleNamespace(excess=remaining, p_value=1.0),)
+    log = SimpleNamespace(rig=True)  # no vehicle that bounds the sizes
+    parts = {"search": search, "causes": (cause, cause), "joint": found, "unknown_inputs": inputs}
+    return VehicleDiagnosis(logs=(log,), **parts).identifiable
+
+
+def test_causes_are_identifiable_by_their_information_their_share_and_their_size():
+    assert named(joint()) == (True, True)
+    assert named(joint(kept=0.4), remaining=1.0) == (True, True)  # it explains almost everything
+    assert named(joint(kept=0.4), remaining=30.0) == (False, True)
+    assert named(joint(size=1.45)) == (True, True)
+    assert named(joint(size=1.55)) == (False, True)
+    assert named(joint(deviation=0.3)) == (True, True)
+    assert named(joint(deviation=0.4)) == (False, False)  # not significant any more
+    assert named(joint(correlation=0.25)) == (False, False)
+    assert named(joint(correlation=0.15)) == (True, True)
