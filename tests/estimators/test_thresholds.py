@@ -241,8 +241,9 @@ def named(found, remaining=0.0):
     )
     cause = SimpleNamespace(alternatives=(1,))
     inputs = (SimpleNamespace(excess=remaining, p_value=1.0),)
+    log = SimpleNamespace(rig=True)  # no vehicle that bounds the sizes
     parts = {"search": search, "causes": (cause, cause), "joint": found, "unknown_inputs": inputs}
-    return VehicleDiagnosis(**parts).identifiable
+    return VehicleDiagnosis(logs=(log,), **parts).identifiable
 
 
 def test_causes_are_identifiable_by_their_information_their_share_and_their_size():
