@@ -88,11 +88,11 @@ def run_filter(name: str, run: FilterRun) -> BeliefHistory:
     Raises
     ------
     InvalidParameter
-        For an unknown filter.
+        For an unknown filter, or one that keeps no history of n alone.
     SolverFailure
         Where the filter finds no contact solution any more.
     """
-    known = filter_id(name)
+    known = filter_id(name, _RUNS)
     begin = time.process_time()
     history = _RUNS[known](run)
     return replace(history, seconds=time.process_time() - begin)

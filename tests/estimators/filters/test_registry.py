@@ -15,7 +15,7 @@ from estimators.filters.belief_history import BeliefHistory, history_of_estimate
 from estimators.filters.joint_ukf import run_joint_filter
 from estimators.filters.online import KINDS, OnBoard
 from estimators.filters.protocol import Estimate
-from estimators.filters.registry import FILTERS, MAP_FILTERS, ONLINE_FILTERS, SENSORS, filter_id
+from estimators.filters.registry import FILTERS, MAP_FILTERS, ONLINE_FILTERS, SENSORS, SOIL_FILTERS, filter_id
 from estimators.filters.whole_run import run_filter
 from estimators.log_estimation import LOG_FILTERS
 from estimators.models.half_car_on_map import CHANNELS, JointSettings
@@ -64,7 +64,10 @@ def test_a_kind_is_kept_under_its_id():
     assert OnBoard(kind="joint") == OnBoard(kind="online_joint_ukf") == OnBoard()
 
 
-@pytest.mark.parametrize("name", [name for name in FILTERS if name != "parameter_ukf_known_state"])
+_APART = ("parameter_ukf_known_state", *SOIL_FILTERS)
+
+
+@pytest.mark.parametrize("name", [name for name in FILTERS if name not in _APART])
 def test_every_filter_runs_on_the_same_description_of_a_run(name):
     drive = simulate_row(ROWS[6], 101, JointSettings(), duration=0.3)
     history = run_filter(name, row_run(drive, sensors="imu+wheels+gnss"))
@@ -75,6 +78,12 @@ def test_every_filter_runs_on_the_same_description_of_a_run(name):
     assert (history.n <= history.high).all()
     assert history.channels
     assert history.seconds is not None
+
+
+def test_a_belief_over_whole_soils_keeps_no_history_of_n_alone():
+    drive = simulate_row(ROWS[6], 101, JointSettings(), duration=0.1)
+    with pytest.raises(InvalidParameter, match="filter must be one of"):
+        run_filter("online_soil_belief", row_run(drive, sensors="imu+wheels+gnss"))
 
 
 def test_a_known_state_must_be_given():
