@@ -178,7 +178,7 @@ class Diagnosis(ABC):
     @property
     def physical(self) -> tuple[bool, ...]:
         """Of every cause, whether physics allows a size within its interval."""
-        if self.search is None or self.logs[0].rig:
+        if self.search is None or not self.logs or self.logs[0].rig:
             return (True,) * len(self.causes)
         vehicle = self.logs[0].vehicle
         return tuple(

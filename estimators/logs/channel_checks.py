@@ -30,6 +30,7 @@ _ALONE = {
     "x": "the vehicle hardly turned, so that a wrong scale of one coordinate looks like another heading",
 }
 _ALONE["y"] = _ALONE["x"]
+_LEVEL = frozenset({"a_x", "a_y"})
 _OTHERS = "the speed hardly changed, or too few other channels agree on it"
 
 
@@ -44,7 +45,8 @@ def channel_findings(log: Log, earlier: Sequence[Finding]) -> tuple[list[Finding
     outside = turns_without_steering(log)
     suspects, judged = suspects_of(log)
     if any(finding.kind == "axes" for finding in earlier):
-        suspects = [s for s in suspects if not {"a_x", "a_y"} & set(s.channels)]
+        # Each measures what the other should: a vote on either says nothing.
+        suspects, judged = [s for s in suspects if not _LEVEL & set(s.channels)], judged - _LEVEL
     if outside is not None:
         suspects = [s for s in suspects if "steer" not in s.channels]
     suspected = {name for suspect in suspects for name in suspect.channels}

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -191,7 +191,7 @@ def _measure(log: Log, name: str, findings: list[Finding]) -> dict[str, Any]:
     if not log.rig:
         # A silence of the whole log is reported once, not for every channel.
         findings += _timing_findings(name, when, max(0.5, 1.1 * timing(log.times).longest_gap))
-        findings += _end_findings(log, name, saturated, stuck)
+        _note_ends(findings, _end_findings(log, name, saturated, stuck))
         if not any(f.kind == "unit" and f.channel == name for f in findings):
             findings += _noise_findings(log, name, noise)
     spread = float(np.std(values))
@@ -272,6 +272,15 @@ def _stuck(name: str, t: np.ndarray, values: np.ndarray) -> float:
     if length < 2 or (name.startswith("omega") and values[start] == 0.0):
         return 0.0
     return float(t[start + length - 1] - t[start])
+
+
+def _note_ends(findings: list[Finding], found: Sequence[Finding]) -> None:
+    """Add findings of one channel; one that other channels tell of as well is a problem, and is said once."""
+    for one in found:
+        told = [f for f in findings if (f.kind, f.channel) == (one.kind, one.channel) and one.kind == "stuck"]
+        for other in told:
+            findings.remove(other)
+        findings.append(replace(one, severity="problem") if told else one)
 
 
 def _end_findings(log: Log, name: str, saturated: float, stuck: float) -> list[Finding]:

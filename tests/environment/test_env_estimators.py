@@ -126,7 +126,10 @@ def test_an_estimator_may_believe_in_another_vehicle():
 
 @pytest.mark.parametrize(
     ("choice", "message"),
-    [("kalman", "estimator must be one of online_parameter_ukf, .*, none"), (7, "estimator must be one of")],
+    [
+        ("kalman", "estimator must be one of online_parameter_ukf, .*, none"),
+        (7, "estimator must be the name of a filter"),
+    ],
 )
 def test_an_unknown_estimator_is_refused(choice, message):
     with pytest.raises(InvalidParameter, match=message):

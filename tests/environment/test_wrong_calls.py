@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -172,6 +173,15 @@ def test_the_list_of_calls_is_long():
     assert len(CASES) * len(WRONG) >= 300
 
 
+@pytest.fixture(autouse=True)
+def own_register(monkeypatch):
+    """What a call registers is gone after its test."""
+    monkeypatch.setattr(
+        "offroad_env.environment.scenario_descriptions.SCENARIOS", dict(offroad_env.SCENARIOS)
+    )
+    monkeypatch.setenv("OFFROAD_BEKKER_REGISTERED", os.environ.get("OFFROAD_BEKKER_REGISTERED", "{}"))
+
+
 @pytest.mark.parametrize("name", CALLS)
 def test_the_calls_are_right_before_an_argument_is_replaced(name):
     function, arguments = CALLS[name]
@@ -179,10 +189,7 @@ def test_the_calls_are_right_before_an_argument_is_replaced(name):
 
 
 @pytest.mark.parametrize(("name", "argument"), CASES)
-def test_a_wrong_argument_is_refused_in_a_sentence(name, argument, monkeypatch):
-    monkeypatch.setattr(
-        "offroad_env.environment.scenario_descriptions.SCENARIOS", dict(offroad_env.SCENARIOS)
-    )
+def test_a_wrong_argument_is_refused_in_a_sentence(name, argument):
     function, arguments = CALLS[name]
     wrong = []
     for label, value in WRONG.items():

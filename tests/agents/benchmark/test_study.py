@@ -83,7 +83,7 @@ def test_a_mismatch_reaches_the_plant_and_nothing_that_anybody_believes():
     assert env.plant.soil.n == 0.7
     assert env.briefing == briefing
     assert env.estimator.plant.vehicle == nominal.vehicle
-    with pytest.raises(InvalidParameter, match="m must be in"):
+    with pytest.raises(InvalidParameter, match="mass must be in"):
         env.reset(options={"mismatch": (-1.0, 1.0, 1.0)})
 
 

@@ -558,8 +558,21 @@ def test_numbers_that_repeat_by_habit_are_not_stuck(log):
     rate = log.channels["yaw_rate"]
     held = np.repeat(rate[::200], 200)[: len(rate)]
     coarse = 0.05 * np.round(rate / 0.05)
-    rest = {name: np.where(log.t > 12.0, 0.0, log.channels[name]) for name in ("omega_f", "omega_r", "speed")}
-    still = np.where(log.t > 12.0, rate[0], rate)
+    stands = log.t > 12.0
+    rest = {
+        name: np.where(stands, 0.0, log.channels[name]) for name in ("omega_f", "omega_r", "speed", "steer")
+    }
+    rest |= {
+        name: np.where(
+            stands, log.channels[name][~np.isnan(log.channels[name]) & stands][0], log.channels[name]
+        )
+        for name in ("x", "y", "course")
+    }
+    rest |= {
+        name: np.where(stands, 0.2 * np.random.default_rng(0).standard_normal(len(log)), log.channels[name])
+        for name in ("a_x", "a_y")
+    }
+    still = np.where(stands, rate[0], rate)
     for one in (
         changed(log, yaw_rate=held),
         changed(log, yaw_rate=coarse),

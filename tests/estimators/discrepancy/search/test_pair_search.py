@@ -116,7 +116,7 @@ def test_a_discrepancy_remains_where_the_hold_out_test_refuses_a_significant_eff
     # Nothing was named: the hold-out test has only prevented a false alarm.
     assert not VehicleDiagnosis(search=refused).incomplete
     sentence = verdict_sentence(Verdict.NAMED_WITH_REST, incomplete, summarise_causes(incomplete))
-    assert "climbs by 0.01" in sentence
+    assert "climbs by 1 %" in sentence
     assert "make it worse in another" in sentence
 
 
