@@ -157,8 +157,9 @@ def _discrepancy_phrase(
         phrase = "no effect of a physical size explains it on the conditions of the hold-out test, too"
     if unexplained:
         phrase = _largest(unexplained).phrase
+    effects = [cause.best.effect for cause in causes if not cause.structural]
     impossible = [
-        cause.best.effect for cause, possible in zip(causes, diagnosis.physical, strict=True) if not possible
+        effect for effect, possible in zip(effects, diagnosis.physical, strict=True) if not possible
     ]
     if impossible:
         phrase += f"; {', '.join(impossible)} would explain it with a size that physics does not allow"
