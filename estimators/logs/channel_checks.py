@@ -45,7 +45,7 @@ def channel_findings(log: Log, earlier: Sequence[Finding]) -> tuple[list[Finding
     outside = turns_without_steering(log)
     suspects, judged = suspects_of(log)
     if any(finding.kind == "axes" for finding in earlier):
-        # Each measures what the other should: a vote on either says nothing.
+        # Each measures what the other should: a vote on either has no meaning.
         suspects, judged = [s for s in suspects if not _LEVEL & set(s.channels)], judged - _LEVEL
     if outside is not None:
         suspects = [s for s in suspects if "steer" not in s.channels]

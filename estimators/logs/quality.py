@@ -275,12 +275,14 @@ def _stuck(name: str, t: np.ndarray, values: np.ndarray) -> float:
 
 
 def _note_ends(findings: list[Finding], found: Sequence[Finding]) -> None:
-    """Add findings of one channel; one that other channels tell of as well is a problem, and is said once."""
+    """Add findings of one channel; one that other channels show as well is a problem, and is reported once."""
     for one in found:
-        told = [f for f in findings if (f.kind, f.channel) == (one.kind, one.channel) and one.kind == "stuck"]
-        for other in told:
+        known = [
+            f for f in findings if (f.kind, f.channel) == (one.kind, one.channel) and one.kind == "stuck"
+        ]
+        for other in known:
             findings.remove(other)
-        findings.append(replace(one, severity="problem") if told else one)
+        findings.append(replace(one, severity="problem") if known else one)
 
 
 def _end_findings(log: Log, name: str, saturated: float, stuck: float) -> list[Finding]:
