@@ -275,7 +275,7 @@ def _stuck(name: str, t: np.ndarray, values: np.ndarray) -> float:
 
 
 def _note_ends(findings: list[Finding], found: Sequence[Finding]) -> None:
-    """Add findings of one channel; one that other channels show as well is a problem, and is reported once."""
+    """Add findings of one channel; one that other channels show as well is a problem, reported once."""
     for one in found:
         known = [
             f for f in findings if (f.kind, f.channel) == (one.kind, one.channel) and one.kind == "stuck"
