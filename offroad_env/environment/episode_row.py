@@ -33,6 +33,7 @@ class EpisodeRow:
     _arguments: PeriodArguments
     _period: Callable[[], None] | None  # for these arguments; None until it is called
     model: str
+    terrain_info: str
 
     def join(self, memory: Memory, row: int) -> None:
         """Keep the episodes in that row of a memory, from the next reset on."""
@@ -76,6 +77,8 @@ class EpisodeRow:
     @property
     def observation(self) -> dict[str, np.ndarray]:
         """What the agent sees now."""
+        if self.terrain_info != "belief":
+            return self._layout.split(self._shown)
         return self._layout.split(self._shown, self.soil_belief)
 
     @property
