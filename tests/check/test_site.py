@@ -33,15 +33,8 @@ def test_the_site_is_built_without_a_warning_and_every_example_runs(tmp_path):
     for example in examples:
         page = (tmp_path / "site/gallery" / f"{example.stem}.html").read_text(encoding="utf-8")
         assert f"sphx_glr_{example.stem}_001.png" in page, example
-
-
-@pytest.mark.check
-def test_pages_load_nothing_from_the_network_but_mathjax(tmp_path):
-    """A built page's own scripts, styles and pictures lie beside it."""
-    site = next(iter(sorted(tmp_path.parent.glob("*/site/index.html"))), None)
-    if site is None:
-        pytest.skip("the site has not been built in this run")
-    for page in site.parent.rglob("*.html"):
+    # Offline a page has all but the letters of its equations: scripts, styles and pictures lie beside it.
+    for page in (tmp_path / "site").rglob("*.html"):
         text = page.read_text(encoding="utf-8")
         loaded = re.findall(r'<(?:script|img|link)[^>]*(?:src|href)="(https?://[^"]+)"', text)
         assert all("mathjax" in address for address in loaded), (page, loaded)
