@@ -103,7 +103,7 @@ class Several(gym.Env):
 
 
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
-@pytest.mark.parametrize("method", ["fork"])
+@pytest.mark.parametrize("method", ["fork", pytest.param("spawn", marks=pytest.mark.check)])
 def test_processes_of_stable_baselines3_step_vector_environments_with_threads(method):
     vec_env = pytest.importorskip("stable_baselines3.common.vec_env")
     envs = offroad_env.make_vec(8, threads=2)
