@@ -44,7 +44,11 @@ _LOW, _HIGH = (np.array([limits[i] for limits in KNOBS.values()]) for i in (0, 1
 def driver(knobs: Mapping[str, float]) -> Agent:
     """The controller of the benchmark's oracle with these knobs; n is all that it knows of the truth."""
     gains = PlannerGains(
-        **{name: knobs[name] for name in ("margin", "slip_angle", "feed_forward", "brake_share", "lag")},
+        margin=knobs["margin"],
+        slip_angle=knobs["slip_angle"],
+        feed_forward=knobs["feed_forward"],
+        brake_share=knobs["brake_share"],
+        lag=knobs["lag"],
         pursuit=PursuitGains(time=knobs["time"]),
         speed=SpeedGains(k_i=knobs["integral"]),
     )
