@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from offroad_env.environment.arguments import require_count
+from offroad_env.environment.arguments import require_count, require_seed
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv, make_vec
 from offroad_env.errors import InvalidParameter
 
@@ -48,6 +48,7 @@ def make_sb3_vec(
     >>> from stable_baselines3 import PPO
     >>> model = PPO("MultiInputPolicy", make_sb3_vec(8, scenario="speed"))  # doctest: +SKIP
     """
+    require_seed(seed)
     envs = make_vec(num_envs, autoreset_mode="SameStep", **options)
     assert isinstance(envs, OffroadBekkerVectorEnv)
     episodes = Sb3VecEnv(envs, action_repeat=action_repeat)
