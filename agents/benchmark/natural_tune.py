@@ -133,8 +133,9 @@ def write_settings(path: Path, args: NaturalTuneArgs, found: Mapping[tuple[str, 
     lines += ["#: (task, arm, knobs) -> fields of `agents.controllers.arms.ArmSettings`."]
     lines += ["SETTINGS: dict[tuple[str, str, str], dict[str, float]] = {"]
     for key in sorted(table):
-        values = ", ".join(f'"{name}": {value:g}' for name, value in table[key].items())
-        lines.append(f'    ("{key[0]}", "{key[1]}", "{key[2]}"): {{{values}}},')
+        lines.append(f'    ("{key[0]}", "{key[1]}", "{key[2]}"): {{')
+        lines += [f'        "{name}": {value:g},' for name, value in table[key].items()]
+        lines.append("    },")
     path.write_text("\n".join([*lines, "}"]) + "\n", encoding="utf-8")
 
 

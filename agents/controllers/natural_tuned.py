@@ -18,12 +18,44 @@ RUNS: dict[str, str] = {
 
 #: (task, arm, knobs) -> fields of `agents.controllers.arms.ArmSettings`.
 SETTINGS: dict[tuple[str, str, str], dict[str, float]] = {
-    ("brake", "aware", "common"): {"brake_share": 0.4237, "z": 1},
-    ("brake", "conservative", "common"): {"brake_share": 0.4237},
-    ("brake", "nominal", "common"): {"brake_share": 0.4237, "n": 0.5},
-    ("brake", "oracle", "common"): {"brake_share": 0.4237},
-    ("speed", "aware", "common"): {"margin": 0.3812, "feed_forward": 0.3407, "brake_share": 0.2384, "speed_max": 10.4985, "z": 1},
-    ("speed", "conservative", "common"): {"margin": 0.3812, "feed_forward": 0.3407, "brake_share": 0.2384, "speed_max": 10.4985},
-    ("speed", "nominal", "common"): {"margin": 0.3812, "feed_forward": 0.3407, "brake_share": 0.2384, "speed_max": 10.4985, "n": 0.483},
-    ("speed", "oracle", "common"): {"margin": 0.3812, "feed_forward": 0.3407, "brake_share": 0.2384, "speed_max": 10.4985},
+    ("brake", "aware", "common"): {
+        "brake_share": 0.4237,
+        "z": 1,
+    },
+    ("brake", "conservative", "common"): {
+        "brake_share": 0.4237,
+    },
+    ("brake", "nominal", "common"): {
+        "brake_share": 0.4237,
+        "n": 0.5,
+    },
+    ("brake", "oracle", "common"): {
+        "brake_share": 0.4237,
+    },
+    ("speed", "aware", "common"): {
+        "margin": 0.3812,
+        "feed_forward": 0.3407,
+        "brake_share": 0.2384,
+        "speed_max": 10.4985,
+        "z": 1,
+    },
+    ("speed", "conservative", "common"): {
+        "margin": 0.3812,
+        "feed_forward": 0.3407,
+        "brake_share": 0.2384,
+        "speed_max": 10.4985,
+    },
+    ("speed", "nominal", "common"): {
+        "margin": 0.3812,
+        "feed_forward": 0.3407,
+        "brake_share": 0.2384,
+        "speed_max": 10.4985,
+        "n": 0.483,
+    },
+    ("speed", "oracle", "common"): {
+        "margin": 0.3812,
+        "feed_forward": 0.3407,
+        "brake_share": 0.2384,
+        "speed_max": 10.4985,
+    },
 }

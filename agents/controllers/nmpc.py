@@ -13,6 +13,7 @@ J. 49, 2003).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -52,19 +53,23 @@ _SIDE_SD = 0.3
 #: Wander of the states, and of what the axles hold beyond the model [1/sqrt(s)].
 _WANDER = np.array([0.01, 0.01, 0.0, 0.3, 0.1, 0.05, 0.02, 0.0, 0.0, 0.0])
 _UNKNOWN, _FADING = 1.0, 3.0
+#: Numbers at the end of `SOIL` that the observer estimates: what the model leaves out.
+_BEYOND = 3
+#: Share of the largest power up to which its loss is inverted [-].
+_MOST_POWER = 0.99
 
 
 @dataclass(frozen=True, kw_only=True)
 class NmpcSettings:
     """Caution, weights and timing."""
 
-    margin: float = 0.92  #: share of the side force that the plan counts on [-]
+    margin: float = 0.95  #: share of the side force that the plan counts on [-]
     slip_angle: float = 0.3  #: largest slip angle of the plan [rad]
     corridor: float = 0.55  #: share of the corridor's half width that the plan uses [-]
     beyond: float = 0.85  #: share of the lateral limit by which it must be able to slow down beyond [-]
-    brake_share: float = 0.6  #: share of the braking that it counts on there [-]
+    brake_share: float = 0.7  #: share of the braking that it counts on there [-]
     speed_max: float = 15.0  #: [m/s]
-    replan: int = 2  #: control intervals between two decisions
+    replan: int = 4  #: control intervals between two decisions
     iterations: int = 1  #: linearisations a decision
     horizon: Horizon = field(default_factory=Horizon)
 
@@ -76,9 +81,9 @@ class SoilNumbers(NamedTuple):
     rows: np.ndarray  #: (K, 9) `SOIL` without what the axles hold beyond
 
     def at(self, low: float, mean: float, margin: float) -> np.ndarray:
-        """(11,) `SOIL`: side forces of the cautious end of a belief, the rest of its mean."""
+        """(12,) `SOIL`: side forces of the cautious end of a belief, the rest of its mean."""
         cautious, middle = (self._row(value) for value in (low, mean))
-        found = np.append(middle, [0.0, 0.0])
+        found = np.append(middle, np.zeros(_BEYOND))
         for i in (0, 3):
             found[i : i + 3] = cautious[i : i + 3]
             found[i] *= margin
@@ -143,9 +148,9 @@ class NmpcAgent:
         self._stations = np.arange(0.0, self._preview[-1] + 0.5 * _SPACING, _SPACING)
         self._x: np.ndarray | None = None
         self._P = np.diag(
-            np.append(np.square([0.1, 0.1, 0.0, 0.3, 0.2, 0.1, 0.02, 0.0, 0.0, 0.0]), [0.5, 0.5])
+            np.append(np.square([0.1, 0.1, 0.0, 0.3, 0.2, 0.1, 0.02, 0.0, 0.0, 0.0]), [0.5] * _BEYOND)
         )
-        self._beyond = np.zeros(2)
+        self._beyond = np.zeros(_BEYOND)
         self._plan: tuple[np.ndarray, np.ndarray] | None = None
         self._age = 0
 
@@ -171,7 +176,13 @@ class NmpcAgent:
         v = self._vehicle
         speed = senses.speed
         drag = 0.5 * AIR_DENSITY * v.drag_area * speed * abs(speed) + v.rolling_resistance * v.m * GRAVITY
-        return float(np.clip(drive_share(v.m * push + drag, v), -1.0, 1.0))
+        force = v.m * push + drag
+        command = drive_share(force, v)
+        if force > 0.0:
+            # Near its largest power P the drive gives T / sqrt(1 + (T omega / P)^2) of an asked torque T.
+            share = min(force * max(*senses.rim_speed, speed, 0.0) / v.power_max, _MOST_POWER)
+            command /= math.sqrt(1.0 - share * share)
+        return float(np.clip(command, -1.0, 1.0))
 
     # ------------------------------------------------------------------ state
 
@@ -185,21 +196,21 @@ class NmpcAgent:
             self._x[[*_SEEN]] = seen
             self._x[_PUSH_COMMAND] = self._x[_PUSH] = soil[SOIL.index("resistance")]
         soil = soil.copy()
-        soil[-2:] = self._beyond
+        soil[-_BEYOND:] = self._beyond
         dt = self._briefing.dt
         x, J = self._problem.short_step(self._x, soil, float(senses.curvature[0]))
         x, J = np.asarray(x).ravel(), np.asarray(J)
-        F = np.eye(_N + 2)
-        F[:_N, :_N], F[:_N, _N:] = J[:, :_N], J[:, -2:]
+        F = np.eye(_N + _BEYOND)
+        F[:_N, :_N], F[:_N, _N:] = J[:, :_N], J[:, -_BEYOND:]
         F[_N:, _N:] *= 1.0 - dt / _FADING
-        P = F @ self._P @ F.T + dt * np.diag(np.append(_WANDER**2, [2.0 * _UNKNOWN**2 / _FADING] * 2))
+        P = F @ self._P @ F.T + dt * np.diag(np.append(_WANDER**2, [2.0 * _UNKNOWN**2 / _FADING] * _BEYOND))
         mean = np.append(x, (1.0 - dt / _FADING) * self._beyond)
-        side_row = np.zeros(_N + 2)
+        side_row = np.zeros(_N + _BEYOND)
         # The side acceleration of the model: v_y' + v r, by finite change over the interval.
-        side_row[: _N + 2] = (F[_VY] - np.eye(_N + 2)[_VY]) / dt
+        side_row[: _N + _BEYOND] = (F[_VY] - np.eye(_N + _BEYOND)[_VY]) / dt
         side_row[_R] += mean[_V]
         side = (x[_VY] - self._x[_VY]) / dt + mean[_V] * mean[_R]
-        H = np.vstack([np.eye(_N + 2)[[*_SEEN]], side_row])
+        H = np.vstack([np.eye(_N + _BEYOND)[[*_SEEN]], side_row])
         innovation = np.append(seen - mean[[*_SEEN]], float(observation["imu"][1]) - side)
         R = np.diag(np.square([*_SEEN_SD, _SIDE_SD]))
         gain = np.linalg.solve(H @ P @ H.T + R, H @ P).T
@@ -216,7 +227,7 @@ class NmpcAgent:
         """One decision: linearise about the last plan, moved on by the time since, and solve."""
         assert self._x is not None
         soil = soil.copy()
-        soil[-2:] = self._beyond
+        soil[-_BEYOND:] = self._beyond
         states, inputs = self._guess()
         limits = self._limits(senses, belief, soil)
         for _ in range(self.settings.iterations):
@@ -256,9 +267,10 @@ class NmpcAgent:
         if senses.target_speed > 0.0:
             final = np.minimum(final, senses.target_speed)
         hold = soil[SOIL.index("hold")]
-        power = v.power_max / (v.m * max(senses.speed, 2.0))
         resistance = soil[SOIL.index("resistance")]
-        push = min(v.drive_torque_max / (v.r * v.m), power, 0.9 * hold + resistance)
+        most = v.drive_torque_max / v.r
+        most /= math.hypot(1.0, most * max(*senses.rim_speed, senses.speed) / v.power_max)
+        push = min(most / v.m, 0.9 * hold + resistance)
         brake = -min(v.brake_torque_max / (v.r * v.m), 0.8 * hold)
         return Limits(
             corridor=s.corridor * self._briefing.corridor,

@@ -36,8 +36,8 @@ _SLACKS = 4
 CONTROLS = len(INPUTS) + _SLACKS
 #: Numbers of the soil: side acceleration D sin(C arctan(B alpha)) of both axles, drag c (sqrt(alpha^2 + w^2)
 #: - w) of each in a bend [m/s^2], resistance [m/s^2], largest acceleration by drive and brake [m/s^2], what
-#: the axles hold beyond the model [m/s^2].
-SOIL = ("D_f", "C_f", "B_f", "D_r", "C_r", "B_r", "drag", "resistance", "hold", "d_f", "d_r")
+#: the axles hold, and what moves the vehicle on, beyond the model [m/s^2].
+SOIL = ("D_f", "C_f", "B_f", "D_r", "C_r", "B_r", "drag", "resistance", "hold", "d_f", "d_r", "d_v")
 #: Slip angle from which the drag of a bend grows linearly [rad].
 DRAG_ANGLE = 0.1
 #: Speed below which slip angles refer to this speed [m/s].
@@ -86,7 +86,7 @@ def bicycle(ca: Any, x: Any, u: Any, soil: Any, kappa: Any, vehicle: Vehicle) ->
         v * ca.sin(psi) + vy * ca.cos(psi),
         r - kappa * along_path,
         along_path,
-        net - p["drag"] * bend + vy * r,
+        net - p["drag"] * bend + vy * r + p["d_v"],
         whole - v * r,
         turn,
         (steer_command - steer) / vehicle.steer_lag,

@@ -108,7 +108,7 @@ def test_agents_by_name_have_the_belief_that_the_name_says():
     assert told == {"nmpc_nominal": "none", "nmpc_belief": "estimate", "nmpc_truth": "truth"}
     natural = {name: find_agent(name, "speed", None, form="natural")[1] for name in PREDICTIVE}
     assert natural == {"nmpc_nominal": "none", "nmpc_belief": "belief", "nmpc_truth": "limits"}
-    assert len(SOIL) == 11
+    assert len(SOIL) == 12
 
 
 def test_tasks_that_it_cannot_plan_are_refused():
