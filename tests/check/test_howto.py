@@ -58,7 +58,8 @@ def test_the_python_of_a_page_runs(page, tmp_path):
         code for language, code in BLOCK.findall(page.read_text(encoding="utf-8")) if language == "python"
     ]
     # What needs a graphics processor is left out; learning is cut short.
-    code = "\n".join(block for block in blocks if "cuda" not in block).replace("100_000", "64")
+    code = "\n".join(block for block in blocks if "cuda" not in block)
+    code = code.replace("100_000", "64").replace('device="cpu"', 'n_steps=4, batch_size=16, device="cpu"')
     (tmp_path / "buggy.yaml").write_text("vehicle: {base: mrzr, m: 1500}")
     command = [sys.executable, "-c", code]
     variables = environment(tmp_path)
