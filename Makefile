@@ -18,7 +18,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help venv install demo docs test check lint fuzz mutants study-wheel study-soak soak speed golden clean
+.PHONY: help venv install demo docs test check lint fuzz kills mutants study-wheel study-soak soak speed golden clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [VENV=.venv] [PYTEST_ARGS=...]"
@@ -54,6 +54,9 @@ lint: $(VENV)/.installed-test  ## check style, format, the floors of imports and
 
 fuzz: $(VENV)/.installed-test  ## long: 2,400 damaged files of all kinds, each read in a process of its own
 	$(BIN)/python benchmarks/fuzz.py
+
+kills: $(VENV)/.installed-test  ## long: benchmark, train, reproduce, diagnose killed at 20 random moments each: the same results?
+	OFFROAD_KILLS=20 $(BIN)/python -m pytest -m check tests/check/test_killed.py $(PYTEST_ARGS)
 
 mutants: $(VENV)/.installed-test  ## long: breaks chosen places of the code one by one: does a test notice?
 	$(BIN)/python benchmarks/mutants.py

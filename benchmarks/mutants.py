@@ -3,7 +3,8 @@
 The places are in ``mutants.yaml``: a file, a text that stands in it once, what replaces it, and the tests
 that should notice. Each is tried in a copy of the tree. Survivors, whose tests pass, are listed: a flag,
 width or gate that moves by a factor of two unnoticed is decided by nobody. Results are kept in
-``out/mutants.jsonl`` by the content of code and tests, so that the command goes on where it stopped.
+``benchmarks/results/mutants.jsonl`` by the content of code and tests, so that the command goes on where it
+stopped.
 """
 
 from __future__ import annotations
@@ -98,7 +99,7 @@ def main() -> int:
     """Try those that are not known yet; 1 where one survives."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="", help="mutants whose line contains this text")
-    parser.add_argument("--out", type=Path, default=ROOT / "out" / "mutants.jsonl")
+    parser.add_argument("--out", type=Path, default=ROOT / "benchmarks" / "results" / "mutants.jsonl")
     options = parser.parse_args()
     known: dict[str, bool] = {}
     if options.out.is_file():

@@ -241,6 +241,8 @@ def crafted() -> list[File]:
     found += [
         File("parquet", "parquet: dictionary of one long text", _dictionary_bomb),
         File("parquet", "parquet: a billion rows", _rows_bomb),
+        File("parquet", "parquet: an end that lies about the sizes", _lying_parquet),
+        File("parquet", "parquet: text as differences", _differences),
         File("parquet", "parquet: kinds of values", _parquet_kinds),
         File("extension", "extension: nested", _text("extended.json", "[" * 100_000)),
         File("extension", "extension: nested objects", _text("extended.json", '{"a":' * 100_000)),
@@ -249,11 +251,11 @@ def crafted() -> list[File]:
         File("extension", "extension: digits", _text("extended.json", "1" * 100_000)),
         File("policy", "policy: a list", _text("policy.json", "[]", folder=True)),
         File("policy", "policy: nested", _text("policy.json", "[" * 100_000, folder=True)),
-        File("weights", "weights: empty", _weights(b"")),
-        File("weights", "weights: bomb", _weights(_array_bomb())),
-        File("weights", "weights: a header that lies", _weights(_lying_array())),
-        File("weights", "weights: Python objects", _weights(_objects())),
-        File("weights", "weights: other shapes", _weights(_shapes())),
+        File("weights", "weights: empty", _weights(bytes)),
+        File("weights", "weights: bomb", _weights(_array_bomb)),
+        File("weights", "weights: a header that lies", _weights(_lying_array)),
+        File("weights", "weights: Python objects", _weights(_objects)),
+        File("weights", "weights: other shapes", _weights(_shapes)),
         File("csv", "csv: one endless line", _text_log("t" * 3_000_000)),
         File("csv", "csv: a million columns", _text_log(",".join(f"c{i}" for i in range(100_000)) + "\n1\n")),
         File("csv", "csv: rig of zeros", _rig_of_zeros),
@@ -370,10 +372,10 @@ def _rig_of_zeros(folder: Path) -> Path:
     return folder / "run.csv"
 
 
-def _parquet(folder: Path, table: object) -> Path:
+def _parquet(folder: Path, table: object, **options: object) -> Path:
     import pyarrow.parquet
 
-    pyarrow.parquet.write_table(table, folder / "run.parquet")
+    pyarrow.parquet.write_table(table, folder / "run.parquet", **options)
     (folder / "run.yaml").write_text(yaml.safe_dump(DESCRIPTION))
     return folder / "run.parquet"
 
@@ -394,6 +396,45 @@ def _rows_bomb(folder: Path) -> Path:
     return _parquet(folder, pyarrow.table({"t": column, "steer": column}))
 
 
+def _varint(value: int) -> bytes:
+    """A signed number of Thrift's compact protocol."""
+    found, value = bytearray(), 2 * value
+    while value > 127:
+        found.append(128 | value & 127)
+        value >>= 7
+    return bytes([*found, value])
+
+
+def _lying_parquet(folder: Path) -> Path:
+    """A page that is far longer than the end of the file states."""
+    import pyarrow
+    import pyarrow.parquet
+
+    size = 1_500_000_000
+    page = pyarrow.compress(bytes(size), "zstd", asbytes=True)
+    head = b"\x15\x00\x15" + _varint(size) + b"\x15" + _varint(len(page))
+    page = head + b"\x2c\x15\x02\x15\x00\x15\x06\x15\x06\x00\x00" + page
+    # Of the same number of digits as what it takes the place of.
+    own = np.random.default_rng(0).bytes(len(page) // 2).hex()
+    columns = pyarrow.table({"t": [0.0], "steer": [own]})
+    path = _parquet(folder, columns, use_dictionary=False, compression="zstd", write_statistics=False)
+    stated = pyarrow.parquet.ParquetFile(path).metadata.row_group(0).column(1)
+    start, length = stated.data_page_offset, stated.total_compressed_size
+    content = path.read_bytes()
+    end = content[start + length :].replace(_varint(length), _varint(len(page)))
+    path.write_bytes(content[:start] + page + end)
+    return path
+
+
+def _differences(folder: Path) -> Path:
+    """Each text is the one before and a digit more: a page holds the square of its length."""
+    import pyarrow
+
+    texts = ["1" * i for i in range(2000)]
+    columns = pyarrow.table({"t": np.arange(2000.0), "steer": texts})
+    return _parquet(folder, columns, use_dictionary=False, column_encoding={"steer": "DELTA_BYTE_ARRAY"})
+
+
 def _parquet_kinds(folder: Path) -> Path:
     import datetime
 
@@ -412,10 +453,10 @@ def _parquet_kinds(folder: Path) -> Path:
     )
 
 
-def _weights(content: bytes) -> Callable[[Path], Path]:
+def _weights(content: Callable[[], bytes]) -> Callable[[Path], Path]:
     def make(folder: Path) -> Path:
         for name, own in _good("weights")[0].items():
-            (folder / name).write_bytes(content if name == "weights.npz" else own)
+            (folder / name).write_bytes(content() if name == "weights.npz" else own)
         return folder
 
     return make
@@ -423,7 +464,7 @@ def _weights(content: bytes) -> Callable[[Path], Path]:
 
 def _zipped(name: str, content: bytes) -> bytes:
     sink = io.BytesIO()
-    with zipfile.ZipFile(sink, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(sink, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         archive.writestr(name, content)
     return sink.getvalue()
 
@@ -435,7 +476,7 @@ def _header(shape: tuple[int, ...], kind: str) -> bytes:
 
 
 def _array_bomb() -> bytes:
-    return _zipped("w0.npy", _header((80_000_000,), "<f8") + bytes(640_000_000))
+    return _zipped("w0.npy", _header((64_000_000,), "<f8") + bytes(512_000_000))
 
 
 def _lying_array() -> bytes:

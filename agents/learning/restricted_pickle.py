@@ -3,15 +3,17 @@
 A pickle names the classes of what it holds, and functions that make them; reading an ordinary one can call
 any function there is. Here names are taken from a list: arrays and generators of NumPy, spaces of Gymnasium,
 statistics and buffers of stable-baselines3, and classes of the parts of this project that an environment is
-made of. None of these runs a command, imports a module by name or opens a file when it is made.
+made of. Of these only a few are called, which run no command, import no module by name and open no file; of
+all other classes empty objects are made, whose fields are then set, so that no constructor runs.
 """
 
 from __future__ import annotations
 
 import io
 import pickle
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from pickle import _Unpickler as PlainUnpickler  # the one written in Python, whose steps can be replaced
+from typing import Any, ClassVar
 
 from offroad_env.environment.scenarios import Scenario
 from offroad_env.errors import DataError
@@ -40,6 +42,11 @@ _ALLOWED = {
     "stable_baselines3.common.vec_env.vec_normalize": ("VecNormalize",),
     "torch": ("device",),
 }
+#: What may be called, with any arguments of the kinds that a pickle can hold; all others are only named.
+_CALLED = (
+    "slice", "OrderedDict", "deque", "AutoresetMode", "dtype", "_reconstruct", "scalar", "_frombuffer",
+    "__bit_generator_ctor", "__generator_ctor", "__pyx_unpickle_SeedSequence", "device",
+)  # fmt: skip
 #: Where classes of this project may come from; functions never do.
 _OWN = (
     "agents.controllers.",
@@ -65,12 +72,44 @@ class _Writer(pickle.Pickler):
         return _SCENARIO if isinstance(value, Scenario) else None
 
 
-class _Reader(pickle.Unpickler):
-    """Finds listed names only."""
+class _Reader(PlainUnpickler):
+    """Finds listed names only, and calls few of them.
+
+    The reader in C calls whatever a pickle names, and takes room for as many bytes as it states.
+    """
+
+    dispatch: ClassVar[dict[int, Callable[..., None]]] = {**PlainUnpickler.dispatch}
 
     def __init__(self, content: bytes, scenario: Scenario) -> None:
         super().__init__(io.BytesIO(content))
         self._scenario = scenario
+        self._length = len(content)
+        self._callable: list[Any] = []
+
+    def load_reduce(self) -> None:
+        """Call a listed function, or class, with the arguments on the stack."""
+        function, arguments = self.stack[-2:]  # type: ignore[attr-defined]
+        if not any(function is listed for listed in self._callable):
+            raise pickle.UnpicklingError(f"it calls {getattr(function, '__name__', 'an object')!s}"[:160])
+        if function.__name__ == "_reconstruct" and tuple(arguments[1]) != (0,):
+            raise pickle.UnpicklingError("an array of it does not begin empty")
+        super().load_reduce()  # type: ignore[misc]
+
+    def load_bytearray(self) -> None:
+        """Bytes that may be written to; no room is taken for more than there are."""
+        length = int.from_bytes(self.read(8), "little")  # type: ignore[attr-defined]
+        if length > self._length:
+            raise pickle.UnpicklingError("it ends within an array")
+        self.append(bytearray(self.read(length)))  # type: ignore[attr-defined]
+
+    def load_refused(self) -> None:
+        """What calls a constructor in other ways than a state of a run needs."""
+        raise pickle.UnpicklingError("it is written in another way")
+
+    dispatch[pickle.REDUCE[0]] = load_reduce
+    dispatch[pickle.BYTEARRAY8[0]] = load_bytearray
+    for _code in (pickle.INST, pickle.OBJ, pickle.NEWOBJ_EX, pickle.EXT1, pickle.EXT2, pickle.EXT4):
+        dispatch[_code[0]] = load_refused
 
     def persistent_load(self, name: Any) -> Scenario:
         """The scenario of the run that goes on."""
@@ -83,6 +122,8 @@ class _Reader(pickle.Unpickler):
         own = module.startswith(_OWN) and "." not in name
         if name in _ALLOWED.get(module, ()) or own:
             found = super().find_class(module, name)
+            if not own and name in _CALLED:
+                self._callable.append(found)
             if not own or (isinstance(found, type) and found.__module__ == module):
                 return found
         raise pickle.UnpicklingError(f"it names {module}.{name}, which is no part of a training run"[:160])

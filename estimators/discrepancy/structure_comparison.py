@@ -69,8 +69,12 @@ _FLOORS: Mapping[str, float] = MappingProxyType(
     {"v_x": 0.02, "v_y": 0.02, "yaw_rate": 0.008, "omega_f": 0.15, "omega_r": 0.15, "a_y": 0.08}
 )
 _FAILED = 50.0
-#: Search of n: steps from the stated one, least and largest n, accuracy, and steps from a known one.
-_STEPS, _LEAST, _MOST, _ACCURACY, _BESIDE = (-0.35, -0.2, -0.1, 0.0, 0.1, 0.2, 0.35), 0.15, 1.6, 0.004, 0.05
+#: Search of n: over all that soils have, since a stated n may be far off, closer around the stated one.
+_GRID = (0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.2, 1.4, 1.6)
+_STEPS = (-0.2, -0.1, 0.0, 0.1, 0.2)
+_LEAST, _MOST = _GRID[0], _GRID[-1]
+#: Values of the grid this near to one that is tried anyway are left out; accuracy of n; steps from a known n.
+_APART, _ACCURACY, _BESIDE = 0.06, 0.004, 0.05
 #: A preset is looked at closely if it costs this much less than the nominal structure.
 _WORTH = 0.3
 #: A structure is named if errors fall by this share of themselves at least (mean logarithm over channels),
@@ -168,6 +172,15 @@ class StructureComparison:
         }
 
 
+def _steps(stated: float) -> list[float]:
+    """Changes of a stated n that are tried first; the first and last reach the ends of the range."""
+    near = [step for step in _STEPS if _LEAST < stated + step < _MOST]
+    ends = (_LEAST - stated, _MOST - stated)
+    far = [n - stated for n in _GRID[1:-1] if all(abs(n - stated - step) > _APART for step in near)]
+    inner = [step for step in near + far if ends[0] + _APART < step < ends[1] - _APART or step == 0.0]
+    return sorted({*inner, *ends})
+
+
 class _Trials:
     """Replays of several runs of one vehicle on one soil, by structure."""
 
@@ -177,7 +190,7 @@ class _Trials:
         count = sum(one.shape[0] for one in self.prepared)
         #: Windows to which n is fitted; the others are apart.
         self.fitted = np.arange(count) % 2 == 0
-        self._changes = [step for step in _STEPS if _LEAST < self.stated + step < _MOST]
+        self._changes = _steps(self.stated)
         self._known: dict[tuple[Case, float], np.ndarray] = {}
 
     def errors(self, case: Case, change: float) -> np.ndarray:
@@ -208,7 +221,9 @@ class _Trials:
         def cost(change: float) -> float:
             return self.cost(self.near(case, change))
 
-        changes = self._changes if start is None else [start - _BESIDE, start, start + _BESIDE]
+        ends = (_LEAST - self.stated, _MOST - self.stated)
+        near = [] if start is None else np.clip([start - _BESIDE, start, start + _BESIDE], *ends).tolist()
+        changes = near or self._changes
         at = int(np.argmin([cost(change) for change in changes]))
         low, high = changes[max(at - 1, 0)], changes[min(at + 1, len(changes) - 1)]
         options = {"xatol": _ACCURACY, "maxiter": 8 if start is None else 5}
@@ -218,6 +233,10 @@ class _Trials:
     def near(self, case: Case, change: float) -> StructureTrial:
         """The structure with this change of n."""
         return StructureTrial(case=case, change=change, errors=self.errors(case, change))
+
+    def inside(self, trial: StructureTrial) -> bool:
+        """Whether the n of a structure is an optimum and not just an end of the range that was searched."""
+        return _LEAST + 2.0 * _ACCURACY < self.stated + trial.change < _MOST - 2.0 * _ACCURACY
 
     def coarse(self, case: Case) -> StructureTrial:
         """The structure with the best of a few n."""
@@ -275,7 +294,7 @@ def compare_structures(logs: Sequence[Log]) -> StructureComparison | None:
     gain, p_value = trials.apart(nominal, best)
     causes: tuple[StructuralCause, ...] = ()
     equals: tuple[Case, ...] = ()
-    if gain > _GAIN and p_value < _P_VALUE:
+    if gain > _GAIN and p_value < _P_VALUE and trials.inside(best):
         equals = tuple(one.case for one in found[1:] if not _worse(trials, one, best))
         best, causes = _pruned(trials, nominal, best)
         gain, p_value = trials.apart(nominal, best)

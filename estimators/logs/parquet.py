@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
+from estimators.logs.parquet_pages import pages
 from estimators.logs.tables import Table
 from offroad_env.errors import DataError
 
@@ -21,6 +22,8 @@ PARQUET_EXTRA = 'reading and writing Parquet needs pyarrow: pip install "offroad
 
 #: Most numbers that a file may hold, and most bytes of its columns: some kilobytes can state billions.
 _MOST_NUMBERS, _MOST_BYTES = 40_000_000, 1_000_000_000
+#: Number of an encoding in the format: each text is what the one before begins with, and some more.
+_DELTA_BYTE_ARRAY = 7
 
 
 def _pyarrow() -> tuple[Any, Any]:
@@ -77,6 +80,7 @@ def read_parquet(
         fields = [(field.name, field.type) for field in opened.schema_arrow]
         count = opened.metadata.num_rows
         _refuse_bomb(opened.metadata, file)
+        _refuse_pages(opened.metadata, stream, file)
         if count == 0:
             raise DataError(f"{file}: has columns but no row of numbers")
         # A text stays what the file holds once: it may stand in every one of a million rows.
@@ -110,6 +114,28 @@ def _refuse_bomb(metadata: Any, file: str) -> None:
             f"{file}: states {metadata.num_rows} rows of {metadata.num_columns} columns, {size / 1e6:.3g} MB "
             f"unpacked; at most {_MOST_NUMBERS} numbers and {_MOST_BYTES / 1e6:g} MB are read"
         )
+
+
+def _refuse_pages(metadata: Any, stream: BinaryIO, file: str) -> None:
+    """The same by what the pages themselves state, which is what the reader takes room for."""
+    size = values = 0
+    for group in range(metadata.num_row_groups):
+        for index in range(metadata.num_columns):
+            column = metadata.row_group(group).column(index)
+            start = column.data_page_offset
+            if column.has_dictionary_page and 0 < column.dictionary_page_offset < start:
+                start = column.dictionary_page_offset
+            for page in pages(stream, start, start + column.total_compressed_size):
+                size, values = size + page.size, values + page.values
+                if page.encoding == _DELTA_BYTE_ARRAY:  # of which a page may hold the square of its length
+                    raise DataError(
+                        f"{file}: {column.path_in_schema} holds text as differences: write it plainly"
+                    )
+                if size > _MOST_BYTES or values > _MOST_NUMBERS:
+                    raise DataError(
+                        f"{file}: its pages hold more than {_MOST_BYTES / 1e6:g} MB, or more than "
+                        f"{_MOST_NUMBERS} numbers, which is not what the file states at its end"
+                    )
 
 
 def _is_text(kind: Any, types: Any) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from offroad_env.environment.arguments import require_seed
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv, make_vec
 from offroad_env.errors import InvalidParameter
 
@@ -43,6 +44,7 @@ def make_sb3_vec(num_envs: int, *, seed: int | None = None, **options: Any) -> V
     >>> from stable_baselines3 import PPO
     >>> model = PPO("MultiInputPolicy", make_sb3_vec(8, scenario="speed"))  # doctest: +SKIP
     """
+    require_seed(seed)
     envs = make_vec(num_envs, autoreset_mode="SameStep", **options)
     assert isinstance(envs, OffroadBekkerVectorEnv)
     episodes = Sb3VecEnv(envs)

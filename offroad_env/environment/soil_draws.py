@@ -10,6 +10,7 @@ import numpy as np
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics.records import Soil, Vehicle, Wheel
 from offroad_env.simulation.wheel import wheel_forces
+from offroad_env.world.argument_checks import one_number
 from offroad_env.world.soil_prior import SoilPrior
 from offroad_env.world.soils import SOILS
 from offroad_env.world.vehicles import VEHICLES, static_loads
@@ -43,7 +44,7 @@ class MeasuredSoils:
     _prior: SoilPrior = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if not 0.05 <= self.deepest <= 0.9:
+        if not 0.05 <= one_number("deepest", self.deepest) <= 0.9:
             raise InvalidParameter(f"deepest must be in [0.05, 0.9], got {shown(self.deepest)} - in metres?")
         VEHICLES[self.vehicle]
         object.__setattr__(self, "_prior", SoilPrior.fitted())

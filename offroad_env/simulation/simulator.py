@@ -32,7 +32,7 @@ from offroad_env.physics.records import (
     Wheel,
 )
 from offroad_env.physics.settle import settle
-from offroad_env.world.argument_checks import is_one_of, numbers, require_record
+from offroad_env.world.argument_checks import is_one_of, numbers, one_number, require_record
 from offroad_env.world.four_wheel import make_four_wheel
 from offroad_env.world.soil_fields import require_positive_modulus
 from offroad_env.world.structures import read_structure
@@ -123,7 +123,7 @@ def make_plant(  # noqa: PLR0913 - a plant's options are its interface
     require_record("ground", ground, Ground, "offroad_env.world.terrain")
     _choice("model", model, MODELS)
     _choice("vehicle_model", vehicle_model, (*VEHICLE_MODELS, "four_wheel"))
-    slip = _number("slip", slip)
+    slip = one_number("slip", slip)
     four_wheel = _four_wheel(vehicle, model, vehicle_model, four_wheel)
     if not -1.0 < slip < 1.0:
         raise InvalidParameter(f"slip must be in (-1, 1), got {slip} - in percent?")
@@ -148,14 +148,6 @@ def make_plant(  # noqa: PLR0913 - a plant's options are its interface
         structure=_wheel_laws(structure, model, read_tyre(tyre), Wheel(vehicle.r, vehicle.b)),
         soil_field=soil_field,
     )
-
-
-def _number(name: str, value: float) -> float:
-    """One finite number."""
-    array = numbers(name, value)
-    if array.ndim or not np.isfinite(array):
-        raise InvalidParameter(f"{name} must be one finite number, got {shown(value)}")
-    return float(array)
 
 
 def _of_plant(plant: Plant, state: np.ndarray, warm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -227,9 +219,9 @@ def settled_state(
         When the soil cannot carry the vehicle.
     """
     require_record("plant", plant, Plant, "make_plant")
-    pose = (_number("x", x), _number("y", y), _number("yaw", yaw))
+    pose = (one_number("x", x), one_number("y", y), one_number("yaw", yaw))
     rest = settle if plant.four_wheel is None else settle_four_wheels
-    status, state, warm = rest(plant, pose, _number("v_x", v_x))
+    status, state, warm = rest(plant, pose, one_number("v_x", v_x))
     if status >= SUNK:
         raise SolverFailure(
             f"the soil (n = {plant.soil.n:g}) does not carry the vehicle ({plant.vehicle.m:g} kg): "
@@ -244,7 +236,7 @@ _MOST_STEPS = 100_000_000
 
 def _steps(name: str, duration: float, dt: float) -> int:
     """Whole steps of ``dt`` [s] in a time [s]."""
-    duration, dt = _number(name, duration), _number("dt", dt)
+    duration, dt = one_number(name, duration), one_number("dt", dt)
     if not (dt > 0.0 and 0.0 < duration <= _MOST_STEPS * dt):
         raise InvalidParameter(
             f"{name} and dt must be positive times with at most {_MOST_STEPS} steps, got {duration:g} s "
@@ -255,7 +247,7 @@ def _steps(name: str, duration: float, dt: float) -> int:
 
 def _sampled(name: str, value: float | Callable[[float], float], times: np.ndarray) -> np.ndarray:
     if not callable(value):
-        return np.full(times.shape, _number(name, value))
+        return np.full(times.shape, one_number(name, value))
     try:
         found = numbers(name, [value(float(t)) for t in times])
     except TypeError as error:

@@ -27,6 +27,7 @@ from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.records import FloatArray, FourWheel, Soil, WheelMotion
 from offroad_env.physics.rolling import come_straight
 from offroad_env.physics.ruts import Place, follow_rut
+from offroad_env.world.argument_checks import one_number, require_record
 
 __all__ = [
     "HIGHEST_SLIP",
@@ -319,8 +320,13 @@ def what_soil_holds(plant: Plant, *, x: float = 0.0, y: float = 0.0) -> SoilHold
     -------
     SoilHolds
         NaN throughout where the soil does not carry the rolling vehicle.
+
+    Raises
+    ------
+    InvalidParameter
     """
-    return SoilHolds(*limits_at(plant, (float(x), float(y))))
+    require_record("plant", plant, Plant, "make_plant")
+    return SoilHolds(*limits_at(plant, (one_number("x", x), one_number("y", y))))
 
 
 def soils_hold(plant: Plant, soils: Iterable[Soil]) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from offroad_env.errors import InvalidParameter
 from offroad_env.world.yaml_text import shown
 
-__all__ = ["is_one_of", "numbers", "require_record"]
+__all__ = ["is_one_of", "numbers", "one_number", "require_record"]
 
 T = TypeVar("T")
 
@@ -47,3 +47,16 @@ def numbers(name: str, value: Any) -> np.ndarray:
     except (TypeError, ValueError):
         pass
     raise InvalidParameter(f"{name} must be numbers, got {shown(value)}")
+
+
+def one_number(name: str, value: Any) -> float:
+    """One finite number.
+
+    Raises
+    ------
+    InvalidParameter
+    """
+    array = numbers(name, value)
+    if array.ndim or not np.isfinite(array):
+        raise InvalidParameter(f"{name} must be one finite number, got {shown(value)}")
+    return float(array)

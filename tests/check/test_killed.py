@@ -100,14 +100,16 @@ def finish(words: str) -> float:
     return time.monotonic() - begin
 
 
-def kill(words: str, after: float) -> None:
-    """Kill the command with all its processes after a time [s]; what it has written is no traceback."""
+def kill(words: str, after: float) -> bool:
+    """Kill the command with all its processes after a time [s]; False where it had ended by then."""
     process = start(words)
     time.sleep(after)
+    running = process.poll() is None
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     said, _ = process.communicate()
     assert b"Traceback" not in said, said.decode()
+    return running
 
 
 @pytest.fixture(scope="module")
@@ -127,8 +129,15 @@ def test_a_command_that_is_killed_ends_as_an_undisturbed_one(name, tmp_path, req
     took = finish(command.words.format(out=tmp_path / "again", log=log))  # kernels are compiled now
     expected = command.results(tmp_path / "whole")
     assert command.results(tmp_path / "again") == expected
-    moments = random.Random(21)
-    for _ in range(MOMENTS):
-        kill(broken, moments.uniform(0.0, took))
+    moments, kills = random.Random(21), 0
+    for attempt in range(100 * MOMENTS):
+        if kills == MOMENTS:
+            break
+        if kill(broken, moments.uniform(0.0, took)):
+            kills += 1
+        else:  # nothing is left to be interrupted: compare, and begin in a folder of its own
+            assert command.results(tmp_path / "broken") == expected
+            (tmp_path / "broken").rename(tmp_path / f"broken{attempt}")
+    assert kills == MOMENTS
     finish(broken)
     assert command.results(tmp_path / "broken") == expected

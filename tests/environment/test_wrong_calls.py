@@ -12,6 +12,7 @@ import pytest
 
 import offroad_env
 from offroad_env.errors import OffroadError
+from offroad_env.simulation.soil_holds import what_soil_holds
 from offroad_env.world.terrain import flat
 
 #: What is given in place of an argument.
@@ -35,32 +36,28 @@ def plant() -> Any:
     return offroad_env.make_plant(offroad_env.VEHICLES["mrzr"], offroad_env.SOILS["clay"], flat())
 
 
-def calls() -> dict[str, tuple[Callable[..., Any], Mapping[str, Any]]]:
+COURSE = offroad_env.SCENARIOS["speed"].draw(np.random.default_rng(0))
+Calls = dict[str, tuple[Callable[..., Any], Mapping[str, Any]]]
+
+
+def calls_of_environments() -> Calls:
     """Name -> (what is called, arguments by which the call is right)."""
-    truth = plant()
-    state, warm = offroad_env.settled_state(truth, v_x=3.0)
-    still = np.tile([0.0, 100.0, 0.0], (2, 1))
-    soil, wheel = offroad_env.SOILS["clay"], offroad_env.make_wheel(r=0.3, b=0.2)
     env = offroad_env.OffroadBekkerEnv()
-    envs = offroad_env.make_vec(2, threads=1)
     env.reset(seed=0)
-    envs.reset(seed=0)
-    vehicle = offroad_env.VEHICLES["mrzr"]
     whole = {"scenario": "speed", "terrain_info": "none", "model": "full", "vehicle_model": "half_car"}
     chosen = {"estimator": None, "n_range": (0.5, 0.9), "soil": "clay", "vehicle": "mrzr", "weights": None}
     more = {"sensors": "paper", "structure": None, "tyre": None, "natural_soil": False, "randomise": None}
+    many = {
+        "num_envs": 1,
+        "max_episode_steps": 10,
+        "autoreset_mode": "NextStep",
+        "threads": 1,
+        "version": "v0",
+    }
+    contexts = {"n": 0.7, "vehicle__m": 1400.0, "imu__bias": 0.1, "terrain__slope": 0.01}
     return {
         "OffroadBekkerEnv": (offroad_env.OffroadBekkerEnv, {**whole, **chosen, **more, "render_mode": None}),
-        "make_vec": (
-            offroad_env.make_vec,
-            {
-                "num_envs": 1,
-                "max_episode_steps": 10,
-                "autoreset_mode": "NextStep",
-                "threads": 1,
-                "version": "v0",
-            },
-        ),
+        "make_vec": (offroad_env.make_vec, many),
         "reset": (env.reset, {"seed": 0, "options": {}}),
         "reset options": (
             lambda **options: env.reset(seed=0, options=options),
@@ -68,39 +65,65 @@ def calls() -> dict[str, tuple[Callable[..., Any], Mapping[str, Any]]]:
         ),
         "reset context": (
             lambda **keys: env.reset(options={"context": {k.replace("__", "."): v for k, v in keys.items()}}),
-            {"n": 0.7, "vehicle__m": 1400.0, "imu__bias": 0.1, "terrain__slope": 0.01},
+            contexts,
         ),
         "step": (env.step, {"action": np.zeros(2)}),
-        "vector reset": (envs.reset, {"seed": 0, "options": {}}),
-        "vector reset options": (
-            lambda **options: envs.reset(seed=0, options=options),
-            {"n": 0.7, "reset_mask": np.array([True, True]), "context": {}},
+        "register_scenario": (
+            offroad_env.register_scenario,
+            {"scenario": {"base": "speed"}, "name": "own_of_calls"},
         ),
-        "vector step": (envs.step, {"actions": np.zeros((2, 2))}),
-        "make_soil": (
-            offroad_env.make_soil,
-            {"base": "clay", "kind": None, "n": 0.7, "c": 4000.0, "phi": 0.3, "k_phi": 1e6, "k_x": 0.02},
+        "RewardWeights": (offroad_env.RewardWeights, {"progress": 0.1, "goal": 10.0}),
+        "CourseRecipe": (
+            offroad_env.CourseRecipe,
+            {"path": "winding", "length": 100.0, "radius": (12.0, 40.0), "max_heading": 1.0, "slope": 0.0},
         ),
-        "make_vehicle": (
-            offroad_env.make_vehicle,
-            {"base": "mrzr", "m": 1400.0, "h_cg": 0.6, "r": 0.33, "k_f": 28029.0, "steer_max": 0.5},
-        ),
-        "make_wheel": (offroad_env.make_wheel, {"r": 0.3, "b": 0.2}),
-        "make_tyre": (offroad_env.make_tyre, {"base": next(iter(offroad_env.TYRES))}),
-        "make_structure": (
-            offroad_env.make_structure,
-            {
-                "preset": "grid",
-                "elastic_modulus": 2e8,
-                "slip_sinkage_rate": 1.5,
-                "damping": 0.0,
-                "ruts": "none",
+        "Scenario": (
+            offroad_env.Scenario,
+            {"name": "own", "draw": offroad_env.CourseRecipe(), "corridor": 2.0, "soil": "clay"}
+            | {
+                "vehicle": "mrzr",
+                "n_range": (0.5, 0.9),
+                "time_limit": 20.0,
+                "weights": offroad_env.RewardWeights(),
             },
         ),
-        "make_sensors": (
-            offroad_env.make_sensors,
-            {"sensors": "paper", "imu": "preset", "wheel": "preset", "gnss": "preset"},
+        "Course": (
+            offroad_env.Course,
+            {name: getattr(COURSE, name) for name in ("path", "ground", "known_ground", "sections")},
         ),
+    }
+
+
+def calls_of_vector_environments() -> Calls:
+    """As `calls_of_environments`."""
+    envs = offroad_env.make_vec(2, threads=1)
+    envs.reset(seed=0)
+    options = {"n": 0.7, "reset_mask": np.array([True, True]), "context": {}}
+    return {
+        "vector reset": (envs.reset, {"seed": 0, "options": {}}),
+        "vector reset options": (lambda **options: envs.reset(seed=0, options=options), options),
+        "make_sb3_vec": (offroad_env.make_sb3_vec, {"num_envs": 1, "seed": 0, "threads": 1}),
+        "OffroadBekkerVectorEnv": (
+            offroad_env.OffroadBekkerVectorEnv,
+            {"num_envs": 1, "max_episode_steps": 10, "autoreset_mode": "NextStep", "threads": 1},
+        ),
+        "vector step": (envs.step, {"actions": np.zeros((2, 2))}),
+    }
+
+
+def calls_that_describe() -> Calls:
+    """As `calls_of_environments`; of soils, vehicles, sensors and distributions."""
+    soil = {"base": "clay", "kind": None, "n": 0.7, "c": 4000.0, "phi": 0.3, "k_phi": 1e6, "k_x": 0.02}
+    vehicle = {"base": "mrzr", "m": 1400.0, "h_cg": 0.6, "r": 0.33, "k_f": 28029.0, "steer_max": 0.5}
+    laws = {"elastic_modulus": 2e8, "slip_sinkage_rate": 1.5, "damping": 0.0, "ruts": "none"}
+    sensors = {"sensors": "paper", "imu": "preset", "wheel": "preset", "gnss": "preset"}
+    return {
+        "make_soil": (offroad_env.make_soil, soil),
+        "make_vehicle": (offroad_env.make_vehicle, vehicle),
+        "make_wheel": (offroad_env.make_wheel, {"r": 0.3, "b": 0.2}),
+        "make_tyre": (offroad_env.make_tyre, {"base": next(iter(offroad_env.TYRES))}),
+        "make_structure": (offroad_env.make_structure, {"preset": "grid", **laws}),
+        "make_sensors": (offroad_env.make_sensors, sensors),
         "ImuConfig": (offroad_env.ImuConfig, {"rate": 100.0, "lever_arm": (0.0, 0.0, 0.0)}),
         "WheelSpeedConfig": (offroad_env.WheelSpeedConfig, {"rate": 50.0}),
         "GnssConfig": (offroad_env.GnssConfig, {"rate": 10.0}),
@@ -108,69 +131,58 @@ def calls() -> dict[str, tuple[Callable[..., Any], Mapping[str, Any]]]:
         "LogUniform": (offroad_env.LogUniform, {"low": 0.1, "high": 0.2}),
         "Normal": (offroad_env.Normal, {"mean": 0.1, "sd": 0.2}),
         "Choice": (offroad_env.Choice, {"values": ("clay",)}),
-        "make_plant": (
-            offroad_env.make_plant,
-            {
-                "vehicle": vehicle,
-                "soil": soil,
-                "ground": flat(),
-                "model": "full",
-                "vehicle_model": "half_car",
-                "slip": 0.0,
-                "structure": None,
-                "tyre": None,
-            },
+        "MeasuredSoils": (offroad_env.MeasuredSoils, {"vehicle": "mrzr", "deepest": 0.5}),
+        "register_soil": (
+            offroad_env.register_soil,
+            {"name": "own_of_calls", "soil": {"base": "clay"}, "title": "", "source": "", "remark": ""},
         ),
-        "settled_state": (
-            offroad_env.settled_state,
-            {"plant": truth, "x": 0.0, "y": 0.0, "yaw": 0.0, "v_x": 1.0},
-        ),
-        "simulate": (
-            offroad_env.simulate,
-            {
-                "plant": truth,
-                "state": state,
-                "warm": warm,
-                "steer": 0.0,
-                "force": 0.0,
-                "duration": 0.05,
-                "dt": 0.01,
-            },
-        ),
-        "simulate_commands": (
-            offroad_env.simulate_commands,
-            {"plant": truth, "state": state, "warm": warm, "commands": still, "interval": 0.02, "dt": 0.005},
-        ),
-        "wheel_forces": (
-            offroad_env.wheel_forces,
-            {
-                "soil": soil,
-                "wheel": wheel,
-                "load": 3000.0,
-                "slip": 0.1,
-                "slip_angle": 0.0,
-                "shear": "independent",
-                "structure": None,
-                "tyre": None,
-                "errors": "raise",
-            },
+        "register_vehicle": (
+            offroad_env.register_vehicle,
+            {"name": "own_of_calls", "vehicle": {"base": "mrzr"}, "title": "", "source": "", "remark": ""},
         ),
         "read_soil": (offroad_env.read_soil, {"given": "clay"}),
         "read_vehicle": (offroad_env.read_vehicle, {"given": "mrzr"}),
-        "register_scenario": (
-            offroad_env.register_scenario,
-            {"scenario": {"base": "speed"}, "name": "own_of_calls"},
-        ),
-        "RewardWeights": (offroad_env.RewardWeights, {}),
     }
 
 
-CALLS = calls()
+def calls_of_the_simulator() -> Calls:
+    """As `calls_of_environments`."""
+    truth = plant()
+    state, warm = offroad_env.settled_state(truth, v_x=3.0)
+    soil, wheel = offroad_env.SOILS["clay"], offroad_env.make_wheel(r=0.3, b=0.2)
+    begin = {"plant": truth, "state": state, "warm": warm}
+    kinds = {"model": "full", "vehicle_model": "half_car", "slip": 0.0, "structure": None, "tyre": None}
+    place = {"x": 0.0, "y": 0.0, "yaw": 0.0, "v_x": 1.0}
+    still = {"commands": np.tile([0.0, 100.0, 0.0], (2, 1)), "interval": 0.02, "dt": 0.005}
+    wheel_at = {"load": 3000.0, "slip": 0.1, "slip_angle": 0.0, "shear": "independent"}
+    laws = {"structure": None, "tyre": None, "errors": "raise"}
+    return {
+        "make_plant": (
+            offroad_env.make_plant,
+            {"vehicle": offroad_env.VEHICLES["mrzr"], "soil": soil, "ground": flat(), **kinds},
+        ),
+        "settled_state": (offroad_env.settled_state, {"plant": truth, **place}),
+        "simulate": (
+            offroad_env.simulate,
+            {**begin, "steer": 0.0, "force": 0.0, "duration": 0.05, "dt": 0.01},
+        ),
+        "simulate_commands": (offroad_env.simulate_commands, {**begin, **still}),
+        "what_soil_holds": (what_soil_holds, {"plant": truth, "x": 0.0, "y": 0.0}),
+        "wheel_forces": (offroad_env.wheel_forces, {"soil": soil, "wheel": wheel, **wheel_at, **laws}),
+    }
+
+
+CALLS: Calls = {
+    **calls_of_environments(),
+    **calls_of_vector_environments(),
+    **calls_that_describe(),
+    **calls_of_the_simulator(),
+}
 CASES = [(name, argument) for name, (_, arguments) in CALLS.items() for argument in arguments]
 
 
 def test_the_list_of_calls_is_long():
-    assert len(CASES) * len(WRONG) >= 300
+    assert len(CASES) * len(WRONG) >= 1000
 
 
 @pytest.fixture(autouse=True)

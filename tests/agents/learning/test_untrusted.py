@@ -52,6 +52,23 @@ def test_a_payload_runs_in_an_ordinary_pickle_and_not_here(tmp_path):
     assert not marks[1].exists()
 
 
+GREEDY = {
+    "an array that begins large": b"cnumpy._core.multiarray\n_reconstruct\n(cnumpy\nndarray\n"
+    b"(I1000000000000\nt\x8c\x01btR.",
+    "a space of a terabyte": b"cgymnasium.spaces.box\nBox\n(I0\nI1\n(I1000000000000\nttR.",
+    "the constructor of a class of this project": b"coffroad_env.environment.env\nOffroadBekkerEnv\n(tR.",
+    "a constructor called by another opcode": b"(coffroad_env.environment.env\nOffroadBekkerEnv\no.",
+    "bytes that are not there": b"\x80\x05\x96" + (1 << 40).to_bytes(8, "little") + b"x.",
+}
+
+
+@pytest.mark.parametrize("content", GREEDY.values(), ids=GREEDY)
+def test_a_checkpoint_calls_no_constructor_and_takes_no_more_room_than_it_has(content, capfd):
+    with pytest.raises(DataError, match=r"it calls|begin empty|another way|ends within an array"):
+        unpack(content, "x", SCENARIOS["speed"])
+    assert capfd.readouterr().err == ""  # what an interpreter writes where it cannot raise
+
+
 def test_a_crafted_checkpoint_runs_nothing(tmp_path):
     mark = tmp_path / "ran"
     (tmp_path / CHECKPOINT).write_bytes(checkpoint_file(pickle.dumps({"model": Payload(mark)})))

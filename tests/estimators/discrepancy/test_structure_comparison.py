@@ -1,10 +1,12 @@
 """Structure is a cause: other laws of wheel and soil are named, where the nominal ones cannot be right."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from estimators.discrepancy import structure_comparison
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
 from estimators.discrepancy.physical_ranges import is_physical
@@ -52,6 +54,27 @@ def test_on_a_drive_that_was_not_used_the_error_falls_with_nothing_fitted(found,
 def test_no_structure_is_named_where_an_effect_is_the_cause():
     log = simulated_log(draw_case(102, duration=24.0), FAULTS["rolling_resistance"](0.05))
     assert not compare_structures([log]).found
+
+
+@pytest.mark.parametrize("stated", [0.3, 1.45])
+def test_a_stated_n_that_is_far_off_is_no_reason_to_name_a_structure(stated):
+    log = simulated_log(draw_case(103, duration=19.0))
+    soil = log.config.soil._replace(n=stated)
+    compared = compare_structures([replace(log, config=replace(log.config, soil=soil))])
+    assert not compared.found
+    assert stated + compared.nominal.change == pytest.approx(draw_case(103).n, abs=0.02)
+
+
+def test_a_structure_whose_n_lies_at_the_end_of_the_range_is_not_named(sand, monkeypatch):
+    # With the wrong n on both sides a structure looks better than one that cannot be right either.
+    least = sand[0].config.soil.n
+    monkeypatch.setattr(structure_comparison, "_LEAST", least)
+    monkeypatch.setattr(structure_comparison, "_GRID", (least, 1.3, 1.6))
+    compared = compare_structures(sand[:1])
+    assert compared.gain > 0.6
+    assert compared.p_value < 1e-3
+    assert compared.n == pytest.approx(least)
+    assert not compared.found
 
 
 def test_every_structural_cause_has_its_sentence(found):
