@@ -21,7 +21,7 @@ comes back.
 
 *Wrong laws.* Eight numbers of a soil reproduce much of what other laws do, and the limits are then wrong.
 Sideways motion gives it away: its means over 0.5 s err by more than belief and sensors explain, and the flag
-goes down. It is up only after 3 s of driving that have passed this test.
+goes down. It is up only after 1.5 s of driving that have passed this test.
 
 The kernels are in `soil_belief_step`, `soil_belief_points` and `soil_belief_holds`.
 """
@@ -50,10 +50,10 @@ from estimators.filters.soil_belief_points import COPIES, LOG_MASS, SAMPLED, SIZ
 from estimators.filters.soil_belief_step import (
     CHANNELS,
     DISCREPANCY,
-    DOUBT,
     FLAGS,
     HELD,
     NIS,
+    REJECTED,
     REPAIRS,
     RESETS,
     SURPRISE,
@@ -117,7 +117,7 @@ _POSITIVE = (
         "rim_scale",
         "short_time",
         "memory_time",
-        *("misfit_time", "misfit", "test_time", "doubt_time"),
+        *("misfit_time", "misfit", "test_time", "rejected_time"),
         "surprise",
         "discrepancy",
         "refresh_time",
@@ -162,9 +162,9 @@ class SoilBeliefSettings:
     surprise: float = 15.0  #: largest chi-square (6 channels) of the mean innovation for a valid belief
     #: Largest misfit of lateral acceleration and yaw rate for a valid belief, over `error`; how long the
     #: belief learns before it is tested, and how long the flag then stays down [s].
-    misfit: float = 0.4
-    test_time: float = 3.0
-    doubt_time: float = 10.0
+    misfit: float = 0.6
+    test_time: float = 1.5
+    rejected_time: float = 10.0
     discrepancy: float = 2.5  #: largest discrepancy of a channel for a valid belief, over `error`
     widening: float = 0.2  #: share of the prior's variance that comes back when no soil explains the drive
     unsettled_time: float = 3.0  #: how long the flag then stays down [s]
@@ -282,7 +282,7 @@ class OnlineSoilBelief(OnlineFilter):
             misfit_time=float(s.misfit_time),
             misfit=float(s.misfit),
             test_time=float(s.test_time),
-            doubt_time=float(s.doubt_time),
+            rejected_time=float(s.rejected_time),
             surprise=float(s.surprise),
             widening=float(s.widening),
             unsettled_time=float(s.unsettled_time),
@@ -341,9 +341,9 @@ class OnlineSoilBelief(OnlineFilter):
 
     @property
     def is_valid(self) -> bool:
-        """Whether the model has been tested on some seconds of driving, and no innovation test rejects it."""
+        """Whether the model has been tested on some driving, and no innovation test rejects it."""
         flags = self._memory.flags
-        tested = flags[TESTED] >= self._rules.test_time and flags[DOUBT] <= 0.0
+        tested = flags[TESTED] >= self._rules.test_time and flags[REJECTED] <= 0.0
         explained = (
             flags[SURPRISE] < self._rules.surprise and flags[DISCREPANCY] < self.settings.discrepancy**2
         )

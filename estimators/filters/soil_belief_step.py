@@ -35,10 +35,10 @@ __all__ = [
     "AWAKE",
     "CHANNELS",
     "DISCREPANCY",
-    "DOUBT",
     "FLAGS",
     "HELD",
     "NIS",
+    "REJECTED",
     "REPAIRS",
     "RESETS",
     "SURPRISE",
@@ -58,7 +58,7 @@ _STRUCTURAL = (1, 2)
 #: Where a channel's own error stands in the belief: biases of the inertial unit; none of the speed; rim
 #: scale.
 _OWN = (SAMPLED, SAMPLED + 1, SAMPLED + 2, -1, SAMPLED + 3, SAMPLED + 3)
-(AWAKE, HELD, NIS, SURPRISE, UNSETTLED, REPAIRS, RESETS, DISCREPANCY, TESTED, DOUBT) = range(10)
+(AWAKE, HELD, NIS, SURPRISE, UNSETTLED, REPAIRS, RESETS, DISCREPANCY, TESTED, REJECTED) = range(10)
 FLAGS = 10
 #: Halvings of a pair's distance until both of its soils carry the vehicle, and what a mean that does not
 #: carry it gains in log pressure.
@@ -102,7 +102,7 @@ class BeliefRules(NamedTuple):
     misfit_time: float  #: [s]
     misfit: float
     test_time: float  #: [s]
-    doubt_time: float  #: [s]
+    rejected_time: float  #: [s]
     surprise: float
     widening: float
     unsettled_time: float  #: [s]
@@ -314,7 +314,7 @@ def _note_innovation(
 
 @kernel
 def _test_structure(memory: BeliefMemory, rules: BeliefRules) -> None:
-    """Doubt the structure while sideways motion errs by more than the belief and the sensors explain.
+    """Reject the structure while sideways motion errs by more than the belief and the sensors explain.
 
     Whatever belief there is at the start is wide and errs: the test begins some time later.
     """
@@ -323,7 +323,7 @@ def _test_structure(memory: BeliefMemory, rules: BeliefRules) -> None:
     for j in _STRUCTURAL:
         worst = max(worst, memory.misfit[j] / rules.error[j])
     if flags[TESTED] >= rules.test_time and worst > rules.misfit * rules.misfit:
-        flags[DOUBT] = rules.doubt_time
+        flags[REJECTED] = rules.rejected_time
 
 
 @kernel
@@ -391,7 +391,7 @@ def learn_soil(
     """
     plant, flags = unpack(packed), memory.flags
     flags[UNSETTLED] = max(flags[UNSETTLED] - rules.dt, 0.0)
-    flags[DOUBT] = max(flags[DOUBT] - rules.dt, 0.0)
+    flags[REJECTED] = max(flags[REJECTED] - rules.dt, 0.0)
     for i in range(SIZE):
         grown = memory.cov[i, i] + rules.drift * rules.drift * rules.prior[i] * rules.dt
         memory.cov[i, i] = max(min(grown, rules.prior[i]), memory.cov[i, i])
