@@ -9,11 +9,11 @@ from agents.benchmark.figure import arms_figure
 from agents.benchmark.learned import LearnedArm, learned_verdict
 from agents.benchmark.runner import FORM_TITLES
 from agents.benchmark.summary import Benchmark, Difference
-from agents.reports.page import Picture, Section, Table, figure_picture
+from agents.reports.page import PageVerdict, Picture, Section, Table, figure_picture
 from agents.studies.value_of_n.figure import headroom_figure
 from offroad_env.environment.scenarios import SCENARIOS
 
-__all__ = ["benchmark_sections", "verdict"]
+__all__ = ["benchmark_sections", "page_verdict", "verdict"]
 
 #: How to read the page.
 READING = (
@@ -60,6 +60,22 @@ def verdict(result: Benchmark) -> str:
             f"[{100.0 * part.low:.0f} %, {100.0 * part.high:.0f} %]"
         )
     return f"{text}."
+
+
+def page_verdict(results: Mapping[tuple[str, str], Benchmark]) -> PageVerdict:
+    """In how many comparisons knowing n pays, and how much of that the estimate recovers."""
+    compared = [result for result in results.values() if result.headroom is not None]
+    if not compared:
+        return PageVerdict(light="neutral", sentence="No arms were compared: the page lists scores only.")
+    pays = [result for result in compared if result.headroom is not None and result.headroom.low > 0.0]
+    sentence = f"Knowing the soil pays in {len(pays)} of {len(compared)} comparisons"
+    shares = [result.recovered.value for result in pays if result.recovered is not None]
+    if shares:
+        sentence += (
+            f"; there the estimate recovers {100.0 * min(shares):.0f} to {100.0 * max(shares):.0f} % of it"
+        )
+    light = "good" if len(pays) == len(compared) else "caution" if pays else "neutral"
+    return PageVerdict(light=light, sentence=f"{sentence}.")  # type: ignore[arg-type]
 
 
 def benchmark_sections(

@@ -101,8 +101,9 @@ def write_results(
 
     ``command`` made them, but for tasks, forms, episodes and seed.
     """
+    from agents.benchmark.drive import drive_section
     from agents.benchmark.learned import learned_verdict
-    from agents.benchmark.page import benchmark_sections, verdict
+    from agents.benchmark.page import benchmark_sections, page_verdict, verdict
     from agents.benchmark.runner import FORM_TITLES
     from agents.reports.page import figure_picture, render_page
     from agents.studies.tasks.figure import tasks_figure
@@ -113,12 +114,14 @@ def write_results(
     caption = "Curves over n from the forces of a wheel, runs of the vehicle's model, and two drives."
     physics = figure_picture(tasks_figure(task_curves()), caption)
     write_bytes(out / "tasks.png", physics.png)
+    overview, *others = benchmark_sections(results, physics, trained or {}, command=command, seconds=seconds)
     page = render_page(
-        benchmark_sections(results, physics, trained or {}, command=command, seconds=seconds),
+        [overview, drive_section(args), *others],
         title="OffroadBekker: does knowing the soil pay?",
         intro="Controllers that know more or less of the soil drive the same episodes. First what perfect "
         "knowledge is worth, then how much of it an estimate from the vehicle's sensors recovers.",
         footer=f"OffroadBekker {__version__}, {args.episodes} episodes of each agent, seed {args.seed}",
+        verdict=page_verdict(results),
     )
     content = {
         "version": __version__,

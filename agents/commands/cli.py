@@ -157,12 +157,13 @@ def _parse(name: str, arguments: list[str]) -> Command:
 
     arguments = present_spelling(arguments)
     module, kind, _ = COMMANDS[name]
+    study = what = ""
     target: Any = getattr(importlib.import_module(f"agents.commands.{module}"), kind)
     if isinstance(target, dict):
         from agents.commands.reproduce import STUDY_ALIASES
 
         study, arguments = _choose_study(name, target, STUDY_ALIASES, arguments)
-        module, kind, _ = target[study]
+        module, kind, what = target[study]
         target = getattr(importlib.import_module(f"agents.studies.{module}.study"), kind)
         name = f"{name} {study}"
     describe = getattr(target, "description", None)
@@ -173,7 +174,11 @@ def _parse(name: str, arguments: list[str]) -> Command:
         args=arguments,
         config=(tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes),
     )
-    return command
+    if not study:
+        return command
+    from agents.commands.study_run import StudyRun
+
+    return StudyRun(command, study, what)
 
 
 def _choose_study(

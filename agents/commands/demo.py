@@ -12,7 +12,7 @@ from agents.reports.output import console, say, table, write_bytes, write_json
 
 if TYPE_CHECKING:
     from agents.demo.parts import DemoSettings
-    from agents.reports.page import Section
+    from agents.reports.page import PageVerdict, Section
 
 __all__ = ["Demo"]
 
@@ -72,6 +72,7 @@ class Demo:
             "every part of the project: the physics, the environment, an estimator of n, controllers with "
             "and without the estimate, a diagnosis of a simulation's errors, and measured data.",
             footer=_made_by(self.seed, self.quick),
+            verdict=_verdict(sections),
         )
 
     def _numbers(self, sections: Sequence[Section]) -> dict[str, Any]:
@@ -87,6 +88,14 @@ class Demo:
             for section in sections
         }
         return {"made_by": _made_by(self.seed, self.quick), "seed": self.seed, "sections": parts}
+
+
+def _verdict(sections: Sequence[Section]) -> PageVerdict:
+    """What knowing the soil is worth, where the arms were compared; else the first part's result."""
+    from agents.reports.page import PageVerdict
+
+    named = {section.name: section.sees for section in sections}
+    return PageVerdict(light="neutral", sentence=named.get("arms", sections[0].sees))
 
 
 def _made_by(seed: int, quick: bool) -> str:

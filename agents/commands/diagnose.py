@@ -58,9 +58,9 @@ class Diagnose(Results):
             diagnosis = self._with_bar(lambda progress: diagnose_rig(logs, progress=progress))
             self.publish(diagnosis, summarise(diagnosis))
         else:
-            self.publish(*self._with_bar(lambda progress: _diagnosed(logs, progress)))
+            self.publish(*self._with_bar(lambda progress: _diagnosed(logs, progress)), logs[0])
 
-    def publish(self, diagnosis: Diagnosis, summary: DiagnosisSummary) -> None:
+    def publish(self, diagnosis: Diagnosis, summary: DiagnosisSummary, log: Log | None = None) -> None:
         """Write page, numbers and extended model, and print the summary.
 
         Parameters
@@ -69,6 +69,8 @@ class Diagnose(Results):
             For what needs the fitted models: other runs, and the figure of a rig.
         summary
             Of the diagnosis; one with evidence gets a page.
+        log
+            What the page plays back.
 
         Raises
         ------
@@ -88,7 +90,7 @@ class Diagnose(Results):
         if self.check and not bad:
             numbers |= self._transferred(diagnosis) if self.rig else self._checked(diagnosis)
         if summary.evidence is not None:
-            page = render_diagnosis(summary, command).encode()
+            page = render_diagnosis(summary, command, log).encode()
             say(f"report: {write_bytes(self.out / 'diagnosis.html', page)}")
         say(f"numbers: {write_json(self.out / 'diagnosis.json', numbers)}")
         if summary.extended_model is not None:

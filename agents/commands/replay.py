@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from tyro.conf import Positional
 
-from agents.reports.output import Results, console, say, table
+from agents.reports.output import Results, console, say, table, write_bytes
 from offroad_env.errors import InvalidParameter
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from estimators.replay.replay import Replay
     from estimators.replay.structures import Case
 
@@ -38,7 +40,8 @@ class ReplayCommand(Results):
     as grid,ruts=none. Groups: all, ladder (from full to grid one law at a time), leave_one_out (grid less one
     law). Vehicle, soil and ground are those of the log's description; nothing is fitted. Each window starts
     from a smoother of the logged sensors after a lead-in of 1 s. Columns ref_* enter the errors only, where
-    a log has them. Prints root mean square errors over all logs and of each log, and writes replay.png.
+    a log has them. Prints root mean square errors over all logs and of each log, and writes replay.png and
+    replay.html, a page that plays the first log back with the errors of each model.
     """
 
     logs: Positional[tuple[Path, ...]]  #: logs: CSV or Parquet with a YAML of the same name, or ROS bags
@@ -62,7 +65,9 @@ class ReplayCommand(Results):
         replays = self._replayed(cases)
         groups = [pooled([replay for replay in replays if _case(replay) == case]) for case in cases]
         # Files first: a reader of a pipe may leave before the tables end.
-        self.save_figure(replay_figure(groups), "replay")
+        figure = replay_figure(groups)
+        self.save_figure(figure, "replay")
+        say(f"page: {write_bytes(self.out / 'replay.html', self._page(groups, cases, figure).encode())}")
         self.save_numbers(
             {
                 "command": " ".join(["offroad", *sys.argv[1:]]),
@@ -80,6 +85,30 @@ class ReplayCommand(Results):
         console().print(table(title, _heading(), [_row(group) for group in groups], texts=2))
         compared = groups[0].references
         say(f"compared with reference columns: {', '.join(compared) or 'none'}; else with smoothed sensors")
+
+    def _page(self, groups: Sequence[Replay], cases: Sequence[Case], figure: Figure) -> str:
+        """The page, which plays the first log back."""
+        from agents.reports.diagnosis import made_by
+        from agents.reports.page import Table, figure_picture
+        from agents.reports.replay import drive_section, render_replay
+        from estimators.logs import read_log
+
+        heading = tuple(name.replace("\n", " [", 1) + "]" * ("\n" in name) for name in _heading())
+        drive = drive_section(
+            read_log(self.logs[0]),
+            cases,
+            window=self.window,
+            hold=None if self.hold == "stated" else self.hold,
+            command=" ".join(["offroad", *sys.argv[1:]]),
+        )
+        return render_replay(
+            groups,
+            drive,
+            Table(heading=heading, rows=tuple(map(_row, groups)), texts=2),
+            figure_picture(figure, "How the errors grow within a window, root mean square over all windows."),
+            window=self.window,
+            footer=made_by(),
+        )
 
     def _replayed(self, cases: Sequence[Case]) -> list[Replay]:
         """All logs, in the order given, with a progress bar."""

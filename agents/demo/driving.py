@@ -9,6 +9,8 @@ import numpy as np
 
 from agents.demo.context import Run
 from agents.driving.figure import drive_figure
+from agents.driving.playback import episode_playback
+from agents.driving.unwrapped import bekker_env
 from agents.reports.figures.estimate import EstimateLine, EstimatePanel, estimate_figure
 from agents.reports.page import Section, Table, figure_picture, frame_picture
 from estimators.experiments.buzhardt_tallapragada import ROWS, RowRun, row_truth, run_row
@@ -39,6 +41,7 @@ def drive_section(run: Run) -> Section:
         title=f"One episode of the scenario {settings.scenario!r}",
         sees=sees,
         command=f"offroad drive --scenario {settings.scenario} --agent aware --seed {settings.seed}",
+        playback=episode_playback(log, bekker_env(driven.drive.env).briefing),
         pictures=tuple(pictures),
         notes=() if driven.frame is not None else (left_out,),
         data={key: info[key] for key in kept},

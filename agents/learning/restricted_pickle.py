@@ -119,7 +119,7 @@ class _Reader(PlainUnpickler):
 
     def find_class(self, module: str, name: str) -> Any:
         """A class or function of the list."""
-        own = module.startswith(_OWN) and "." not in name
+        own = module.startswith(_OWN)
         if name in _ALLOWED.get(module, ()) or own:
             found = super().find_class(module, name)
             if not own and name in _CALLED:

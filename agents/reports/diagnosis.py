@@ -1,4 +1,4 @@
-"""The report of a diagnosis as one HTML page: ten parts, from the verdict to its checks."""
+"""The report of a diagnosis as one HTML page: from the verdict to its checks."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from agents.reports import diagnosis_figures as figures
+from agents.reports.diagnosis_drive import drive_section, page_verdict
 from agents.reports.page import Picture, Section, Table, figure_picture, render_page
 from estimators.discrepancy.checks.forecast import Prediction
 from estimators.discrepancy.checks.misfit import WORST
@@ -16,6 +17,7 @@ from estimators.discrepancy.structure_comparison import StructureComparison, Str
 from estimators.discrepancy.summary import CauseSummary, DiagnosisSummary, Estimate
 from estimators.discrepancy.verdict import Verdict
 from estimators.discrepancy.wording import structure_lines
+from estimators.logs.log import Log
 
 __all__ = ["made_by", "percent", "render_diagnosis"]
 
@@ -39,11 +41,13 @@ def made_by() -> str:
     )
 
 
-def render_diagnosis(summary: DiagnosisSummary, command: str) -> str:
-    """The page as HTML text; parts that were not reached state why."""
+def render_diagnosis(summary: DiagnosisSummary, command: str, log: Log | None = None) -> str:
+    """The page as HTML text; parts that were not reached state why. A ``log`` is played back."""
     evidence = Evidence(quality=()) if summary.evidence is None else summary.evidence
+    drive = None if log is None else drive_section(summary, log)
     parts = (
         _verdict(summary),
+        *(() if drive is None else (drive,)),
         _misfit(summary, evidence),
         _dependence(summary, evidence),
         _causes(summary),
@@ -60,6 +64,7 @@ def render_diagnosis(summary: DiagnosisSummary, command: str) -> str:
         title=f"{summary.verdict}: {names}",
         intro=_intro(summary),
         footer=f"{command} — {made_by()}",
+        verdict=page_verdict(summary),
     )
 
 
@@ -99,7 +104,7 @@ def _verdict(summary: DiagnosisSummary) -> Section:
     if summary.comparison is not None and summary.comparison.found:
         return _structure(summary, summary.comparison, notes)
     if not summary.causes and summary.limits:
-        notes.append("Part 4 lists the smallest detectable size of every effect.")
+        notes.append("The score tests list the smallest detectable size of every effect.")
     return Section(
         name="verdict",
         title="Verdict",
@@ -189,7 +194,7 @@ def _misfit(summary: DiagnosisSummary, evidence: Evidence) -> Section:
                 "Lines break where a window ends, because the start of every window is fitted.",
             )
         )
-    notes = ("Windows of the search (part 10 states how the time is divided).",)
+    notes = ("Windows of the search (the checks state how the time is divided).",)
     return Section(name="wrong", title=title, sees=sees, pictures=tuple(pictures), notes=notes)
 
 

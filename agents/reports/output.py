@@ -9,7 +9,8 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,11 +24,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "OutputError",
+    "Record",
     "Results",
     "console",
     "only_writer",
     "plain",
     "printable",
+    "recorded",
     "say",
     "table",
     "write_bytes",
@@ -43,6 +46,29 @@ _LONG_NAME = re.compile(rf"\S{{{_LONGEST_NAME + 1},}}")
 
 #: Width of tables that are written to a file or a pipe [characters].
 _FILE_WIDTH = 120
+
+
+@dataclass
+class Record:
+    """What a command shows while it runs."""
+
+    lines: list[str] = field(default_factory=list)
+    tables: list[tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...], int]] = field(default_factory=list)
+    figures: list[tuple[str, bytes]] = field(default_factory=list)  #: name, PNG
+
+
+_RECORD: ContextVar[Record | None] = ContextVar("record", default=None)
+
+
+@contextmanager
+def recorded() -> Iterator[Record]:
+    """Within it, what goes to the screen and into figures is kept as well."""
+    record = Record()
+    token = _RECORD.set(record)
+    try:
+        yield record
+    finally:
+        _RECORD.reset(token)
 
 
 class OutputError(OffroadError, OSError):
@@ -69,6 +95,8 @@ def printable(text: str) -> str:
 
 def say(line: str, screen: Console | None = None) -> None:
     """Print a line of text as it is, however long, on a ``screen`` that a progress bar may share."""
+    if (record := _RECORD.get()) is not None:
+        record.lines.append(line)
     (screen or console()).print(printable(line), markup=False, soft_wrap=True)
 
 
@@ -77,6 +105,9 @@ def table(title: str, heading: Sequence[str], rows: Iterable[Sequence[str]], *, 
     from rich.markup import escape
     from rich.table import Table
 
+    cells = tuple(tuple(row) for row in rows)
+    if (record := _RECORD.get()) is not None:
+        record.tables.append((title, tuple(heading), cells, texts))
     result = Table(
         title=escape(printable(title)),
         title_justify="left",
@@ -87,7 +118,7 @@ def table(title: str, heading: Sequence[str], rows: Iterable[Sequence[str]], *, 
     )
     for index, name in enumerate(heading):
         result.add_column(escape(printable(name)), justify="left" if index < texts else "right")
-    for row in rows:
+    for row in cells:
         result.add_row(*(escape(printable(cell)) for cell in row))
     return result
 
@@ -186,6 +217,8 @@ class Results:
 
         buffer = io.BytesIO()
         figure.savefig(buffer, format="png", dpi=130)
+        if (record := _RECORD.get()) is not None:
+            record.figures.append((name, buffer.getvalue()))
         path = write_bytes(self.out / f"{name}.png", buffer.getvalue())
         say(f"figure: {path}")
         return path

@@ -7,13 +7,24 @@ import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import jinja2
 import numpy as np
 from matplotlib.figure import Figure
 
-__all__ = ["Picture", "Section", "Table", "figure_picture", "frame_picture", "frame_png", "render_page"]
+from agents.reports.playback import Playback
+
+__all__ = [
+    "PageVerdict",
+    "Picture",
+    "Section",
+    "Table",
+    "figure_picture",
+    "frame_picture",
+    "frame_png",
+    "render_page",
+]
 
 _DPI = 110  # 12 inches wide figures: 1320 pixels, sharp at the width of the page
 _ROUGH = 208  # colours of a frame that are fitted to it as a whole, of 256
@@ -43,6 +54,14 @@ class Table:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PageVerdict:
+    """What a page concludes, before anything else on it."""
+
+    light: Literal["good", "caution", "problem", "neutral"]  #: green, amber, red, grey
+    sentence: str  #: in plain words
+
+
+@dataclass(frozen=True, kw_only=True)
 class Section:
     """One part of a page."""
 
@@ -51,6 +70,7 @@ class Section:
     sees: str  #: one plain sentence: what one sees
     command: str = ""  #: the command that makes this part; empty where the page names one for all
     pictures: tuple[Picture, ...] = ()
+    playback: Playback | None = None
     tables: tuple[Table, ...] = ()
     notes: tuple[str, ...] = ()
     key: tuple[tuple[str, str], ...] = ()  #: numbers for the summary: (what, value)
@@ -91,8 +111,10 @@ def frame_png(frame: np.ndarray) -> bytes:
     return buffer.getvalue()
 
 
-def render_page(sections: Sequence[Section], *, title: str, intro: str, footer: str) -> str:
-    """The page as HTML text."""
+def render_page(
+    sections: Sequence[Section], *, title: str, intro: str, footer: str, verdict: PageVerdict | None = None
+) -> str:
+    """The page as HTML text: the verdict first, then what it rests on."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("agents"),
         autoescape=True,
@@ -102,7 +124,7 @@ def render_page(sections: Sequence[Section], *, title: str, intro: str, footer: 
     )
     environment.filters["units"] = _hold_units
     template = environment.get_template("report.html.j2")
-    return template.render(sections=sections, title=title, intro=intro, footer=footer)
+    return template.render(sections=sections, title=title, intro=intro, footer=footer, verdict=verdict)
 
 
 def _hold_units(text: str) -> str:

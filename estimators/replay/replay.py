@@ -240,6 +240,11 @@ class WindowReplay:
         """Channels that are compared with reference columns."""
         return self._reality.references
 
+    @property
+    def instants(self) -> np.ndarray:
+        """Places of the windows' instants on the log's grid (`grid_of`), (W, K)."""
+        return self._instants
+
     def errors(self, plant: Plant) -> dict[str, np.ndarray]:
         """Errors of a model by channel, (W, K); NaN where nothing can be compared or the model fails."""
         try:

@@ -121,7 +121,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
     | | | (0 = as fast as possible), curvature [1/m] at 0, 3, 6, 10, 15, 20, 30, 40 m ahead, |
     | | | distance to the end of the path [m] |
     | ``terrain`` | (3,) | n, its standard deviation, valid (0/1); absent with ``terrain_info="none"`` |
-    | | or (17,) | with ``terrain_info="belief"``: what the soil holds, see docs/environment.md |
+    | | or (17,) | with ``terrain_info="belief"``: limits, see docs/details/what_the_soil_holds.md |
 
     ## Rewards
     0.1 per metre of progress along the path, less the cost of time, of distance from the path, of

@@ -167,8 +167,8 @@ def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
     count = 1
     for length in shape:
         count *= length
-    if kind.hasobject or count * kind.itemsize != len(content) - stream.tell():
-        raise ValueError(f"{entry.filename} holds Python objects, or another number of values than it states")
+    if count * kind.itemsize != len(content) - stream.tell():
+        raise ValueError(f"{entry.filename} holds another number of values than it states")
     stream.seek(0)
     found: np.ndarray = np.lib.format.read_array(stream, allow_pickle=False)
     return found

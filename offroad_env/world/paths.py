@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.path_geometry import PathTable
 from offroad_env.world.catalogue import Quantity
+from offroad_env.world.clothoids import BREAKS, RoadLimits, directions_along, draw_bends, place_nodes
 from offroad_env.world.yaml_text import shown
 
 __all__ = [
@@ -213,48 +214,13 @@ def from_waypoints(points: ArrayLike) -> PathTable:
 
 @lru_cache(maxsize=8)
 def _nodes_within(length: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(arc length at the nodes (N + 1,), at the Gauss nodes in between (6, N), distances (N,)) [m]."""
+    """(arc length at the nodes (N + 1,), at the Gauss nodes in between (N, 6), distances (N,)) [m]."""
     s = _stations(length)
     steps = np.diff(s)
-    kept = s, s[:-1] + steps * _GAUSS[:, None], steps
+    kept = s, s[:-1, None] + steps[:, None] * _GAUSS, steps
     for array in kept:
         array.flags.writeable = False  # kept for the next road
     return kept
-
-
-class _Bends:
-    """A curvature that is linear between breaks, and the yaw that it turns to from 0.
-
-    ``table``, (4, pieces): where each piece starts [m], half its slope [1/m^2], and its first curvature [1/m]
-    and yaw [rad].
-    """
-
-    def __init__(self, breaks: np.ndarray, values: np.ndarray) -> None:
-        steps = breaks[1:] - breaks[:-1]
-        self.breaks = breaks
-        self.table = np.zeros((4, len(steps)))
-        self.table[0], self.table[2] = breaks[:-1], values[:-1]
-        np.multiply(0.5, (values[1:] - values[:-1]) / steps, out=self.table[1])
-        np.cumsum((0.5 * steps * (values[:-1] + values[1:]))[:-1], out=self.table[3, 1:])
-
-    def pieces(self, s: np.ndarray) -> np.ndarray:
-        """Which piece the arc lengths ``s`` [m] fall into."""
-        found: np.ndarray = self.breaks.searchsorted(s, side="right") - 1
-        clipped: np.ndarray = np.minimum(found, len(self.breaks) - 2)
-        return clipped
-
-
-def _turned(s: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Yaw [rad], and half of how much the curvature has grown [1/m], at the arc lengths ``s`` [m].
-
-    Of the pieces in ``table``, see `_Bends`.
-    """
-    start, half_slope, first, yaw_at = table
-    travelled = s - start
-    half = half_slope * travelled
-    yaw = first + half
-    np.multiply(yaw, travelled, out=yaw)
-    return np.add(yaw, yaw_at, out=yaw), half
 
 
 def _integrate(breaks: np.ndarray, values: np.ndarray, length: float) -> PathTable:
@@ -262,23 +228,11 @@ def _integrate(breaks: np.ndarray, values: np.ndarray, length: float) -> PathTab
 
     The last break lies at or beyond the end of the path.
     """
-    (s, inner, steps), bends = _nodes_within(length), _Bends(breaks, values)
-    marks = s.searchsorted(breaks)  # the first node of every piece
-    marks[-1] = len(s)
-    pieces = np.repeat(bends.table, marks[1:] - marks[:-1], axis=1)
-    direction, _ = _turned(inner, pieces[:, :-1])
-    # Few stations have a break between them: for all others one search does for all nodes.
-    broken = marks[1:-1][marks[1:-1] < len(s)] - 1
-    between = inner[:, broken]
-    direction[:, broken], _ = _turned(between, bends.table[:, bends.pieces(between)])
-    direction = direction.T.copy()
+    s, inner, steps = _nodes_within(length)
     nodes = np.zeros((len(s), 4))
-    for column, function in enumerate((np.cos, np.sin)):
-        gained = function(direction) @ _WEIGHT
-        np.multiply(steps, gained, out=gained)
-        nodes[1:, column] = np.cumsum(gained, out=gained)
-    nodes[:, 2], half = _turned(s, pieces)
-    np.add(pieces[2], 2.0 * half, out=nodes[:, 3])
+    direction = directions_along(breaks, values, s, inner, nodes)
+    forward = np.cos(direction) @ _WEIGHT
+    place_nodes(steps, forward, np.sin(direction, out=direction) @ _WEIGHT, nodes)
     return PathTable(length / (len(nodes) - 1), nodes)
 
 
@@ -329,34 +283,13 @@ def winding_corridor(
     transition = _LENGTH.check("transition", transition)
     max_heading = _TURN.check("max_heading", max_heading)
 
-    breaks, values, heading = [0.0, max(_STRAIGHT.check("lead_in", lead_in), 1e-3)], [0.0, 0.0], 0.0
+    limits = RoadLimits(length, *radii, *straights, transition, max_heading)
     # As many draws as the shortest possible bends need: the state of rng afterwards does not depend on luck.
     bends = math.ceil(length / (0.5 * max_heading * radii[0] + straights[0]))
-    for direction, size, distance in rng.random((bends, 3)).tolist():
-        if breaks[-1] > length:
-            break
-        turn = _turn(direction, heading, max_heading)
-        radius = radii[0] + size * (radii[1] - radii[0])
-        clothoid = min(transition, 0.5 * radius * abs(turn))
-        curvature = math.copysign(1.0 / radius, turn)
-        # The two clothoids turn by curvature * clothoid together, the arc by the rest.
-        gap = max(straights[0] + distance * (straights[1] - straights[0]), 1e-3)
-        for step in (clothoid, radius * abs(turn) - clothoid, clothoid, gap):
-            breaks.append(breaks[-1] + step)
-        values += [curvature, curvature, 0.0, 0.0]
-        heading += turn
-    return _integrate(np.array(breaks), np.array(values), length)
-
-
-def _turn(share: float, heading: float, limit: float) -> float:
-    """Angle to a new heading, uniform over those in +-limit that differ by at least limit/2 [rad].
-
-    ``share`` in [0, 1) picks one of them; positive angles turn left.
-    """
-    least = 0.5 * limit
-    right, left = max(heading - least + limit, 0.0), max(limit - heading - least, 0.0)
-    place = share * (right + left)
-    return place - right - least if place < right else place - right + least
+    breaks, values = np.zeros((2, 2 + BREAKS * bends))
+    breaks[1] = max(_STRAIGHT.check("lead_in", lead_in), 1e-3)
+    known = draw_bends(rng.random((bends, 3)), limits, breaks, values)
+    return _integrate(breaks[:known], values[:known], length)
 
 
 def _ordered(name: str, limits: tuple[float, float], quantity: Quantity) -> tuple[float, float]:

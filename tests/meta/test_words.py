@@ -37,18 +37,22 @@ WORDS = {
     r"\bstranger": "unmodelled fault",
     r"\bfinder\b": "search, diagnosis",
 }
+DOCS = REPOSITORY / "docs"
 FOLDERS = ("agents", "estimators", "offroad_env", "benchmarks")
 #: Other names under which commands and options are still found; nothing else may be listed here.
 ALIASES = re.compile(r"^.*#: *alias.*$|^.*# alias$", re.MULTILINE)
 
 
 def texts() -> Iterator[tuple[str, str]]:
-    """Code with its identifiers in words, templates and the README."""
+    """Code with its identifiers in words, templates, the README and the documentation."""
     for folder in FOLDERS:
         for path in sorted((REPOSITORY / folder).rglob("*")):
             if path.suffix in (".py", ".j2", ".yaml") and path.is_file():
                 yield str(path.relative_to(REPOSITORY)), path.read_text(encoding="utf-8")
-    yield "README.md", (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    made = {DOCS / "gallery", DOCS / "reference"}  # when the site is built, from the code
+    pages = [page for page in sorted(DOCS.rglob("*.md")) if not made & set(page.parents)]
+    for page in (REPOSITORY / "README.md", *pages):
+        yield str(page.relative_to(REPOSITORY)), page.read_text(encoding="utf-8")
 
 
 def in_words(text: str) -> str:

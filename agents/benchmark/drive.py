@@ -1,0 +1,42 @@
+"""One episode of a benchmark, driven once more for its page."""
+
+from __future__ import annotations
+
+import json
+
+import gymnasium as gym
+
+from agents.benchmark.runner import ENV_ID, draw_episodes
+from agents.benchmark.study import BenchmarkArgs
+from agents.driving.episode import Drive, find_agent
+from agents.driving.playback import episode_playback
+from agents.driving.unwrapped import bekker_env
+from agents.reports.page import Section
+
+__all__ = ["drive_section"]
+
+#: Whose drive is shown, if it drives: its estimate of the soil can be seen.
+_SHOWN = "aware"
+
+
+def drive_section(args: BenchmarkArgs) -> Section:
+    """The first episode of the first task, by the agent that estimates the soil if there is one."""
+    task, form = args.tasks[0], args.forms[0]
+    name = _SHOWN if _SHOWN in args.agents else args.agents[0]
+    agent, terrain_info = find_agent(name, task, None)
+    options = json.loads(args.world) if args.world else {}
+    env = gym.make(ENV_ID, scenario=task, terrain_info=terrain_info, **options)
+    draw = draw_episodes(task, args.episodes, args.seed, form=form)[0]
+    drive = Drive(env, agent, seed=draw.seed, options=draw.options)
+    try:
+        for _ in drive:
+            pass
+        playback = episode_playback(drive.log, bekker_env(env).briefing)
+    finally:
+        env.close()
+    return Section(
+        name="drive",
+        title=f"One episode: {name} on {task}",
+        sees=f"The first of {args.episodes} episodes, as {name} drives it: it {drive.ending}.",
+        playback=playback,
+    )

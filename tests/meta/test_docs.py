@@ -1,0 +1,49 @@
+"""The pages of the documentation are short enough to be read at once."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from helpers import REPOSITORY
+
+DOCS = REPOSITORY / "docs"
+#: Made when the site is built.
+MADE = ("gallery", "reference", "_build")
+PAGES = sorted(page for page in DOCS.rglob("*.md") if page.relative_to(DOCS).parts[0] not in MADE)
+LONGEST = 1200  # words of prose
+#: Pages to look things up in, not to read through: tables of all keys, effects, terms, laws and functions.
+REFERENCES = {"api.md", "effects.md", "equations.md", "glossary.md", "keys.md"}
+#: Pages that are still longer: they may only become shorter [words].
+STILL_LONG = {"benchmark.md": 3300, "diagnosis.md": 2900}
+
+
+def words(text: str) -> int:
+    """Words of prose: headings, paragraphs and lists.
+
+    Blocks of code, tables and the addresses of links are left out: a reader looks things up there.
+    """
+    text = re.sub(r"^(```|:::).*?^\1[ \t]*$", "", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"^\s*\|.*$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"\]\([^)]*\)", "]", text)
+    return len(re.findall(r"\S*\w\S*", text))
+
+
+def name_of(page: Path) -> str:
+    return str(page.relative_to(DOCS))
+
+
+def test_words_are_counted_without_code_tables_and_addresses():
+    page = "# A page\n\nFour words [and](one.md) link.\n\n```\nno word\n```\n\n| none | here |\n"
+    assert words(page) == 6
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_a_page_is_read_in_five_minutes(page):
+    if name_of(page) in REFERENCES:
+        return
+    longest = STILL_LONG.get(name_of(page), LONGEST)
+    found = words(page.read_text(encoding="utf-8"))
+    assert found <= longest, f"{found} words: shorten the page, or move what few need into docs/details"
