@@ -21,7 +21,7 @@ comes back.
 
 *Wrong laws.* Eight numbers of a soil reproduce much of what other laws do, and the limits are then wrong.
 Sideways motion gives it away: its means over 0.5 s err by more than belief and sensors explain, and the flag
-goes down. It is up only after 1.5 s of driving that have passed this test.
+goes down. It is up only after 1 s of driving that has passed this test.
 
 The kernels are in `soil_belief_step`, `soil_belief_points` and `soil_belief_holds`.
 """
@@ -163,7 +163,7 @@ class SoilBeliefSettings:
     #: Largest misfit of lateral acceleration and yaw rate for a valid belief, over `error`; how long the
     #: belief learns before it is tested, and how long the flag then stays down [s].
     misfit: float = 0.6
-    test_time: float = 1.5
+    test_time: float = 1.0
     rejected_time: float = 10.0
     discrepancy: float = 2.5  #: largest discrepancy of a channel for a valid belief, over `error`
     widening: float = 0.2  #: share of the prior's variance that comes back when no soil explains the drive
