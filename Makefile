@@ -18,7 +18,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help venv install demo docs test check lint fuzz kills mutants study-wheel study-soak soak speed golden clean
+.PHONY: help venv install demo docs test check lint fuzz kills mutants animations study-wheel study-soak soak speed golden clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [VENV=.venv] [PYTEST_ARGS=...]"
@@ -76,6 +76,12 @@ speed: $(VENV)/.installed-test  ## speed, as ratios to other environments in the
 golden: $(VENV)/.installed-test  ## long: the main commands on BASE=COMMIT and here: the same numbers?
 	@[ -n "$(BASE)" ] || { echo "OffroadBekker needs a commit to compare with: make golden BASE=COMMIT" >&2; exit 2; }
 	$(BIN)/python benchmarks/golden.py --base "$(BASE)" --cases $(CASES) $(GOLDEN_ARGS)
+
+animations: $(VENV)/.installed-test  ## the animations of docs/scenarios.md
+	@for scenario in speed brake climb; do \
+	    $(BIN)/offroad drive --scenario $$scenario --agent aware --seed 1 --duration 5 --out out \
+	        --video docs/images/$$scenario.gif || exit 1; \
+	done
 
 clean:  ## delete caches and what the commands wrote (for a fresh set-up, delete .venv as well)
 	rm -rf demo out build dist docs/gallery docs/reference docs/sg_execution_times.rst .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache *.egg-info

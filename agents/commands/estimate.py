@@ -138,7 +138,7 @@ class Estimate(Results):
         )
         console().print(table(f"filter {known}", heading, rows))
         say("n, flag: stated by the filter, given its model")
-        say("robust: to errors of mass, moduli, sensors and steering in that model (docs/logs.md)")
+        say("robust: to errors of mass, moduli, sensors and steering in that model (docs/mismatch.md)")
         self.save_numbers({"filter": known, "logs": numbers})
 
     def _show_quality(self, report: QualityReport, *, brief: bool = False) -> None:

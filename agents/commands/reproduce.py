@@ -79,6 +79,11 @@ STUDIES: dict[str, tuple[str, str, str]] = {
         "the soil under drives whose soil is known: errors and coverage of n and phi",
     ),
     "model_mismatch": ("model_mismatch", "Mismatches", "filters whose model is wrong: error, coverage, flag"),
+    "closed_loop": (
+        "closed_loop",
+        "ClosedLoop",
+        "what a diagnosis is worth: plans for the nominal, the extended and the true model",
+    ),
     "soil_belief": (
         "soil_belief",
         "SoilBelief",

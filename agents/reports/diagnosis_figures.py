@@ -94,9 +94,13 @@ def misfit_figure(misfit: Misfit, *, extended: bool) -> Figure:
         axes.set_title(title, loc="left", fontsize=11)
         axes.set_xticks(range(len(misfit.regimes)), misfit.regimes, fontsize=8)
         axes.set_yticks(range(len(misfit.channels)), misfit.channels)
+        axes.set_xlabel("driving regime [-]")
         axes.tick_params(length=0)
+    panels[0].set_ylabel("channel [-]")
     ticks = [1, 2, 5, 10, 20, 50, 100]
-    bar = figure.colorbar(image, ax=panels, label="multiples", pad=0.01, ticks=ticks, format="%g")
+    bar = figure.colorbar(
+        image, ax=panels, label="error over what remains [-]", pad=0.01, ticks=ticks, format="%g"
+    )
     bar.minorticks_off()
     return figure
 
@@ -190,6 +194,7 @@ def cause_figure(scores: Sequence[Score], threshold: float, sets: Sequence[Seque
     for k, group in enumerate(sets):
         _bracket(axes, sorted(places[name] for name in group), (1.58 + 0.05 * k) * largest, f"cause {k + 1}")
     axes.set_xlabel("score of the effect alone [standard deviations, root scale]")
+    axes.set_ylabel("effect [-]")
     _tidy(axes, "x")
     return figure
 
@@ -224,7 +229,7 @@ def isolability_figure(names: Sequence[str], alike: np.ndarray) -> Figure:
     axes.set_xticks(range(len(names)), names, rotation=90, fontsize=7.5)
     axes.set_yticks(range(len(names)), names, fontsize=7.5)
     axes.tick_params(length=0)
-    figure.colorbar(image, ax=axes, label="|cosine| of the two traces", shrink=0.7, pad=0.01)
+    figure.colorbar(image, ax=axes, label="|cosine| of the two traces [-]", shrink=0.7, pad=0.01)
     return figure
 
 
@@ -246,6 +251,7 @@ def gain_figure(gains: Sequence[ChannelGain], likelihood: Sequence[LikelihoodGai
         _tidy(axes)
     left.set_yticks(rows, [gain.channel for gain in gains])
     left.set_xlabel("reduction of the residual [%]")
+    left.set_ylabel("channel [-]")
     right.set_xlabel("gain of the log-likelihood [1/s]")
     return figure
 
@@ -267,6 +273,7 @@ def exponent_figure(n: SinkageExponent) -> Figure:
     axes.set_yticks(range(len(lines)), [name for name, _, _ in reversed(lines)])
     axes.set_ylim(-0.6, len(lines) - 0.2)
     axes.set_xlabel("sinkage exponent n [-]")
+    axes.set_ylabel("model [-]")
     figure.legend(loc="outside upper right", frameon=False, fontsize=9)
     _tidy(axes, "x")
     return figure
@@ -284,8 +291,8 @@ def prediction_figure(predictions: Sequence[Prediction], *, extended: bool) -> F
         axes.bar(places - shift, [one.nominal for one in own], 0.38, color=_NOMINAL, label="nominal")
         if extended:
             axes.bar(places + shift, [one.extended for one in own], 0.38, color=_EXTENDED, label="extended")
-        axes.set_xticks(places, [f"{one.horizon:.0f} s" for one in own])
-        axes.set_xlabel("horizon")
+        axes.set_xticks(places, [f"{one.horizon:.0f}" for one in own])
+        axes.set_xlabel("horizon [s]")
         axes.set_ylabel(f"error of {quantity} [{own[0].unit}]")
         _tidy(axes, "y")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False)
@@ -305,12 +312,12 @@ def profile_figure(profiles: Sequence[Profile]) -> Figure:
         axes.axhline(LEVEL, color=_NOMINAL, lw=1.0, ls=":")
         if np.isfinite(profile.low) and np.isfinite(profile.high):
             axes.axvspan(profile.low, profile.high, color=_EXTENDED, alpha=0.12, label="95 %")
-        unit = "" if profile.unit == "-" else f" [{profile.unit}]"
+        unit = f" [{profile.unit}]"
         axes.set_xlabel(raised(f"{profile.effect}{unit}"))
         axes.set_ylim(-0.3, 10.0)
         axes.locator_params(axis="x", nbins=5)
         _tidy(axes)
-    figure.axes[0].set_ylabel("loss of twice the log-likelihood")
+    figure.axes[0].set_ylabel("loss of twice the\nlog-likelihood [-]")
     figure.axes[0].legend(frameon=False, fontsize=8)
     return figure
 
@@ -327,6 +334,7 @@ def menu_figure(advice: Advice) -> Figure:
         axes.set_yticks(rows, [trial.name for trial in trials])
         axes.set_xlim(0.0, 100.0)
         axes.set_xlabel(f"probability to {advice.question} [%]")
+        axes.set_ylabel("manoeuvre [-]")
         axes.legend(frameon=False, loc="lower right")
         _tidy(axes, "x")
         return figure
@@ -341,6 +349,8 @@ def menu_figure(advice: Advice) -> Figure:
         )  # fmt: skip
     axes.set_xticks(range(len(names)), names, fontsize=9)
     axes.set_yticks(range(len(trials)), [trial.name for trial in trials], fontsize=9)
+    axes.set_xlabel("effect [-]")
+    axes.set_ylabel("manoeuvre [-]")
     axes.tick_params(length=0)
     figure.colorbar(image, ax=axes, label="detectable size [% of the present one]", pad=0.01)
     return figure

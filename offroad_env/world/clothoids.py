@@ -34,8 +34,8 @@ class RoadLimits(NamedTuple):
 def draw_bends(shares: FloatArray, limits: RoadLimits, breaks: FloatArray, values: FloatArray) -> int:
     """How many breaks of the curvature a road has; writes their places [m] and the curvatures there [1/m].
 
-    ``shares`` (bends, 3) in [0, 1): of the new heading, the radius and the straight that follows, of which as
-    many are used as the length needs. ``breaks`` and ``values``, (2 + BREAKS bends,), hold the first straight.
+    ``shares`` (bends, 3) in [0, 1): of the new heading, the radius and the straight that follows. As many
+    are used as the length needs. ``breaks`` and ``values``, (2 + BREAKS bends,), hold the first straight.
     """
     known, heading = 2, 0.0
     for i in range(shares.shape[0]):

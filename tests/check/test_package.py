@@ -56,7 +56,7 @@ def test_the_wheel_holds_data_and_types_and_no_tests(built):
         present = {str(path.relative_to(REPOSITORY)) for path in (REPOSITORY / package).rglob("*.py")}
         assert present <= set(names)
     assert any(name.startswith("agents/weights/") for name in names)
-    assert any(name.endswith(".html.j2") for name in names)
+    assert {"agents/templates/report.html.j2", "agents/templates/playback.js"} <= set(names)
     assert not any(name.startswith("tests/") for name in names)
 
 
@@ -66,7 +66,25 @@ def test_the_source_distribution_holds_the_licence(built):
         assert any(name.endswith("/LICENSE") for name in archive.getnames())
 
 
-def test_the_installed_wheel_makes_a_first_step(built, tmp_path):
+def test_a_wheel_from_the_source_distribution_is_the_same(built, tmp_path):
+    (sdist,) = built.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(tmp_path, filter="data")
+    (source,) = tmp_path.iterdir()
+    out = tmp_path / "out"
+    out.mkdir()
+    hook = f"import setuptools.build_meta as b; b.build_wheel({str(out)!r})"
+    run(sys.executable, "-c", hook, cwd=source)
+    (wheel,), (again,) = built.glob("*.whl"), out.glob("*.whl")
+    assert wheel.name == again.name
+    first, second = (zipfile.ZipFile(path) for path in (wheel, again))
+    assert set(first.namelist()) == set(second.namelist())
+    assert all(
+        first.read(name) == second.read(name) for name in first.namelist() if not name.endswith("RECORD")
+    )
+
+
+def test_the_installed_wheel_makes_a_first_step_and_a_first_picture(built, tmp_path):
     """Dependencies are those of the environment that runs this test; the project itself is the wheel's."""
     (wheel,) = built.glob("*.whl")
     run(sys.executable, "-m", "venv", "--without-pip", tmp_path / "venv", cwd=tmp_path)
@@ -77,6 +95,11 @@ def test_the_installed_wheel_makes_a_first_step(built, tmp_path):
     (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
     run(sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", site, wheel, cwd=tmp_path)
     files = run(python, "-I", "-c", FIRST_STEP, cwd=tmp_path).split()
+    picture = (
+        "from agents.commands.cli import main; main('drive --scenario brake --duration 1 --out .'.split())"
+    )
+    run("/usr/bin/env", "-i", python, "-I", "-c", picture, cwd=tmp_path)  # nothing to be found: no compiler
+    assert (tmp_path / "drive_brake_0.png").stat().st_size > 10_000
     assert all(Path(file).is_relative_to(site) for file in files)
     text = run(python, "-I", "-c", "from agents.commands.cli import main; main(['--help'])", cwd=tmp_path)
     assert "usage: offroad COMMAND" in text

@@ -54,6 +54,21 @@ def test_text_with_digits_is_no_action():
         env.step(["0.1", "0.2"])
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("kind", [np.array, np.float32, list], ids=["array", "float32", "list"])
+def test_an_action_that_is_not_finite_is_refused_and_the_episode_goes_on(value, kind):
+    make = (lambda given: np.array(given, np.float32)) if kind is np.float32 else kind
+    env, envs = offroad_env.OffroadBekkerEnv(), offroad_env.make_vec(2, threads=1)
+    env.reset(seed=0)
+    envs.reset(seed=0)
+    with pytest.raises(InvalidParameter, match="finite numbers"):
+        env.step(make([0.0, value]))
+    with pytest.raises(InvalidParameter, match="finite numbers"):
+        envs.step(make([[0.0, 0.0], [value, 0.0]]))
+    assert np.isfinite(env.step(np.zeros(2))[1])
+    assert np.isfinite(envs.step(np.zeros((2, 2)))[1]).all()
+
+
 def rewards_in_a_child(envs, actions):
     """Rewards of a step in a forked process; None where it hangs or fails."""
     incoming, outgoing = os.pipe()
@@ -103,7 +118,7 @@ class Several(gym.Env):
 
 
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
-@pytest.mark.parametrize("method", ["fork"])
+@pytest.mark.parametrize("method", ["fork", pytest.param("spawn", marks=pytest.mark.check)])
 def test_processes_of_stable_baselines3_step_vector_environments_with_threads(method):
     vec_env = pytest.importorskip("stable_baselines3.common.vec_env")
     envs = offroad_env.make_vec(8, threads=2)

@@ -1,4 +1,4 @@
-"""The pages of the documentation are short enough to be read at once."""
+"""The pages of the documentation are short enough to be read at once, and their links arrive."""
 
 from __future__ import annotations
 
@@ -47,3 +47,21 @@ def test_a_page_is_read_in_five_minutes(page):
     longest = STILL_LONG.get(name_of(page), LONGEST)
     found = words(page.read_text(encoding="utf-8"))
     assert found <= longest, f"{found} words: shorten the page, or move what few need into docs/details"
+
+
+def anchors(page: Path) -> set[str]:
+    """Places of a page that a link may name: its headings, as the site and code hosts spell them."""
+    text = re.sub(r"^```.*?^```[ \t]*$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    headings = re.findall(r"^#+ (.*)$", text, flags=re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", [REPOSITORY / "README.md", *PAGES], ids=lambda page: page.name)
+def test_every_place_of_a_page_that_a_link_names_exists(page):
+    links = re.findall(r"\]\(([^):#]*)#([^)]+)\)", page.read_text(encoding="utf-8"))
+    missing = [
+        f"{target}#{anchor}"
+        for target, anchor in links
+        if anchor not in anchors((page.parent / target) if target else page)
+    ]
+    assert missing == []

@@ -57,6 +57,16 @@ def test_a_second_process_takes_what_the_first_has_compiled(tmp_path):
 
 
 @pytest.mark.check
+def test_processes_that_begin_at_once_on_a_cold_cache_find_the_same(tmp_path):
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda _: doubled(tmp_path), range(4)))
+    assert [(value, said) for (value, _), said in found] == [("4.0", "")] * 4
+    assert doubled(tmp_path) == (["4.0", "1"], "")
+
+
+@pytest.mark.check
 @pytest.mark.parametrize("ending", [".nbi", ".nbc"])
 @pytest.mark.parametrize(
     "damage",

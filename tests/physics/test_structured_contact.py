@@ -327,7 +327,7 @@ def test_soil_takes_energy_from_every_wheel_that_rolls_the_way_it_travels(name):
 
 
 def test_where_pressure_acts_along_the_grounds_normal_a_rim_that_spins_against_its_travel_may_gain():
-    """The region that `docs/physics.md` shows; rim-normal pressure does not have it."""
+    """The region that `docs/details/soil_power.md` shows; rim-normal pressure does not have it."""
     rim, h = -WHEEL.r * np.array([10.0, 3.0, 1.0]), np.array([0.1])
     states = PowerStates(rim, np.array([0.5]), np.array([0.0]), h)
     along_ground = soil_power(read_structure("grid"), SOILS["clay_wet"], WHEEL, states)

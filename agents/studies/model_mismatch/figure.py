@@ -21,7 +21,6 @@ _COLOURS = {
     "online_parameter_ukf": "#E69F00",
     "parameter_ukf": "#D55E00",
 }
-_BEHIND = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.4}
 _FLOOR = 0.1  # smallest error that is drawn [%]
 
 
@@ -66,6 +65,7 @@ def mismatch_figure(
     panels[2].set(ylim=(0.0, 109.0), ylabel="flag up, of excited time [%]")
     labels = [fill(MISMATCHES[name].title, 14) for name in names]
     panels[2].set_xticks(np.arange(len(names)), labels, fontsize=9)
+    panels[2].set_xlabel("what differs between model and vehicle [-]")
     figure.legend(
         *panels[0].get_legend_handles_labels(),
         frameon=False,
@@ -88,10 +88,10 @@ def _bars(
         color=_COLOURS[name],
         label=FILTERS[name].title,
     )
-    for x, value, top in zip(place, values, drawn, strict=True):
-        text = "-" if not np.isfinite(value) else f"{value:.1f}" if error and value < 9.95 else f"{value:.0f}"
-        height = max(top, _FLOOR) * 1.05 if error else top + 1.0
-        axes.annotate(text, (x, height), ha="center", va="bottom", fontsize=7, zorder=5, bbox=_BEHIND)
+    for x in place[~np.isfinite(np.array(values))]:  # the flag is never up
+        axes.annotate(
+            "none", (x, _FLOOR if error else 0.0), ha="center", va="bottom", fontsize=7, rotation=90
+        )
 
 
 def _limits(panels: Sequence[Axes], names: Sequence[str], bars: Mapping[str, float]) -> None:

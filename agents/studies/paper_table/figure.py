@@ -24,6 +24,8 @@ _STYLES = {
     ("map_ukf_bank", "half_car"): ("#0072B2", "bank of joint UKFs, half-car"),
 }
 _CHANNELS = ("a_x", "a_y", "a_z", "pitch rate", "yaw rate")
+#: Share of the colour scale below which its colours are light.
+_LIGHT = 0.4
 _COLOURS = ("#0072B2", "#009E73", "#D55E00", "#CC79A7", "#E69F00")
 
 
@@ -71,14 +73,15 @@ def estimates_figure(series: Mapping[tuple[str, str, int], Mapping[str, Sequence
             frequency = "" if row.steer_frequency == 1.0 else f"{row.steer_frequency:g} "
             steering = f"{row.steer_amplitude:g} sin {frequency}t"
         axes.set_title(
-            f"{row.number}: {row.soil.replace('_', ' ')}, {row.H0:g} m, {steering}", loc="left", fontsize=10
+            f"{row.number}: {row.soil.replace('_', ' ')}, ground {row.H0:g} m, {steering}",
+            loc="left",
+            fontsize=10,
         )
         axes.set_ylim((0.3, 1.3) if row.soil == "clay" else (0.95, 1.25))
         axes.margins(x=0.0)
         _tidy(axes)
-    for axes in panels[-1]:
+    for axes in panels.flat:
         axes.set_xlabel("time [s]")
-    for axes in panels[:, 0]:
         axes.set_ylabel("sinkage exponent n [-]")
     handles: dict[str, Artist] = {}
     for axes in panels.flat:
@@ -124,7 +127,7 @@ def _draw_force(axes: Axes, soil: Sensitivity) -> None:
         axes.plot(n, np.interp(n, curve.n, curve.acceleration), "^", color="#D55E00", ms=7)
     roots = ", ".join(f"{n:.2f}" for n in curve.roots)
     axes.set_title(
-        f"{SOILS.entry(soil.soil).title}: pulls like the truth at {roots}", loc="left", fontsize=10
+        f"{soil.soil.replace('_', ' ')}: pulls like the truth\nat n = {roots}", loc="left", fontsize=9
     )
     axes.set_ylabel("wheel force along x / mass [m/s$^2$]")
     _tidy(axes)
@@ -142,14 +145,16 @@ def sweep_figure(points: Sequence[_Point], chosen: Mapping[str, _Point]) -> Figu
         image = axes.imshow(values, origin="lower", aspect="auto", cmap="viridis_r")
         for i, a in enumerate(alphas):
             for j, d in enumerate(drifts):
-                axes.text(j, i, f"{own[a, d].reached}", ha="center", va="center", color="white", fontsize=11)
+                light = image.norm(own[a, d].median_log_mse) < _LIGHT
+                shade = "0.1" if light else "white"
+                axes.text(j, i, f"{own[a, d].reached}", ha="center", va="center", color=shade, fontsize=11)
         place = drifts.index(best.drift), alphas.index(best.alpha)
         axes.plot(*place, "s", ms=30, mfc="none", mec="#D55E00", mew=2.5)
         axes.set_xticks(range(len(drifts)), [f"{d:g}" for d in drifts])
         axes.set_yticks(range(len(alphas)), [f"{a:g}" for a in alphas])
-        axes.set_xlabel("square root of R_n, per update")
-        axes.set_ylabel("alpha")
+        axes.set_xlabel("square root of R_n, per update [-]")
+        axes.set_ylabel("alpha [-]")
         name = model.replace("_", "-")
         axes.set_title(f"{name}: rows at or below the paper; square: chosen", loc="left", fontsize=11)
-        figure.colorbar(image, ax=axes, label="median log10 MSE over the rows")
+        figure.colorbar(image, ax=axes, label="median log10 of the mean square error of n [-]")
     return figure

@@ -32,7 +32,7 @@ def headroom_figure(results: Sequence[Benchmark]) -> Figure:
         Left: headroom in per cent of the better uninformed arm's mean score, grey where the interval holds
         zero. Right: share of it that aware recovers, only where there is one.
     """
-    figure = Figure(figsize=(11.0, 0.42 * len(results) + 1.8), layout="constrained")
+    figure = Figure(figsize=(11.0, 0.42 * len(results) + 2.1), layout="constrained")
     room, share = figure.subplots(1, 2, sharey=True, width_ratios=(3.0, 2.0))
     for row, result in enumerate(results):
         _draw_room(room, row, result)
@@ -44,8 +44,11 @@ def headroom_figure(results: Sequence[Benchmark]) -> Figure:
             share.annotate("no headroom shown", (0.02, row), xycoords=("axes fraction", "data"), va="center")
     room.set_yticks(range(len(results)), [f"{r.scenario}, {r.form}" for r in results])
     room.set_ylim(len(results) - 0.5, -0.5)
-    room.set_title("Headroom: what perfect knowledge of n is worth [% of the score]", loc="left", fontsize=10)
-    share.set_title("Share of it that the estimate recovers [%]", loc="left", fontsize=10)
+    room.set_title("What perfect knowledge of n is worth", loc="left", fontsize=10)
+    room.set_xlabel("headroom [% of the score]")
+    room.set_ylabel("task, form [-]")
+    share.set_title("Share of it that the estimate recovers", loc="left", fontsize=10)
+    share.set_xlabel("share of the headroom [%]")
     for axes, mark in ((room, 0.0), (share, 100.0)):
         axes.axvline(mark, color="0.4", lw=0.8)
         axes.grid(axis="x", alpha=0.25)
@@ -107,7 +110,9 @@ def value_figure(cells: Sequence[Cell]) -> Figure:
     if handles:
         figure.legend(handles=handles, loc="outside lower left", ncols=len(soils), frameon=False)
     figure.suptitle(
-        "What knowing n is worth [% of the score], over the width of the prior", x=0.01, ha="left"
+        "What knowing n is worth over the width of the prior; filled where the 95 % interval lies above 0",
+        x=0.01,
+        ha="left",
     )
     return figure
 
@@ -127,6 +132,7 @@ def _draw_task(axes: Axes, cells: Sequence[Cell], soils: Sequence[str]) -> None:
             axes.plot(x, value, "o", color=colour, mfc=colour if low > 0.0 else "white", ms=7)
     axes.axhline(0.0, color="0.4", lw=0.8)
     axes.set_xlabel("width of the prior of n [-]")
+    axes.set_ylabel("headroom [% of the score]")
     axes.grid(alpha=0.25)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)

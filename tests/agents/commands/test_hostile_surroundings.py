@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -62,6 +64,51 @@ def test_a_home_that_does_not_exist_costs_the_cache_alone(tmp_path):
     done = offroad("soil", "--list", HOME=str(home), XDG_CACHE_HOME="", OFFROAD_CACHE="")
     assert done.returncode == 0
     assert b"Traceback" not in done.stderr
+
+
+@pytest.mark.check
+@pytest.mark.skipif(
+    not Path("/proc/self").exists(), reason="needs a folder in which not even root makes files"
+)
+def test_a_home_that_is_read_only_costs_the_cache_alone():
+    done = offroad("soil", "--list", HOME="/proc", XDG_CACHE_HOME="", OFFROAD_CACHE="", MPLCONFIGDIR="")
+    assert done.returncode == 0, done.stderr
+    assert b"Traceback" not in done.stderr
+
+
+#: Commands that keep results, and a limit on the length of files [blocks of 512 bytes] that stops each.
+LIMITED = {
+    "benchmark": (
+        "benchmark --tasks brake --agents nominal aware --episodes 2 --forms matched --no-policies "
+        "--out {out}",
+        2,
+    ),
+    "train": (
+        "train --scenario brake --terrain-info none --action-interface direct --total-steps 128 --n-envs 2 "
+        "--threads 1 --n-steps 32 --batch-size 32 --n-epochs 1 --checkpoint-steps 64 --check-episodes 0 "
+        "--eval-episodes 0 --resume --out {out}",
+        16,
+    ),
+    "reproduce": ("reproduce table1 --rows 1 --seeds 1 --out {out}", 2),
+    "drive": ("drive --scenario brake --duration 2 --log {out}/run.csv --out {out}", 4),
+}
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("name", LIMITED)
+def test_a_full_disk_is_one_sentence_and_the_command_goes_on_where_there_is_room(name, tmp_path):
+    """A limit on the length of files stands for the end of the disk."""
+    words, blocks = LIMITED[name]
+    words = words.format(out=tmp_path)
+    program = f'ulimit -f {blocks}; exec "{sys.executable}" -m agents.commands.cli {words}'
+    done = subprocess.run(
+        ["/bin/sh", "-c", program], capture_output=True, text=True, check=False, cwd=REPOSITORY
+    )
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert re.match(r"offroad: .*(cannot write|cannot be written)", done.stderr), done.stderr
+    assert offroad(*words.split()).returncode == 0
 
 
 @pytest.mark.check

@@ -2,46 +2,21 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
-
 import numpy as np
 import pytest
+from on_board import BANK, PRIOR, estimates_of, joint_filter, pose_of
 
 from estimators.experiments.buzhardt_tallapragada import ROWS, noisy_imu, row_truth
 from estimators.filters.online_joint_step import ALIVE
 from estimators.filters.online_joint_ukf import OnlineJointSettings, OnlineJointUKF
-from estimators.filters.protocol import Estimator, Pose
+from estimators.filters.protocol import Pose
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
 from offroad_env.simulation.sensors import ImuConfig
 from offroad_env.simulation.simulator import make_plant
 from offroad_env.world.soils import make_soil
-from offroad_env.world.terrain import flat, grade, paper_terrain
+from offroad_env.world.terrain import paper_terrain
 from offroad_env.world.vehicles import VEHICLES
-
-N_RANGE = (0.3, 1.1)
-PRIOR = (0.7, 0.2)
-BANK = OnlineJointSettings(components=5)
-
-
-def filter_for(soil="dry_sand", *, settings=None, imu=None, ground=None, n_range=N_RANGE):
-    """A filter that knows its vehicle and believes in level ground, unless it has a map."""
-    plant = make_plant(VEHICLES["mrzr"], make_soil(soil, n=0.7), ground or flat())
-    return OnlineJointUKF(plant, n_range, imu=imu, settings=settings)
-
-
-def pose_of(state):
-    return Pose(*(float(value) for value in state[[at.X, at.Y, at.YAW, at.V_X]]))
-
-
-def estimates_of(drive, estimator, prior=PRIOR):
-    estimator.reset(*prior, pose_of(drive.states[0]))
-    return [estimator.update(*sample) for sample in drive.samples()]
-
-
-def test_it_is_an_estimator():
-    assert isinstance(filter_for(), Estimator)
 
 
 @pytest.fixture(scope="module", params=[OnlineJointSettings(), BANK], ids=["joint", "bank"])
@@ -56,7 +31,7 @@ def episodes(request, drive):
         soil, high = ("clay", 0.55) if seed % 4 == 3 else ("dry_sand", 1.1)
         n = rng.uniform(0.3, high)
         weaving = drive(n, seed=seed, soil=soil, duration=15.0)
-        found.append((n, estimates_of(weaving, filter_for(soil, settings=request.param))))
+        found.append((n, estimates_of(weaving, joint_filter(soil, settings=request.param))))
     return found
 
 
@@ -92,7 +67,9 @@ def test_driving_narrows_the_belief(episodes):
 
 @pytest.fixture(scope="module", params=[OnlineJointSettings(), BANK], ids=["joint", "bank"])
 def edges(request, edge_drives):
-    return [(truth, estimates_of(drive, filter_for(settings=request.param))) for truth, drive in edge_drives]
+    return [
+        (truth, estimates_of(drive, joint_filter(settings=request.param))) for truth, drive in edge_drives
+    ]
 
 
 def test_another_soil_is_followed_within_three_seconds(edges):
@@ -117,28 +94,30 @@ def test_while_a_change_is_followed_the_flag_is_down_or_the_band_holds_the_truth
 @pytest.mark.parametrize("settings", [OnlineJointSettings(), BANK], ids=["joint", "bank"])
 def test_no_change_is_noticed_where_there_is_none(drive, settings):
     for seed, n in ((510, 0.4), (511, 0.9)):
-        estimator = filter_for(settings=settings)
+        estimator = joint_filter(settings=settings)
         estimates_of(drive(n, seed=seed, duration=20.0), estimator)
         assert estimator.changes == 0
 
 
 @pytest.mark.parametrize("components", [1, 2, 5, 9])
 def test_the_sum_starts_with_the_moments_of_the_prior(components):
-    first = filter_for(settings=OnlineJointSettings(components=components)).reset(0.6, 0.15, Pose(0, 0, 0, 3))
+    first = joint_filter(settings=OnlineJointSettings(components=components)).reset(
+        0.6, 0.15, Pose(0, 0, 0, 3)
+    )
     # The prior is Gaussian on another scale: a sum of several there is not exactly one here.
     assert first.mean == pytest.approx(0.6, abs=0.005)
     assert first.sd == pytest.approx(0.15, rel=0.05)
 
 
 def test_hypotheses_that_have_met_become_one(drive):
-    estimator = filter_for(settings=BANK)
+    estimator = joint_filter(settings=BANK)
     estimates_of(drive(0.6, seed=3), estimator)
     assert estimator._state.memory[ALIVE] == 1.0
 
 
 @pytest.mark.parametrize("settings", [None, BANK])
 def test_at_rest_the_estimate_holds_and_its_sd_grows(settings):
-    estimator = filter_for(settings=settings)
+    estimator = joint_filter(settings=settings)
     first = estimator.reset(0.6, 0.05, Pose(0.0, 0.0, 0.0, 0.0))
     rng = np.random.default_rng(0)
     noise = np.array([0.2, 0.2, 0.2, 0.0175, 0.0175])
@@ -160,75 +139,10 @@ def test_it_wakes_up_after_a_stop(drive):
 
     drive = drive(0.5, seed=6, duration=14.0, driver=stop_and_go)
     assert drive.states[600, at.V_X] < 0.1
-    estimates = estimates_of(drive, filter_for())
+    estimates = estimates_of(drive, joint_filter())
     assert estimates[550].mean == pytest.approx(estimates[500].mean, abs=1e-3)
     assert estimates[550].sd > estimates[500].sd
     assert abs(estimates[-1].mean - 0.5) < 2.0 * estimates[-1].sd < 0.05
-
-
-def test_sensors_of_another_mounting_are_understood(drive):
-    imu = ImuConfig(kind="specific_force", lever_arm=(0.4, 0.2, 0.3))
-    ground = grade(0.1)  # that the map knows: gravity along it is part of the reading
-    drive = drive(0.6, seed=7, imu=imu, ground=ground)
-    assert estimates_of(drive, filter_for(imu=imu, ground=ground))[-1].mean == pytest.approx(0.6, abs=0.03)
-
-
-def test_a_grossly_wrong_sensor_takes_the_flag_down(drive):
-    drive = drive(0.6, seed=8)
-    drive.imu[:, 1] += 2.0  # the lateral accelerometer lies
-    assert not estimates_of(drive, filter_for())[-1].valid
-
-
-def test_nothing_of_the_samples_is_kept(drive):
-    drive = drive(0.6, seed=10, duration=2.0)
-    clean = estimates_of(drive, filter_for(settings=BANK))
-    estimator = filter_for(settings=BANK)
-    estimator.reset(*PRIOR, pose_of(drive.states[0]))
-    for k, (command, *sample) in enumerate(drive.samples()):
-        arrays = [array.copy() for array in sample]
-        estimate = estimator.update(command, *arrays)
-        for array in arrays:
-            array[:] = 1e9
-        assert repr(estimate) == repr(clean[k])
-
-
-@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda e: pickle.loads(pickle.dumps(e))])
-def test_a_copy_goes_its_own_way(drive, duplicate):
-    samples = list(drive(0.6, seed=11, duration=2.0).samples())
-    estimator = filter_for(settings=BANK)
-    estimator.reset(*PRIOR, Pose(0.0, 0.0, 0.0, 3.0))
-    for sample in samples[:60]:
-        estimator.update(*sample)
-    twin = duplicate(estimator)
-    here = [estimator.update(*sample) for sample in samples[60:]]
-    there = [twin.update(*sample) for sample in samples[60:]]
-    assert repr(here) == repr(there)
-
-
-def test_a_reset_forgets_everything(drive):
-    drive = drive(0.6, seed=12, duration=2.0)
-    estimator = filter_for(settings=BANK)
-    first = estimates_of(drive, estimator)
-    assert repr(estimates_of(drive, estimator)) == repr(first)
-
-
-def test_a_belief_that_cannot_carry_the_vehicle_is_not_valid(drive):
-    drive = drive(0.6, seed=14, duration=0.5)
-    bog = make_soil("dry_sand", k_phi=2e4, k_c=0.0)
-    estimator = OnlineJointUKF(make_plant(VEHICLES["mrzr"], bog, flat()), N_RANGE)
-    estimates = estimates_of(drive, estimator)
-    assert estimator.held
-    assert not estimates[-1].valid
-    assert estimates[-1].sd > PRIOR[1]
-
-
-def test_a_lost_inertial_unit_holds_the_estimate(drive):
-    drive = drive(0.6, seed=13, duration=4.0)
-    drive.imu[200:250] = np.nan
-    estimates = estimates_of(drive, filter_for())
-    assert estimates[245].sd > estimates[198].sd
-    assert estimates[-1].sd < estimates[245].sd
-    assert np.isfinite([e.mean for e in estimates]).all()
 
 
 @pytest.mark.parametrize("vehicle_model", ["half_car", "bicycle"])
@@ -262,15 +176,6 @@ def test_the_papers_plant_is_a_belief_too(vehicle_model):
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [({"n_range": (1.0, 0.5)}, "n_range must be"), ({"soil": "hard_ground"}, "hard ground has no n")],
-)
-def test_what_cannot_work_is_refused(change, message):
-    with pytest.raises(InvalidParameter, match=message):
-        filter_for(**change)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
     [
         ({"components": 0}, "components must be in"),
         ({"drift": 0.0}, "drift must be > 0"),
@@ -281,8 +186,3 @@ def test_what_cannot_work_is_refused(change, message):
 def test_settings_that_mean_nothing_are_refused(change, message):
     with pytest.raises(InvalidParameter, match=message):
         OnlineJointSettings(**change)
-
-
-def test_a_prior_outside_the_range_is_refused():
-    with pytest.raises(InvalidParameter, match="n_prior must be in"):
-        filter_for().reset(1.5, 0.1, Pose(0.0, 0.0, 0.0, 0.0))

@@ -2,48 +2,20 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
-
 import numpy as np
 import pytest
+from on_board import N_RANGE, PRIOR, estimates_of, parameter_filter, pose_of
 
 from estimators.experiments.buzhardt_tallapragada import ROWS, noisy_imu, row_truth
 from estimators.filters.navigation import NavigationFilter
 from estimators.filters.online_parameter_ukf import CHANGING_SOIL, OnlineParameterSettings, OnlineParameterUKF
-from estimators.filters.protocol import Estimator, Pose
+from estimators.filters.protocol import Pose
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
-from offroad_env.simulation.sensors import ImuConfig
 from offroad_env.simulation.simulator import make_plant
 from offroad_env.world.soils import make_soil
-from offroad_env.world.terrain import flat, grade, paper_terrain
+from offroad_env.world.terrain import flat, paper_terrain
 from offroad_env.world.vehicles import VEHICLES, make_vehicle
-
-N_RANGE = (0.3, 1.1)
-PRIOR = (0.7, 0.2)
-
-
-def estimator_on_board(
-    soil="dry_sand", *, vehicle="mrzr", imu=None, n_range=N_RANGE, ground=None, settings=None
-):
-    """An estimator that knows its vehicle and believes in level ground, unless it has a map."""
-    vehicle = VEHICLES[vehicle] if isinstance(vehicle, str) else vehicle
-    plant = make_plant(vehicle, make_soil(soil, n=0.7), ground or flat())
-    return OnlineParameterUKF(plant, n_range, imu=imu, settings=settings)
-
-
-def pose_of(state):
-    return Pose(*(float(value) for value in state[[at.X, at.Y, at.YAW, at.V_X]]))
-
-
-def estimates_of(drive, estimator, prior=PRIOR):
-    estimator.reset(*prior, pose_of(drive.states[0]))
-    return [estimator.update(*sample) for sample in drive.samples()]
-
-
-def test_it_is_an_estimator():
-    assert isinstance(estimator_on_board(), Estimator)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +26,7 @@ def episodes(drive):
     for seed in range(20):
         soil, high = ("clay", 0.55) if seed % 4 == 3 else ("dry_sand", 1.1)
         n = rng.uniform(0.3, high)
-        found.append((n, estimates_of(drive(n, seed=seed, soil=soil), estimator_on_board(soil))))
+        found.append((n, estimates_of(drive(n, seed=seed, soil=soil), parameter_filter(soil))))
     return found
 
 
@@ -83,7 +55,7 @@ def test_driving_narrows_the_belief(episodes):
 
 
 def test_at_rest_the_estimate_holds_and_its_sd_grows():
-    estimator = estimator_on_board()
+    estimator = parameter_filter()
     first = estimator.reset(0.6, 0.05, Pose(0.0, 0.0, 0.0, 0.0))
     rng = np.random.default_rng(0)
     noise = np.array([0.2, 0.2, 0.2, 0.0175, 0.0175])
@@ -103,7 +75,7 @@ def test_at_rest_the_estimate_holds_and_its_sd_grows():
 def test_a_stuck_vehicle_keeps_what_it_learnt(drive):
     drive = drive(0.54, seed=1, soil="clay", duration=20.0, driver=lambda t, v: (0.0, 2500.0, 0.0))
     assert drive.states[-1, at.V_X] < 0.3
-    estimator = estimator_on_board("clay")
+    estimator = parameter_filter("clay")
     estimates = estimates_of(drive, estimator)
     assert estimator.held
     assert estimates[-1].mean == pytest.approx(0.54, abs=2.0 * estimates[-1].sd)
@@ -118,66 +90,22 @@ def test_it_wakes_up_after_a_stop(drive):
 
     drive = drive(0.5, seed=6, duration=14.0, driver=stop_and_go)
     assert drive.states[600, at.V_X] < 0.1
-    estimates = estimates_of(drive, estimator_on_board())
+    estimates = estimates_of(drive, parameter_filter())
     assert estimates[-1].mean == pytest.approx(0.5, abs=0.05)
     assert estimates[-1].sd < estimates[600].sd
-
-
-def test_sensors_of_another_mounting_are_understood(drive):
-    imu = ImuConfig(kind="specific_force", lever_arm=(0.4, 0.2, 0.3))
-    # A steep grade that the map knows: gravity along it is part of the reading.
-    ground = grade(0.1)
-    drive = drive(0.6, seed=7, imu=imu, ground=ground)
-    estimate = estimates_of(drive, estimator_on_board(imu=imu, ground=ground))[-1]
-    assert estimate.mean == pytest.approx(0.6, abs=0.03)
-
-
-def test_a_grossly_wrong_sensor_takes_the_flag_down(drive):
-    drive = drive(0.6, seed=8)
-    drive.imu[:, 1] += 2.0  # the lateral accelerometer lies
-    estimates = estimates_of(drive, estimator_on_board())
-    assert not estimates[-1].valid
 
 
 def test_a_wrong_mass_moves_the_estimate_towards_more_resistance(drive):
     # A lighter vehicle than believed is taken to roll on firmer ground, and the other way round.
     drive = drive(0.7, seed=9)
     heavier = make_vehicle("mrzr", m=1.1 * VEHICLES["mrzr"].m)
-    right = estimates_of(drive, estimator_on_board())[-1].mean
-    assert estimates_of(drive, estimator_on_board(vehicle=heavier))[-1].mean < right - 0.03
-
-
-def test_nothing_of_the_samples_is_kept(drive):
-    # What the simulator does to its arrays after a sample was taken must not reach the estimate.
-    drive = drive(0.6, seed=10, duration=3.0)
-    clean = estimates_of(drive, estimator_on_board())
-    estimator = estimator_on_board()
-    estimator.reset(*PRIOR, pose_of(drive.states[0]))
-    for k, (command, *sample) in enumerate(drive.samples()):
-        arrays = [array.copy() for array in sample]
-        estimate = estimator.update(command, *arrays)
-        for array in arrays:
-            array[:] = 1e9
-        assert repr(estimate) == repr(clean[k])
-
-
-@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda e: pickle.loads(pickle.dumps(e))])
-def test_a_copy_goes_its_own_way(drive, duplicate):
-    drive = drive(0.6, seed=11, duration=2.0)
-    samples = list(drive.samples())
-    estimator = estimator_on_board()
-    estimator.reset(*PRIOR, pose_of(drive.states[0]))
-    for sample in samples[:100]:
-        estimator.update(*sample)
-    twin = duplicate(estimator)
-    here = [estimator.update(*sample) for sample in samples[100:]]
-    there = [twin.update(*sample) for sample in samples[100:]]
-    assert repr(here) == repr(there)
+    right = estimates_of(drive, parameter_filter())[-1].mean
+    assert estimates_of(drive, parameter_filter(vehicle=heavier))[-1].mean < right - 0.03
 
 
 @pytest.fixture(scope="module")
 def edges(edge_drives):
-    return [(truth, estimates_of(drive, estimator_on_board())) for truth, drive in edge_drives]
+    return [(truth, estimates_of(drive, parameter_filter())) for truth, drive in edge_drives]
 
 
 def test_another_soil_is_followed_within_three_seconds(edges):
@@ -202,7 +130,7 @@ def test_while_a_change_is_followed_the_flag_is_down_or_the_band_holds_the_truth
 
 def test_no_change_is_noticed_where_there_is_none(drive):
     for seed, n in ((510, 0.4), (511, 0.9)):
-        estimator = estimator_on_board()
+        estimator = parameter_filter()
         estimates_of(drive(n, seed=seed, duration=20.0), estimator)
         assert estimator.changes == 0
 
@@ -210,7 +138,7 @@ def test_no_change_is_noticed_where_there_is_none(drive):
 @pytest.fixture(scope="module")
 def told(edge_drives):
     """As `edges`, by a filter that is told that the soil changes."""
-    return [estimates_of(drive, estimator_on_board(settings=CHANGING_SOIL)) for _, drive in edge_drives]
+    return [estimates_of(drive, parameter_filter(settings=CHANGING_SOIL)) for _, drive in edge_drives]
 
 
 def test_who_is_told_that_the_soil_changes_knows_the_new_one_in_half_a_second(edges, told):
@@ -230,8 +158,8 @@ def test_who_is_told_that_the_soil_changes_is_honest_all_along(edges, told):
 
 def test_soil_that_rests_is_known_less_well_by_who_is_told_that_it_changes(drive):
     drive = drive(0.4, seed=510, duration=20.0)
-    told = estimator_on_board(settings=CHANGING_SOIL)
-    last = [estimates_of(drive, estimator)[-1] for estimator in (estimator_on_board(), told)]
+    told = parameter_filter(settings=CHANGING_SOIL)
+    last = [estimates_of(drive, estimator)[-1] for estimator in (parameter_filter(), told)]
     assert told.changes == 0
     assert abs(last[1].mean - 0.4) < 1.96 * last[1].sd
     assert last[1].sd > 2.0 * last[0].sd
@@ -262,32 +190,6 @@ def test_a_rim_error_of_nothing_is_refused():
         OnlineParameterSettings(rim_error=0.0)
 
 
-def test_a_reset_forgets_everything(drive):
-    drive = drive(0.6, seed=12, duration=2.0)
-    estimator = estimator_on_board()
-    first = estimates_of(drive, estimator)
-    assert repr(estimates_of(drive, estimator)) == repr(first)
-
-
-def test_a_belief_that_cannot_carry_the_vehicle_is_not_valid(drive):
-    drive = drive(0.6, seed=14, duration=0.5)
-    bog = make_soil("dry_sand", k_phi=2e4, k_c=0.0)
-    estimator = OnlineParameterUKF(make_plant(VEHICLES["mrzr"], bog, flat()), N_RANGE)
-    estimates = estimates_of(drive, estimator)
-    assert estimator.held
-    assert not estimates[-1].valid
-    assert estimates[-1].sd > PRIOR[1]
-
-
-def test_a_lost_inertial_unit_holds_the_estimate(drive):
-    drive = drive(0.6, seed=13, duration=4.0)
-    drive.imu[200:250] = np.nan
-    estimates = estimates_of(drive, estimator_on_board())
-    assert estimates[245].sd > estimates[198].sd
-    assert estimates[-1].sd < estimates[245].sd
-    assert np.isfinite([e.mean for e in estimates]).all()
-
-
 def test_the_papers_plant_is_a_belief_too():
     row = ROWS[6]
     truth = row_truth(row, duration=20.0)
@@ -308,20 +210,3 @@ def test_the_papers_plant_is_a_belief_too():
         estimate = estimator.update(command, imu, nothing[:2], fix)
     assert estimate.mean == pytest.approx(truth.n, abs=0.1)
     assert estimate.sd < 0.1
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"n_range": (1.0, 0.5)}, "n_range must be"),
-        ({"soil": "hard_ground"}, "hard ground has no n"),
-    ],
-)
-def test_what_cannot_work_is_refused(change, message):
-    with pytest.raises(InvalidParameter, match=message):
-        estimator_on_board(**change)
-
-
-def test_a_prior_outside_the_range_is_refused():
-    with pytest.raises(InvalidParameter, match="n_prior must be in"):
-        estimator_on_board().reset(1.5, 0.1, Pose(0.0, 0.0, 0.0, 0.0))
