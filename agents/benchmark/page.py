@@ -9,6 +9,7 @@ from agents.benchmark.figure import arms_figure
 from agents.benchmark.learned import LearnedArm, learned_verdict
 from agents.benchmark.runner import FORM_TITLES
 from agents.benchmark.summary import Benchmark, Difference
+from agents.controllers.natural_arms import NATURAL_FORMS
 from agents.reports.page import PageVerdict, Picture, Section, Table, figure_picture
 from agents.studies.value_of_n.figure import headroom_figure
 from offroad_env.environment.scenarios import SCENARIOS
@@ -43,14 +44,15 @@ def verdict(result: Benchmark) -> str:
         return f"{result.scenario}: {result.episodes} paired episodes; no comparison of arms was asked for."
     base = float(result.arm(result.better_uninformed).scores.mean())
     share = f" ({100.0 * abs(room.value) / base:.0f} %)" if base > 0.0 else ""
-    against = f"against {result.better_uninformed}, the better arm without information on n"
+    known = "what the soil holds" if result.form in NATURAL_FORMS else "n"
+    against = f"against {result.better_uninformed}, the better arm without information on {known}"
     if room.low <= 0.0:
         return (
-            f"On {result.scenario}, the episodes do not show that knowing n pays: {room.value:+.3g} "
+            f"On {result.scenario}, the episodes do not show that knowing {known} pays: {room.value:+.3g} "
             f"[{room.low:+.3g}, {room.high:+.3g}] {result.unit}{share} {against}."
         )
     text = (
-        f"On {result.scenario}, knowing n is worth {_amount(room.value, result.unit)}{share} "
+        f"On {result.scenario}, knowing {known} is worth {_amount(room.value, result.unit)}{share} "
         f"[{room.low:.3g}, {room.high:.3g}] {against}"
     )
     if result.recovered is not None:

@@ -7,8 +7,9 @@ and combines haste and caution without a made-up weight. `track` measures the r.
 path (a failure costs the half width of the corridor), `climb` the way to the top that is left. Times
 of the episodes that every arm finished, and failures by cause, stand beside it.
 
-Two forms: ``matched``, the vehicle is that of the controllers' model; ``mismatch``, mass, lag and the
-soil's k_phi differ from episode to episode (`MISMATCH`), unknown to controllers and estimators.
+Forms: ``matched``, the vehicle is that of the controllers' model; ``mismatch``, mass, lag and the
+soil's k_phi differ from episode to episode (`MISMATCH`), unknown to controllers and estimators; and those of
+`agents.benchmark.natural`, where whole soils, vehicles and sensors differ.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import gymnasium as gym
 import numpy as np
 from joblib import Parallel, delayed
 
+from agents.benchmark.natural import NATURAL_FORMS
 from agents.benchmark.summary import Benchmark, summarise
 from agents.controllers.arms import ARMS, Arm, ArmSettings, make_arm
 from agents.controllers.protocol import Agent, ArmResult, EpisodeResult
@@ -35,6 +37,8 @@ __all__ = [
     "FORMS",
     "FORM_TITLES",
     "MISMATCH",
+    "OVER_N",
+    "SPLITS",
     "Draw",
     "draw_episodes",
     "run_arms",
@@ -43,9 +47,13 @@ __all__ = [
 ]
 
 ENV_ID = "offroad_env:OffroadBekker-v0"
-FORMS = ("matched", "mismatch")
+#: Forms in which n is what differs.
+OVER_N = ("matched", "mismatch")
+FORMS = (*OVER_N, *NATURAL_FORMS)
 #: Form -> its name in text.
-FORM_TITLES = {"matched": "matched model", "mismatch": "model mismatch"}
+FORM_TITLES = {"matched": "matched model", "mismatch": "model mismatch", **NATURAL_FORMS}
+#: Streams of episodes that have none in common, by what they are for.
+SPLITS = {"test": 0, "training": 1, "validation": 2}
 
 #: Factors on the true mass (an unknown load), k_phi (the spread of one soil's plate tests)
 #: and torque lag (a worn drive), drawn evenly on a logarithmic scale.
@@ -58,13 +66,13 @@ class Draw(NamedTuple):
     """One episode to drive: the same for every arm."""
 
     seed: int  #: of ``env.reset``
-    n: float  #: true sinkage exponent, given to ``env.reset`` as an option [-]
+    n: float | None  #: true sinkage exponent, an option of ``env.reset`` [-]; None: the soil is drawn whole
     mismatch: tuple[float, float, float] | None = None  #: factors on mass, k_phi and lag, likewise
 
     @property
     def options(self) -> dict[str, Any]:
         """For ``env.reset``."""
-        options: dict[str, Any] = {"n": self.n}
+        options: dict[str, Any] = {} if self.n is None else {"n": self.n}
         if self.mismatch is not None:
             options["mismatch"] = self.mismatch
         return options
@@ -78,12 +86,13 @@ def draw_episodes(
     n_range: tuple[float, float] | None = None,
     training: bool = False,
     form: str = "matched",
+    split: str = "test",
 ) -> list[Draw]:
     """Episodes with n spread evenly over the prior: one in each of as many equal intervals.
 
     Stratifying keeps few episodes from missing the soft or the firm end of the prior.
-    Training and test episodes come from different streams. The two forms differ in nothing but the
-    factors of the mismatch.
+    Training, validation and test episodes come from different streams. Matched and mismatch differ in
+    nothing but the factors of the latter. In natural forms the seed decides soil, vehicle and sensors.
 
     Parameters
     ----------
@@ -93,16 +102,22 @@ def draw_episodes(
     n_range
         (lowest, highest) n.
     training
-        Whether the episodes are for tuning.
-    form : {"matched", "mismatch"}
+        Whether the episodes are for tuning: short for ``split="training"``.
+    form
+        In `FORMS`.
+    split : {"test", "training", "validation"}
     """
+    if split not in SPLITS:
+        raise InvalidParameter(f"split must be one of {', '.join(SPLITS)}, got {split!r}")
     if form not in FORMS:
         raise InvalidParameter(f"form must be one of {', '.join(FORMS)}, got {form!r}")
     low, high = find_scenario(scenario).n_range if n_range is None else n_range
-    stream = np.random.SeedSequence(seed, spawn_key=(1 if training else 0,))
+    stream = np.random.SeedSequence(seed, spawn_key=(SPLITS["training" if training else split],))
     rng = np.random.default_rng(stream)
     place = (rng.permutation(episodes) + rng.random(episodes)) / episodes
     seeds = rng.integers(0, 2**31, episodes)
+    if form not in OVER_N:
+        return [Draw(int(s), None) for s in seeds]
     draws = [Draw(int(s), float(low + p * (high - low))) for s, p in zip(seeds, place, strict=True)]
     if form == "matched":
         return draws
@@ -177,7 +192,7 @@ def _score(scenario: Scenario, info: Mapping[str, Any], *, failed: bool, rms: fl
 def _run_chunk(
     key: Any, scenario: str, arm: Arm, draws: Sequence[Draw], env_options: Mapping[str, Any]
 ) -> tuple[Any, float, list[EpisodeResult]]:
-    env = gym.make(ENV_ID, scenario=scenario, terrain_info=arm.terrain_info, **env_options)
+    env = gym.make(ENV_ID, **{"scenario": scenario, "terrain_info": arm.terrain_info, **env_options})
     try:
         limit = bekker_env(env).scenario.time_limit
         return key, limit, [run_episode(env, arm.agent, draw.seed, options=draw.options) for draw in draws]

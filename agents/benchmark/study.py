@@ -16,12 +16,22 @@ from typing import Any
 import gymnasium as gym
 
 from agents.benchmark.learned import LearnedArm, summarise_learned
-from agents.benchmark.runner import ENV_ID, FORMS, draw_episodes, run_episode
+from agents.benchmark.natural import NATURAL_TASKS, is_natural, options_of
+from agents.benchmark.runner import ENV_ID, FORMS, OVER_N, draw_episodes, run_episode
 from agents.benchmark.summary import Benchmark, summarise
 from agents.controllers.arms import ARMS
+from agents.controllers.natural_tuned import SETTINGS as NATURAL_SETTINGS
 from agents.controllers.protocol import ArmResult, EpisodeResult
 from agents.controllers.tuned import SETTINGS
-from agents.driving.episode import AGENTS, agent_file, agent_list, find_agent, is_agent, trained_name
+from agents.driving.episode import (
+    AGENTS,
+    OWN_KNOBS,
+    agent_file,
+    agent_list,
+    find_agent,
+    is_agent,
+    trained_name,
+)
 from agents.learning.policies import LEARNED, WEIGHTS, learned_folder, shipped_seeds
 from agents.studies.runner import Key, run_units, stamp_of
 from offroad_env.environment.scenario_descriptions import find_scenario, scenario_mapping
@@ -42,11 +52,26 @@ class BenchmarkArgs:
 
     tasks: tuple[str, ...] = BUILT_IN
     agents: tuple[str, ...] = ("pure_pursuit", *ARMS)
-    forms: tuple[str, ...] = FORMS
+    forms: tuple[str, ...] = OVER_N
     episodes: int = 100  #: paired episodes of each agent, in each task and form
     seed: int = 0  #: of the episodes; never those of the tuning
     n_jobs: int = 2  #: local processes; the results do not depend on it
     world: str = ""  #: further arguments of ``gym.make`` for all, as JSON
+    knobs: str = "common"  #: of the arms in natural forms: "common" or "own"
+
+    @property
+    def cells(self) -> list[tuple[str, str]]:
+        """(task, form) of all that is driven: not every task has natural forms."""
+        return [
+            (task, form)
+            for task in self.tasks
+            for form in self.forms
+            if not is_natural(form) or find_scenario(task).task in NATURAL_TASKS
+        ]
+
+    def driver(self, agent: str, form: str) -> str:
+        """The name of an agent among the units: own knobs make another one of an arm."""
+        return f"{agent}{OWN_KNOBS}" if is_natural(form) and self.knobs == "own" and agent in ARMS else agent
 
     def check(self) -> None:
         """Refuse what cannot be run, by name.
@@ -65,6 +90,11 @@ class BenchmarkArgs:
         for form in self.forms:
             if form not in FORMS:
                 raise InvalidParameter(f"form must be one of {', '.join(FORMS)}, got {form!r}")
+        if not self.cells:
+            raise InvalidParameter(
+                f"natural forms have {', '.join(NATURAL_TASKS)}, got {', '.join(self.tasks)} - in patches n "
+                "alone changes, which no soils side by side do"
+            )
         if self.episodes < 2:
             raise InvalidParameter(f"episodes must be at least 2, got {self.episodes} - no interval from one")
 
@@ -81,18 +111,22 @@ def drive_unit(
 ) -> dict[str, Any]:
     """Drive episode number ``episode`` of ``episodes``; a unit of `run_units`."""
     draw = draw_episodes(task, episodes, seed, form=form)[episode]
-    driver, terrain_info = find_agent(agent, task, terrain_info)
-    options = json.loads(world) if world else {}
-    env = gym.make(ENV_ID, scenario=task, terrain_info=terrain_info, **options)
+    driver, terrain_info = find_agent(agent, task, terrain_info, form=form)
+    options = {**options_of(task, form), **(json.loads(world) if world else {})}
+    env = gym.make(ENV_ID, terrain_info=terrain_info, **options)
     try:
         return asdict(run_episode(env, driver, draw.seed, options=draw.options))
     finally:
         env.close()
 
 
-def _stamp(task: str, agent: str) -> str:
+def _stamp(task: str, agent: str, form: str) -> str:
     """Stamp of what stands behind an agent's episodes: sources, and its settings, weights or own file."""
-    if ":" in agent:
+    if is_natural(form) and agent.removesuffix(OWN_KNOBS) in ARMS:
+        knobs = "own" if agent.endswith(OWN_KNOBS) else "common"
+        place = (find_scenario(task).task, agent.removesuffix(OWN_KNOBS), knobs)
+        own = repr(NATURAL_SETTINGS.get(place)).encode()
+    elif ":" in agent:
         own = agent_file(agent).read_bytes()
     elif (trained := trained_name(agent)) is not None:
         own = (learned_folder(find_scenario(task).task, *trained) / WEIGHTS).read_bytes()
@@ -125,25 +159,24 @@ def run_study(
     args.check()
 
     def key(task: str, form: str, agent: str, episode: int) -> Key:
-        return _key(args, (task, form, agent, episode), terrain_info or "none" if ":" in agent else None)
+        unit = (task, form, args.driver(agent, form), episode)
+        return _key(args, unit, terrain_info or "none" if ":" in agent else None)
 
     keys = [
         key(task, form, agent, episode)
-        for task in args.tasks
-        for form in args.forms
+        for task, form in args.cells
         for agent in args.agents
         for episode in range(args.episodes)
     ]
-    stamps = {key: _stamp(key[0], key[2]) for key in keys}
+    stamps = {key: _stamp(key[0], key[2], key[1]) for key in keys}
     done = run_units(out / EPISODES, drive_unit, stamps, label="episodes", n_jobs=args.n_jobs)
     results = {}
-    for task in args.tasks:
-        for form in args.forms:
-            arms = tuple(
-                _result(task, agent, [done[key(task, form, agent, i)] for i in range(args.episodes)])
-                for agent in args.agents
-            )
-            results[task, form] = summarise(task, args.seed, arms, form=form)
+    for task, form in args.cells:
+        arms = tuple(
+            _result(task, agent, [done[key(task, form, agent, i)] for i in range(args.episodes)])
+            for agent in args.agents
+        )
+        results[task, form] = summarise(task, args.seed, arms, form=form)
     return results
 
 
@@ -151,15 +184,15 @@ def run_learned(args: BenchmarkArgs, out: Path) -> dict[tuple[str, str], list[Le
     """Drive the shipped policies on the same episodes: (task, form) -> arms, where there are any."""
     keys = [
         _key(args, (task, form, f"{arm}_{seed}", episode), None)
-        for task in args.tasks
-        for form in args.forms
+        for task, form in args.cells
+        if form in OVER_N
         for arm in LEARNED
         for seed in shipped_seeds(find_scenario(task).task, arm)
         for episode in range(args.episodes)
     ]
     if not keys:
         return {}
-    stamps = {key: _stamp(key[0], key[2]) for key in keys}
+    stamps = {key: _stamp(key[0], key[2], key[1]) for key in keys}
     done = run_units(out / EPISODES, drive_unit, stamps, label="policies", n_jobs=args.n_jobs)
     found: dict[tuple[str, str], list[LearnedArm]] = {}
     for task, form, arm in dict.fromkeys((key[0], key[1], key[2].rpartition("_")[0]) for key in keys):

@@ -5,7 +5,9 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
 
 from agents.commands.options import Jobs, Scenarios
 from agents.driving.world_options import WorldOptions, known_scenario
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["BenchmarkRun"]
 
-Form = Literal["matched", "mismatch", "twin"]  # alias
+Form = Literal["matched", "mismatch", "natural", "natural_unusual", "natural_gnss", "twin"]  # alias
 
 #: Former names of forms.
 _FORMER: dict[str, str] = {"twin": "matched"}  # alias
@@ -49,7 +51,9 @@ class BenchmarkRun:
     tasks: Scenarios = BUILT_IN  #: what is driven: names, or files of your own
     agents: tuple[str, ...] = ("pure_pursuit", "nominal", "conservative", "aware", "oracle")  #: who drives
     policies: bool = True  #: also the policies that are shipped, trained with several seeds each
-    forms: tuple[Form, ...] = ("matched", "mismatch")  #: vehicle as modelled; mass, k_phi and lag unlike it
+    #: vehicle as modelled; mass, k_phi and lag unlike it; whole soils, tolerances and real sensors
+    forms: Annotated[tuple[Form, ...], tyro.conf.arg(aliases=["--form"])] = ("matched", "mismatch")
+    knobs: Literal["common", "own"] = "common"  #: natural forms: arms drive with one set, or with their own
     episodes: int = 100  #: paired episodes of each agent
     seed: int = 0  #: of the episodes
     n_jobs: Jobs = 2  #: local processes; the results do not depend on it
@@ -83,8 +87,12 @@ class BenchmarkRun:
             seed=self.seed,
             n_jobs=self.n_jobs,
             world=self.world.digest(),
+            knobs=self.knobs,
         )
-        return replace(args, episodes=_QUICK_EPISODES, forms=("matched",)) if self.quick else args
+        if not self.quick:
+            return args
+        natural = tuple(form for form in args.forms if form not in ("matched", "mismatch"))
+        return replace(args, episodes=_QUICK_EPISODES, forms=natural or ("matched",))
 
 
 def write_results(

@@ -63,6 +63,7 @@ class ArmSettings:
     ride_change: float = 0.0  #: ride: change of it from the lowest to the highest n [m/s]
     ride_feel: float = 0.5  #: ride: weight of the measured against the scheduled speed [-]
     ride_share: float = 0.85  #: ride: share of the limit that feedback aims at [-]
+    speed_max: float = 15.0  #: natural form: highest speed on any path [m/s]
     n: float = 0.5  #: nominal: believed place in the prior, 0 = lowest n, 1 = highest [-]
     z: float = 1.0  #: aware: how many standard deviations the insured interval reaches [-]
 

@@ -55,6 +55,7 @@ class SpeedGains:
     )
     slip_limit: float = 0.4  #: drive slip at which the drive torque begins to be cut [-]
     slip_band: float = 0.2  #: slip over the limit at which no drive torque is left [-]
+    brake_slip: float = math.inf  #: brake slip from which, over the same band, the brakes are let go [-]
     low_speed: float = 1.0  #: rim speed below which slip is referred to this speed [m/s]
 
 
@@ -94,6 +95,7 @@ class SpeedController:
         resistance: float = 0.0,
         rim_speed: float | None = None,
         slip_limit: float | None = None,
+        slowest_rim: float | None = None,
     ) -> float:
         """Drive command in [-1, 1], negative brakes.
 
@@ -109,6 +111,8 @@ class SpeedController:
             Fastest rim speed r omega [m/s]; without it slip is not limited.
         slip_limit
             Another drive slip than that of the gains at which the torque begins to be cut [-].
+        slowest_rim
+            Slowest rim speed [m/s]; without it wheels may lock.
         """
         v, gains = self.vehicle, self.gains
         error = target - speed
@@ -126,6 +130,8 @@ class SpeedController:
             command *= self._slip_share(
                 speed, rim_speed, self.gains.slip_limit if slip_limit is None else slip_limit
             )
+        if command < 0.0 and slowest_rim is not None and gains.brake_slip < math.inf:
+            command *= self._slip_share(slowest_rim, speed, gains.brake_slip)
         return command
 
     def _loss(self, force: float, rim_speed: float) -> float:
@@ -137,9 +143,9 @@ class SpeedController:
         share = force * max(rim_speed, 0.0) / self.vehicle.power_max
         return 1.0 / math.sqrt(1.0 - share * share) if share < 1.0 else math.inf
 
-    def _slip_share(self, speed: float, rim_speed: float, limit: float) -> float:
+    def _slip_share(self, slower: float, faster: float, limit: float) -> float:
         """1 below the slip limit, falling smoothly to 0 across the band."""
         gains = self.gains
-        slip = (rim_speed - speed) / max(abs(rim_speed), gains.low_speed)
+        slip = (faster - slower) / max(abs(faster), gains.low_speed)
         over = min(max((slip - limit) / gains.slip_band, 0.0), 1.0)
         return 0.5 * (1.0 + math.cos(math.pi * over))

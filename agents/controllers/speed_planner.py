@@ -32,6 +32,7 @@ __all__ = [
     "PlannerGains",
     "SoilTracker",
     "curvature_in",
+    "limits_over_n",
     "path_ahead",
     "path_steering",
     "planned_motion",
@@ -171,6 +172,11 @@ def path_steering(
     return math.atan((vehicle.l_f + vehicle.l_r) * wanted) + slip.front - slip.rear
 
 
+def limits_over_n(briefing: Any) -> Capability:
+    """Traction limits of the briefed vehicle on the briefed soil over the prior of n (cached)."""
+    return soil_capability(briefing.vehicle, briefing.soil, tuple(briefing.n_range), briefing.shear)
+
+
 class SoilTracker:
     """Pure pursuit with feed-forward of the slip angles, at the planned speed.
 
@@ -193,13 +199,13 @@ class SoilTracker:
     def __init__(self, believe: BeliefSource, gains: PlannerGains | None = None) -> None:
         self.believe = believe
         self.gains = gains or PlannerGains()
+        #: ``tabulate(briefing)`` -> traction limits; what they run over is what ``believe`` believes.
+        self.tabulate: Callable[[Any], Capability] = limits_over_n
 
     def reset(self, briefing: Any) -> None:
-        """Tabulate the traction limits of the briefed vehicle on the briefed soil (cached)."""
+        """Tabulate the traction limits."""
         self._briefing = briefing
-        self._capability = soil_capability(
-            briefing.vehicle, briefing.soil, tuple(briefing.n_range), briefing.shear
-        )
+        self._capability = self.tabulate(briefing)
         self._ahead = path_ahead(briefing.preview)
         self._speed_control = SpeedController(briefing.vehicle, briefing.dt, self.gains.speed)
 
@@ -240,6 +246,7 @@ class SoilTracker:
             resistance=resistance,
             rim_speed=max(senses.rim_speed),
             slip_limit=self.drive_slip_limit,
+            slowest_rim=min(senses.rim_speed),
         )
 
     def braking(self, belief: Belief) -> float:

@@ -7,6 +7,7 @@ axle loads, once for a grid of n, and are then interpolated.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -22,7 +23,17 @@ from offroad_env.simulation.wheel import wheel_forces
 from offroad_env.world.soils import make_soil
 from offroad_env.world.vehicles import make_wheel, static_loads
 
-__all__ = ["Capability", "SlipAngles", "SlipTable", "anticipated_slip", "soil_capability"]
+__all__ = [
+    "Capability",
+    "SlipAngles",
+    "SlipTable",
+    "SoilRow",
+    "WheelLaws",
+    "anticipated_slip",
+    "soil_capability",
+    "soil_row",
+    "table_of",
+]
 
 _N_NODES = 15
 _DENSE = 161
@@ -50,6 +61,23 @@ class SlipTable(NamedTuple):
     grid: FloatArray  #: (D,) even grid of n [-]
     angles: FloatArray  #: (B,) slip angles [rad], ascending from 0
     side: FloatArray  #: (2, D, B) front and rear: lateral acceleration held [m/s^2]
+
+
+class WheelLaws(NamedTuple):
+    """Laws of the wheels that a controller assumes."""
+
+    shear: str = "resultant"  #: of `wheel_forces`, where no structure is given
+    structure: str | None = None  #: all laws together instead, a name of `world.structures`
+    tyre: str | None = None  #: flexible tyre, a name in `world.tyres.TYRES`; None: a rigid rim
+
+
+class SoilRow(NamedTuple):
+    """What one soil holds for one vehicle: a row of the table."""
+
+    scalars: np.ndarray  #: (4,) braking, driving [m/s^2], drive slip [-], resistance [N]
+    bends: np.ndarray  #: (2, 2, B) lateral acceleration [m/s^2], and resistance [N], of the axles over angles
+    pull: np.ndarray  #: (S,) acceleration over drive slips [m/s^2]
+    angles: np.ndarray  #: (B,) slip angles [rad]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -199,10 +227,15 @@ def soil_capability(
     """
     low, high = n_range[0], max(n_range[1], n_range[0] + 1e-3)
     nodes = np.linspace(low, high, _N_NODES)
-    rows = [_one_exponent(vehicle, make_soil(soil, n=float(n)), shear) for n in nodes]
-    dense = np.linspace(low, high, _DENSE)
-    scalars = PchipInterpolator(nodes, np.array([row[0] for row in rows]))(dense)
-    bends = PchipInterpolator(nodes, np.array([row[1] for row in rows]))(dense)
+    laws = WheelLaws(shear=shear)
+    return table_of(nodes, [soil_row(vehicle, make_soil(soil, n=float(n)), laws) for n in nodes])
+
+
+def table_of(nodes: np.ndarray, rows: Sequence[SoilRow]) -> Capability:
+    """The table through the ``rows`` of soils at ``nodes`` (N,), which rise evenly."""
+    dense = np.linspace(nodes[0], nodes[-1], _DENSE)
+    scalars = PchipInterpolator(nodes, np.array([row.scalars for row in rows]))(dense)
+    bends = PchipInterpolator(nodes, np.array([row.bends for row in rows]))(dense)
     side, turning = bends[:, 0], bends[:, 1]
     side = np.maximum.accumulate(np.maximum(side, 0.0), axis=2)
     return Capability(
@@ -213,28 +246,33 @@ def soil_capability(
         resistance=scalars[:, 3],
         angles=_ANGLES,
         slips=_FINE_SLIPS,
-        pull=PchipInterpolator(nodes, np.array([row[2] for row in rows]))(dense),
+        pull=PchipInterpolator(nodes, np.array([row.pull for row in rows]))(dense),
         side=np.ascontiguousarray(side.transpose(1, 0, 2)),
         turning=np.ascontiguousarray(turning.transpose(1, 0, 2)),
     )
 
 
-def _one_exponent(vehicle: Vehicle, soil: Soil, shear: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """On one soil: (4,) braking, driving, drive slip, resistance; (2, 2, B) bends; (S,) pull.
+def soil_row(vehicle: Vehicle, soil: Soil, laws: WheelLaws) -> SoilRow:
+    """What one soil holds.
 
     Bends: lateral acceleration, and resistance beyond that straight on, of each axle at the slip angles.
+
+    Raises
+    ------
+    SolverFailure
+        When the soil cannot carry the rolling vehicle.
     """
     wheel = make_wheel(r=vehicle.r, b=vehicle.b)
     axles = static_loads(vehicle)
     wheels = vehicle.wheels_per_axle
-    rolling = [_rolling_wheel(soil, wheel, load / wheels, shear) for load in axles]
+    rolling = [_rolling_wheel(soil, wheel, load / wheels, laws) for load in axles]
     slips = min((row[0] for row in rolling), key=len)
     brake = resistance = 0.0
     drive = np.zeros(slips.size)
     bends = np.zeros((2, 2, _ANGLES.size))
     for axle, (_, F_x, F_y, torque) in enumerate(rolling):
         load = axles[axle] / wheels
-        braked = wheel_forces(soil, wheel, load=load, slip=_BRAKE_SLIPS, shear=shear)
+        braked = wheel_forces(soil, wheel, load=load, slip=_BRAKE_SLIPS, **laws._asdict())
         brake -= wheels * float(braked.F_x.min())
         along = F_x * np.cos(_ANGLES) + F_y * np.sin(_ANGLES)
         across = F_x * np.sin(_ANGLES) - F_y * np.cos(_ANGLES)
@@ -247,10 +285,11 @@ def _one_exponent(vehicle: Vehicle, soil: Soil, shear: str) -> tuple[np.ndarray,
     best = float(drive.max())
     enough = slips[int(np.argmax(drive >= best - (1.0 - _NEAR_BEST) * abs(best)))]
     pull = np.interp(_FINE_SLIPS, slips, drive / vehicle.m, right=-GRAVITY)
-    return np.array([brake / vehicle.m, best / vehicle.m, enough, resistance]), bends, pull
+    scalars = np.array([brake / vehicle.m, best / vehicle.m, enough, resistance])
+    return SoilRow(scalars, bends, pull, _ANGLES)
 
 
-def _rolling_wheel(soil: Soil, wheel: Wheel, load: float, shear: str) -> tuple[np.ndarray, ...]:
+def _rolling_wheel(soil: Soil, wheel: Wheel, load: float, laws: WheelLaws) -> tuple[np.ndarray, ...]:
     """Drive slips (S,), F_x, F_y [N] and torque [N m] (S, B) over slip and slip angle.
 
     A spinning wheel can sink without end where the same wheel, rolling, is carried: the highest
@@ -259,7 +298,9 @@ def _rolling_wheel(soil: Soil, wheel: Wheel, load: float, shear: str) -> tuple[n
     for count in range(_SLIPS.size, 0, -4):
         slips = _SLIPS[:count]
         try:
-            at = wheel_forces(soil, wheel, load=load, slip=slips[:, None], slip_angle=_ANGLES, shear=shear)
+            at = wheel_forces(
+                soil, wheel, load=load, slip=slips[:, None], slip_angle=_ANGLES, **laws._asdict()
+            )
         except SolverFailure:
             continue
         return slips, at.F_x, at.F_y, at.torque

@@ -16,17 +16,14 @@ import numpy as np
 from agents.controllers.arms import (
     ARMS,
     CONTROLLERS,
-    believe_estimate,
-    believe_prior,
-    believe_truth,
     is_tuned,
     make_arm,
 )
 from agents.controllers.lqr import LqrTracker
-from agents.controllers.mppi import MppiAgent
+from agents.controllers.natural_arms import NATURAL_FORMS, make_natural_arm
+from agents.controllers.nmpc_arms import PREDICTIVE, make_nmpc
 from agents.controllers.protocol import Agent
 from agents.controllers.pure_pursuit import PurePursuitAgent
-from agents.controllers.speed_planner import BeliefSource
 from agents.controllers.stanley import StanleyAgent
 from agents.driving.recording import EpisodeLog
 from agents.driving.unwrapped import bekker_env
@@ -36,6 +33,7 @@ from offroad_env.errors import InvalidParameter
 
 __all__ = [
     "AGENTS",
+    "OWN_KNOBS",
     "Drive",
     "HalfWayPicture",
     "agent_file",
@@ -46,15 +44,10 @@ __all__ = [
     "trained_name",
 ]
 
+#: Ending of an arm's name that drives with knobs of its own.
+OWN_KNOBS = "_own"
 #: Agents without a model of the soil, for every scenario.
 _TRACKERS: dict[str, Callable[[], Agent]] = {"pure_pursuit": PurePursuitAgent, "stanley": StanleyAgent}
-
-#: Sampling control with three sources of belief: name -> (terrain_info, belief).
-_SAMPLERS: dict[str, tuple[str, BeliefSource]] = {
-    "mppi_prior": ("none", believe_prior),
-    "mppi_estimate": ("estimate", believe_estimate(1.0)),
-    "mppi_truth": ("truth", believe_truth),
-}
 
 #: The arms' beliefs and speed plans with another steering: name -> arm.
 _STEERED = {f"lqr_{arm}": arm for arm in ARMS}
@@ -62,7 +55,7 @@ _STEERED = {f"lqr_{arm}": arm for arm in ARMS}
 _ONLY_STEERED = {"track"}
 
 #: Names that `find_agent` accepts. Those of trained policies end in the number of the training seed.
-AGENTS = (*_TRACKERS, *ARMS, *_STEERED, *_SAMPLERS, *(f"{arm}_SEED" for arm in LEARNED))
+AGENTS = (*_TRACKERS, *ARMS, *_STEERED, *PREDICTIVE, *(f"{arm}_SEED" for arm in LEARNED))
 
 
 def agents_of(scenario: str) -> tuple[str, ...]:
@@ -71,7 +64,7 @@ def agents_of(scenario: str) -> tuple[str, ...]:
     steered = () if task in CONTROLLERS.keys() - _ONLY_STEERED else tuple(_STEERED)
     arms = tuple(arm for arm in ARMS if is_tuned(arm, task))
     policies = tuple(f"{arm}_{seed}" for arm in LEARNED for seed in shipped_seeds(task, arm))
-    return (*_TRACKERS, *arms, *steered, *_SAMPLERS, *policies)
+    return (*_TRACKERS, *arms, *steered, *PREDICTIVE, *policies)
 
 
 def agent_list(scenario: str) -> str:
@@ -96,7 +89,9 @@ def trained_name(name: str) -> tuple[str, int] | None:
     return (arm, int(seed)) if arm in LEARNED and seed.isdecimal() else None
 
 
-def find_agent(name: str, scenario: str, terrain_info: str | None) -> tuple[Agent, str]:
+def find_agent(
+    name: str, scenario: str, terrain_info: str | None, *, form: str = "matched"
+) -> tuple[Agent, str]:
     """An agent by name, and the ``terrain_info`` of the environment that it is to drive in.
 
     Parameters
@@ -108,6 +103,9 @@ def find_agent(name: str, scenario: str, terrain_info: str | None) -> tuple[Agen
         Whose tuned settings an arm takes.
     terrain_info
         None for what the agent needs, which is "none" for those that do not look at it.
+    form
+        Form of the benchmark; in natural ones the arms know what the soil holds instead of n, and
+        ``aware_own`` drives with knobs that were searched for it alone.
 
     Raises
     ------
@@ -119,9 +117,11 @@ def find_agent(name: str, scenario: str, terrain_info: str | None) -> tuple[Agen
     task = find_scenario(scenario).task
     if name in _TRACKERS:
         return _TRACKERS[name](), terrain_info or "none"
-    if name in _SAMPLERS:
-        needs, believe = _SAMPLERS[name]
-        return MppiAgent(believe), _checked_info(name, needs, terrain_info)
+    if form in NATURAL_FORMS:
+        return _natural_agent(name, task, terrain_info)
+    if name in PREDICTIVE:
+        made = make_nmpc(name, scenario=task)
+        return made.agent, _checked_info(name, made.terrain_info, terrain_info)
     if (trained := trained_name(name)) is not None:
         return _shipped(*trained, task), _checked_info(name, LEARNED[trained[0]], terrain_info)
     if name in _STEERED:
@@ -133,6 +133,20 @@ def find_agent(name: str, scenario: str, terrain_info: str | None) -> tuple[Agen
         raise InvalidParameter(f"agent must be one of {agent_list(scenario)}, or module:Class, got {name!r}")
     arm = make_arm(name, scenario=scenario)
     return arm.agent, _checked_info(name, arm.terrain_info, terrain_info)
+
+
+def _natural_agent(name: str, task: str, terrain_info: str | None) -> tuple[Agent, str]:
+    """An agent of the benchmark's natural forms."""
+    if name in PREDICTIVE:
+        predictive = make_nmpc(name, scenario=task, natural=True)
+        return predictive.agent, _checked_info(name, predictive.terrain_info, terrain_info)
+    arm = name.removesuffix(OWN_KNOBS)
+    if arm not in ARMS:
+        raise InvalidParameter(
+            f"natural forms have {', '.join((*_TRACKERS, *ARMS, *PREDICTIVE))}, or module:Class, got {name!r}"
+        )
+    made = make_natural_arm(arm, scenario=task, knobs="own" if name.endswith(OWN_KNOBS) else "common")
+    return made.agent, _checked_info(name, made.terrain_info, terrain_info)
 
 
 def _shipped(arm: str, seed: int, scenario: str) -> Agent:

@@ -82,7 +82,7 @@ __all__ = [
     "Snapshot",
 ]
 
-TERRAIN_INFO = ("none", "estimate", "truth", "belief")
+TERRAIN_INFO = ("none", "estimate", "truth", "belief", "limits")
 _STEPS = round(CONTROL_PERIOD / SAMPLES / FULL_STEP)  # steps of the plant per IMU sample
 _EVERYTHING = DRIVE | BELIEVE | REPORT
 
@@ -110,8 +110,8 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
 
     ## Observation Space
     ``Dict`` of float32 arrays. Everything comes from the sensors, never from the simulator's state; the only
-    exception is ``terrain`` with ``terrain_info="truth"``: n under the front wheels. Values are clipped to
-    the space.
+    exception is ``terrain`` with ``terrain_info="truth"``, n under the front wheels, or "limits". Values are
+    clipped to the space.
 
     | key | shape | content |
     |---|---|---|
@@ -121,7 +121,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
     | | | (0 = as fast as possible), curvature [1/m] at 0, 3, 6, 10, 15, 20, 30, 40 m ahead, |
     | | | distance to the end of the path [m] |
     | ``terrain`` | (3,) | n, its standard deviation, valid (0/1); absent with ``terrain_info="none"`` |
-    | | or (17,) | with ``terrain_info="belief"``: limits, see docs/details/what_the_soil_holds.md |
+    | | or (17,) | "belief": docs/details/what_the_soil_holds.md; "limits": the truth |
 
     ## Rewards
     0.1 per metre of progress along the path, less the cost of time, of distance from the path, of
@@ -144,7 +144,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
     ## Arguments
     scenario : "track", "speed", "climb", "brake", "ride" or "patches" (`offroad_env.SCENARIOS`). Scenario,
         soil, vehicle, weights, sensors, structure, tyre: a name, an object, a mapping or YAML (docs/own.md)
-    terrain_info : "none", "estimate", "truth" or "belief"
+    terrain_info : "none", "estimate", "truth", "belief" or "limits"
     model : "full", "paper", or the file of an extended model that ``offroad diagnose`` has written: the truth
         then has its effects
     vehicle_model : "half_car", "bicycle", or "four_wheel" with roll and a contact for every wheel

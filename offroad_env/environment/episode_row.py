@@ -10,14 +10,28 @@ import numpy as np
 from estimators.filters.navigation import NavigationFilter
 from estimators.filters.online import Thinned
 from estimators.filters.online_parameter_ukf import OnlineParameterUKF
-from estimators.filters.online_soil_belief import OnlineSoilBelief
+from estimators.filters.online_soil_belief import BELIEF_VECTOR, LONGEST, OnlineSoilBelief
 from estimators.filters.protocol import Estimator
 from offroad_env.environment.control_period import period_of
 from offroad_env.environment.episode_records import Memory, PeriodArguments
-from offroad_env.environment.observation import Layout
+from offroad_env.environment.observation import WHOLE_SOIL, Layout
+from offroad_env.physics.numerics import GRAVITY
 from offroad_env.simulation.sensors import SensorSuite
+from offroad_env.simulation.simulator import Plant
+from offroad_env.simulation.soil_holds import SoilHolds, soils_hold
 
-__all__ = ["EpisodeRow"]
+__all__ = ["EpisodeRow", "true_limits"]
+
+
+def true_limits(plant: Plant) -> np.ndarray:
+    """(17,) `BELIEF_VECTOR` of somebody who knows the base soil of a plant: all standard deviations are 0."""
+    (held,) = soils_hold(plant, [plant.soil])
+    if not np.isfinite(held).all():  # not even a rolling vehicle is carried
+        held = np.array([0.0, 0.0, 0.5, plant.vehicle.m * GRAVITY, plant.vehicle.r, LONGEST])
+    values = dict.fromkeys(BELIEF_VECTOR, 0.0)
+    values |= dict(zip(SoilHolds._fields, held.tolist(), strict=True))
+    values |= {"n": plant.soil.n, "stuck": float(held[1] <= 0.0), "stop_in": LONGEST, "valid": 1.0}
+    return np.array([values[name] for name in BELIEF_VECTOR])
 
 
 class EpisodeRow:
@@ -34,6 +48,9 @@ class EpisodeRow:
     _period: Callable[[], None] | None  # for these arguments; None until it is called
     model: str
     terrain_info: str
+    plant: Plant  # the truth
+    _limits_of: Plant | None = None  # whose limits are known
+    _limits: np.ndarray
 
     def join(self, memory: Memory, row: int) -> None:
         """Keep the episodes in that row of a memory, from the next reset on."""
@@ -77,15 +94,23 @@ class EpisodeRow:
     @property
     def observation(self) -> dict[str, np.ndarray]:
         """What the agent sees now."""
-        if self.terrain_info != "belief":
+        if self.terrain_info not in WHOLE_SOIL:
             return self._layout.split(self._shown)
         return self._layout.split(self._shown, self.soil_belief)
 
     @property
     def soil_belief(self) -> tuple[np.ndarray, ...]:
-        """What ``terrain`` shows of a belief over whole soils (15,); none for other estimators."""
+        """What ``terrain`` shows of whole soils (17,), believed or true; nothing where it shows n."""
+        if self.terrain_info == "limits":
+            return (self._true_limits(),)
         inner = self.estimator.inner if isinstance(self.estimator, Thinned) else self.estimator
         return (inner.vector,) if isinstance(inner, OnlineSoilBelief) else ()
+
+    def _true_limits(self) -> np.ndarray:
+        """What the episode's base soil holds, without its variation over metres."""
+        if self._limits_of is not self.plant:
+            self._limits_of, self._limits = self.plant, true_limits(self.plant)
+        return self._limits
 
     def draw_noise(self) -> None:
         """Sensor noise of the next periods, for a caller of the compiled period."""

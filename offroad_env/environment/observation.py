@@ -17,6 +17,7 @@ __all__ = [
     "BELIEF_BOUNDS",
     "PREVIEW",
     "SHOWN",
+    "WHOLE_SOIL",
     "Layout",
     "Measured",
     "SeenPose",
@@ -46,6 +47,10 @@ _BELIEF_HIGH |= {"stopping": 1e4, "n": 3.0, "stuck": 1.0, "stop_in": LONGEST, "v
 _belief_high = np.array([_BELIEF_HIGH[name.removesuffix("_sd")] for name in BELIEF_VECTOR], dtype=np.float32)
 BELIEF_BOUNDS = np.stack([np.where(np.array(BELIEF_VECTOR) == "pull", -_belief_high, 0.0), _belief_high])
 BELIEF_BOUNDS = BELIEF_BOUNDS.astype(np.float32)
+
+
+#: Values of ``terrain_info`` that show what the soil holds, as `BELIEF_VECTOR` has it.
+WHOLE_SOIL = ("belief", "limits")
 
 
 class SeenPose(NamedTuple):
@@ -126,7 +131,7 @@ class Layout:
     """
 
     def __init__(self, steer_max: float, *, terrain_info: str) -> None:
-        self._belief = terrain_info == "belief"
+        self._belief = terrain_info in WHOLE_SOIL
         speeds = (_SPEED_HIGH,) * 3
         high = np.array(
             [

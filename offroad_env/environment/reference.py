@@ -35,7 +35,9 @@ SECTIONS: Mapping[str, SectionSchema] = MappingProxyType(
 _HEAD = """# Keys of descriptions
 
 **Question:** which keys may a soil, a vehicle, a scenario, ... of one's own have?
+
 **Answer:** those below, in a YAML, in a mapping, or as arguments of the factory; in SI units and radians.
+
 **Command:** `offroad keys soil`; this page: `offroad keys --markdown`. How they are used: [own.md](own.md).
 
 A section with `base` takes every key that is not given from there; "needed" holds without a base."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from offroad_env.environment.arguments import require_seed
+from offroad_env.environment.arguments import require_count, require_seed
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv, make_vec
 from offroad_env.errors import InvalidParameter
 
@@ -22,7 +22,9 @@ except ImportError as error:
 __all__ = ["Sb3VecEnv", "make_sb3_vec"]
 
 
-def make_sb3_vec(num_envs: int, *, seed: int | None = None, **options: Any) -> VecMonitor:
+def make_sb3_vec(
+    num_envs: int, *, seed: int | None = None, action_repeat: int = 1, **options: Any
+) -> VecMonitor:
     """``num_envs`` episodes in one compiled call, as stable-baselines3 takes them.
 
     Parameters
@@ -30,6 +32,8 @@ def make_sb3_vec(num_envs: int, *, seed: int | None = None, **options: Any) -> V
     num_envs
     seed
         Of the first reset; episode i gets ``seed + i``.
+    action_repeat
+        Control periods of 0.02 s for which an action is held; 5 are ten decisions a second. Rewards add up.
     options
         Arguments of `make_vec`: those of the environment, and ``version="v1"``.
 
@@ -47,7 +51,7 @@ def make_sb3_vec(num_envs: int, *, seed: int | None = None, **options: Any) -> V
     require_seed(seed)
     envs = make_vec(num_envs, autoreset_mode="SameStep", **options)
     assert isinstance(envs, OffroadBekkerVectorEnv)
-    episodes = Sb3VecEnv(envs)
+    episodes = Sb3VecEnv(envs, action_repeat=action_repeat)
     if seed is not None:
         episodes.seed(seed)
     return VecMonitor(episodes)
@@ -61,6 +65,9 @@ class Sb3VecEnv(VecEnv):
     envs
         With ``autoreset_mode="SameStep"``: stable-baselines3 expects the first observation of the next
         episode with the end of the last one.
+    action_repeat
+        Control periods for which an action is held. An episode that begins meanwhile is driven by it for the
+        rest, without reward.
 
     Notes
     -----
@@ -70,7 +77,8 @@ class Sb3VecEnv(VecEnv):
     ``VecMonitor``.
     """
 
-    def __init__(self, envs: OffroadBekkerVectorEnv) -> None:
+    def __init__(self, envs: OffroadBekkerVectorEnv, *, action_repeat: int = 1) -> None:
+        self._repeat = require_count("action_repeat", action_repeat)
         if envs.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise InvalidParameter('stable-baselines3 needs make_vec(..., autoreset_mode="SameStep")')
         self.envs = envs
@@ -102,8 +110,14 @@ class Sb3VecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """One control period of all episodes."""
+        """One control period of all episodes, or as many as an action is held."""
         rewards, done, listed, _ = self._one_period(self._actions)
+        for _ in range(self._repeat - 1):
+            gained, ended, ends, _ = self._one_period(self._actions)
+            rewards += np.where(done, 0.0, gained)
+            for i in np.flatnonzero(ended & ~done):
+                listed[i] = ends[i]
+            done = done | ended
         return self._shown(self._seen), rewards.astype(np.float32), done, listed
 
     def _one_period(

@@ -36,6 +36,7 @@ _OBSERVED = {
     "estimate": "with the estimate of n",
     "truth": "with the true n",
     "belief": "with the belief about the soil",
+    "limits": "with what the soil truly holds",
 }
 
 

@@ -65,3 +65,9 @@ def test_every_place_of_a_page_that_a_link_names_exists(page):
         if anchor not in anchors((page.parent / target) if target else page)
     ]
     assert missing == []
+
+
+def test_the_overview_of_the_details_names_every_page():
+    overview = DOCS / "details" / "index.md"
+    named = set(re.findall(r"\]\((\w+\.md)\)", overview.read_text(encoding="utf-8")))
+    assert {page.name for page in overview.parent.glob("*.md")} - {overview.name} == named

@@ -1,0 +1,121 @@
+"""The natural form of the benchmark: whole soils, flexible tyres, vehicles and sensors as they are.
+
+In the matched form nothing but n is unknown. Here soils are drawn whole from the population of measured ones
+(`offroad_env.world.soil_prior`) and vary over metres, tyres are flexible, every vehicle departs from its data
+sheet, and sensors have bias, scale errors, misalignment and latency, and feel gravity. Of
+the soil an agent is given what it holds (``terrain_info``): "none", "belief" or "limits".
+
+====================  ======================================================================
+``natural``           soils of the usual 80 % of the population, GNSS of 0.03 m
+``natural_unusual``   soils outside of these, on which nothing was tuned or trained
+``natural_gnss``      as ``natural``, GNSS of 1.5 m; corridors are as much wider (`CORRIDORS`)
+====================  ======================================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from agents.controllers.natural_arms import NATURAL_FORMS, NATURAL_LAWS
+from offroad_env.environment.randomisation import LogUniform, Normal
+from offroad_env.environment.scenario_descriptions import find_scenario
+from offroad_env.environment.scenarios import Scenario, draw_steep_climb
+from offroad_env.environment.soil_draws import MeasuredSoils
+from offroad_env.world.vehicles import VEHICLES
+
+__all__ = [
+    "CORRIDORS",
+    "NATURAL_FORMS",
+    "NATURAL_TASKS",
+    "is_natural",
+    "natural_options",
+    "natural_scenario",
+    "natural_vehicle",
+    "options_of",
+]
+
+#: Tasks that there are in these forms. `patches` changes n alone, which no soils side by side do.
+NATURAL_TASKS = ("track", "speed", "climb", "brake", "ride")
+
+#: Standard deviation of a fix [m].
+_FIX, _COARSE_FIX = 0.03, 1.5
+#: Half widths of the corridors with coarse fixes [m]: what navigation strays beside the given ones.
+CORRIDORS = {"track": 5.5, "speed": 3.0, "climb": 4.0, "brake": 3.5, "ride": 3.5}
+
+#: Tolerances of a vehicle: relative standard deviations of numbers that load, wear and assembly change.
+#: Mass: a passenger or fuel; height of the centre of gravity with it; inertia and springs: parts of a kind;
+#: brakes: friction of linings; power: engines of a kind and altitude.
+_TOLERANCES = {
+    "m": 0.05,
+    "h_cg": 0.03,
+    "I_z": 0.05,
+    "k_f": 0.05,
+    "k_r": 0.05,
+    "c_f": 0.1,
+    "c_r": 0.1,
+    "brake_torque_max": 0.05,
+    "drive_torque_max": 0.03,
+    "power_max": 0.05,
+}
+#: Numbers that are known to a factor only.
+_FACTORS = {"torque_lag": 1.4, "steer_lag": 1.4, "drag_area": 1.4}
+
+
+def is_natural(form: str) -> bool:
+    """Whether a form of the benchmark has whole soils."""
+    return form in NATURAL_FORMS
+
+
+def natural_vehicle(name: str = "mrzr") -> dict[str, Any]:
+    """What differs from vehicle to vehicle, as ``randomise`` takes it."""
+    nominal = VEHICLES[name]._asdict()
+    found: dict[str, Any] = {
+        f"vehicle.{key}": Normal(nominal[key], sd * nominal[key], *_ends(nominal[key], sd))
+        for key, sd in _TOLERANCES.items()
+    }
+    for key, factor in _FACTORS.items():
+        found[f"vehicle.{key}"] = LogUniform(nominal[key] / factor, nominal[key] * factor)
+    return found
+
+
+def _ends(value: float, sd: float) -> tuple[float, float]:
+    """Two standard deviations to both sides: what assembly would refuse is cut off."""
+    return (1.0 - 2.0 * sd) * value, (1.0 + 2.0 * sd) * value
+
+
+def natural_options(form: str = "natural") -> dict[str, Any]:
+    """Arguments of ``gym.make`` beside task and ``terrain_info``.
+
+    Parameters
+    ----------
+    form
+        In `NATURAL_FORMS`.
+    """
+    fix = _COARSE_FIX if form == "natural_gnss" else _FIX
+    region = "unusual" if form == "natural_unusual" else "usual"
+    return {
+        "structure": NATURAL_LAWS.structure,
+        "tyre": NATURAL_LAWS.tyre,
+        "natural_soil": True,
+        "sensors": {"base": "automotive", "gnss": {"position_sd": fix, "velocity_sd": 0.05}},
+        "randomise": {"soil": MeasuredSoils(region=region), **natural_vehicle()},
+    }
+
+
+def natural_scenario(task: str, form: str = "natural") -> Scenario:
+    """The task as it is in this form; what differs follows from what tyres hold (docs/benchmark.md)."""
+    scenario = find_scenario(task)
+    if task == "climb":
+        scenario = replace(scenario, draw=draw_steep_climb, like="climb")
+    if form == "natural_gnss":
+        scenario = replace(scenario, corridor=CORRIDORS[task], like=task)
+    return scenario
+
+
+def options_of(task: str, form: str) -> Mapping[str, Any]:
+    """Arguments of ``gym.make`` for a task in any form, without ``terrain_info``."""
+    if not is_natural(form):
+        return {"scenario": task}
+    return {"scenario": natural_scenario(task, form), **natural_options(form)}

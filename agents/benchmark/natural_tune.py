@@ -1,0 +1,154 @@
+"""Tune the knobs of the natural form: ``python -m agents.benchmark.natural_tune --task speed``.
+
+*Common knobs*: one search for the oracle; the other arms drive with what it finds, nominal at the place in
+the population that is best with these. *Own knobs*: the same search for each arm, its own knobs included. All
+on training episodes. Candidates are a low-discrepancy sample; the better ones drive more episodes. What is in
+`agents.controllers.natural_tuned` already is kept unless it is searched anew.
+"""
+
+from __future__ import annotations
+
+import runpy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import qmc
+
+from agents.benchmark.natural import options_of
+from agents.benchmark.runner import draw_episodes, run_jobs
+from agents.benchmark.tune import COMMON, OWN
+from agents.controllers import natural_tuned
+from agents.controllers.arms import ARMS, ArmSettings
+from agents.controllers.natural_arms import make_natural_arm
+
+__all__ = ["BOXES", "NaturalTuneArgs", "search", "tune_common", "tune_own"]
+
+Box = Mapping[str, tuple[float, float]]
+
+#: Knobs of a task with the ranges that are searched. Tyres let go within fewer degrees than rigid rims.
+BOXES: dict[str, Box] = {
+    **{task: box for task, box in COMMON.items() if task != "patches"},
+    "speed": {
+        "margin": (0.25, 0.8),
+        "feed_forward": (0.0, 1.2),
+        "brake_share": (0.1, 0.7),
+        "speed_max": (8.0, 15.0),
+    },
+    "brake": {"brake_share": (0.4, 1.6)},
+}
+#: Of nominal with common knobs: places in the population.
+_PLACES = (0.02, 0.1, 0.18, 0.26, 0.36, 0.5)
+_PLACE_EPISODES = 40
+
+
+class Stage(NamedTuple):
+    """How many of the candidates drive how many training episodes."""
+
+    candidates: int
+    episodes: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class NaturalTuneArgs:
+    """Arguments of the search; the budget is the same for every arm."""
+
+    task: str = "speed"
+    knobs: tuple[str, ...] = ("common", "own")
+    arms: tuple[str, ...] = tuple(ARMS)  #: whose own knobs are searched
+    seed: int = 0  #: of candidates and training episodes
+    n_jobs: int = 1
+    stages: tuple[Stage, ...] = (Stage(24, 10), Stage(6, 20), Stage(2, 40))
+
+    @property
+    def budget(self) -> int:
+        """Episodes of a search."""
+        return sum(stage.candidates * stage.episodes for stage in self.stages)
+
+
+class Found(NamedTuple):
+    """The outcome of a search."""
+
+    settings: dict[str, float]
+    score: float  #: mean of the last stage's training episodes
+
+
+def search(arm: str, candidates: Sequence[Mapping[str, float]], args: NaturalTuneArgs) -> Found:
+    """The best of ``candidates`` for an arm, by successive halving."""
+    left, scores = list(candidates), np.zeros(0)
+    for stage in args.stages:
+        left = left[: stage.candidates]
+        draws = draw_episodes(args.task, stage.episodes, args.seed, form="natural", training=True)
+        jobs = {
+            i: make_natural_arm(arm, scenario=args.task, settings=ArmSettings(**settings))
+            for i, settings in enumerate(left)
+        }
+        found = run_jobs(
+            args.task, jobs, draws, n_jobs=args.n_jobs, env_options=options_of(args.task, "natural")
+        )
+        scores = np.array([found[i].scores.mean() for i in jobs])
+        left = [left[i] for i in np.argsort(scores, kind="stable")]
+    return Found(dict(left[0]), float(scores.min()))
+
+
+def _sample(box: Box, args: NaturalTuneArgs) -> list[dict[str, float]]:
+    rows = qmc.Halton(len(box), rng=np.random.default_rng(args.seed)).random(args.stages[0].candidates)
+    ends = np.array(list(box.values()))
+    values = ends[:, 0] + rows * (ends[:, 1] - ends[:, 0])
+    return [{name: round(float(v), 4) for name, v in zip(box, row, strict=True)} for row in values]
+
+
+def tune_common(args: NaturalTuneArgs) -> dict[str, Found]:
+    """Knobs that all arms share, by the oracle; and the place of nominal. ``z`` of aware is 1."""
+    oracle = search("oracle", _sample(BOXES[args.task], args), args)
+    each = replace(args, stages=(Stage(len(_PLACES), _PLACE_EPISODES),))
+    places = [{**oracle.settings, "n": place} for place in _PLACES]
+    return {
+        "oracle": oracle,
+        "nominal": search("nominal", places, each),
+        "conservative": Found(oracle.settings, float("nan")),
+        "aware": Found({**oracle.settings, "z": 1.0}, float("nan")),
+    }
+
+
+def tune_own(args: NaturalTuneArgs) -> dict[str, Found]:
+    """Knobs of each arm, the same search for all."""
+    boxes = {arm: {**BOXES[args.task], **OWN.get(arm, {})} for arm in args.arms}
+    return {arm: search(arm, _sample(box, args), args) for arm, box in boxes.items()}
+
+
+def write_settings(path: Path, args: NaturalTuneArgs, found: Mapping[tuple[str, str], Found]) -> None:
+    """Write the module of tuned settings; what is not in ``found`` is kept. Keys: (arm, knobs)."""
+    held = runpy.run_path(str(path))  # anew: another search may have written
+    runs, table = dict(held["RUNS"]), dict(held["SETTINGS"])
+    for (arm, knobs), result in found.items():
+        table[args.task, arm, knobs] = result.settings
+        score = "not searched" if np.isnan(result.score) else f"{result.score:.4g} in training"
+        runs[f"{args.task} {arm} {knobs}"] = f"seed {args.seed}, {args.budget} episodes: {score}"
+    lines = [str(natural_tuned.__doc__).join(('"""', '"""')), "", "from __future__ import annotations", ""]
+    lines += ['__all__ = ["RUNS", "SETTINGS"]', "", "#: (task arm knobs) -> the search, with its mean score."]
+    lines += ["RUNS: dict[str, str] = {", *(f'    "{key}": "{runs[key]}",' for key in sorted(runs)), "}", ""]
+    lines += ["#: (task, arm, knobs) -> fields of `agents.controllers.arms.ArmSettings`."]
+    lines += ["SETTINGS: dict[tuple[str, str, str], dict[str, float]] = {"]
+    for key in sorted(table):
+        lines.append(f'    ("{key[0]}", "{key[1]}", "{key[2]}"): {{')
+        lines += [f'        "{name}": {value:g},' for name, value in table[key].items()]
+        lines.append("    },")
+    path.write_text("\n".join([*lines, "}"]) + "\n", encoding="utf-8")
+
+
+def main() -> None:
+    """Tune one task and rewrite `agents.controllers.natural_tuned`."""
+    import tyro
+
+    args = tyro.cli(NaturalTuneArgs, description=__doc__)
+    for knobs, tune in (("common", tune_common), ("own", tune_own)):
+        if knobs in args.knobs:
+            found = {(arm, knobs): result for arm, result in tune(args).items()}
+            write_settings(Path(natural_tuned.__file__), args, found)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,285 @@
+"""Nonlinear model-predictive control of steering and drive, by real-time iteration.
+
+The problem of `agents.controllers.nmpc_problem` is solved by one linearisation and one quadratic programme a
+decision (M. Diehl, H. G. Bock, J. P. Schloder, A real-time iteration scheme for nonlinear optimization in
+optimal feedback control, SIAM J. Control Optim. 43, 2005), started from the last plan. It drives as far as
+possible within the horizon, inside the corridor, below the slip angles at which the axles hold most, and so
+that the vehicle can slow down for what it sees beyond. The number of iterations is fixed: no clock decides.
+
+What the sensors do not show - side speed, and what the axles hold beyond the model - comes from an extended
+Kalman filter on the same model, which makes the control free of offset (G. Pannocchia, J. B. Rawlings, AIChE
+J. 49, 2003).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.controllers.nmpc_problem import (
+    DRAG_ANGLE,
+    INPUTS,
+    SOIL,
+    STATES,
+    Horizon,
+    fitted_side,
+    make_problem,
+)
+from agents.controllers.nmpc_programme import Limits, Programme
+from agents.controllers.protocol import Observation, Senses, read_senses, to_action
+from agents.controllers.speed_control import drive_share
+from agents.controllers.speed_planner import Belief, BeliefSource, limits_over_n, planned_speed, speed_limit
+from agents.controllers.traction_limits import Capability
+from offroad_env.errors import InvalidParameter
+from offroad_env.physics.numerics import AIR_DENSITY, GRAVITY
+from offroad_env.physics.records import Vehicle
+
+__all__ = ["NmpcAgent", "NmpcSettings", "SoilNumbers", "soil_numbers"]
+
+_E, _PSI, _S, _V, _VY, _R, _STEER, _PUSH, _STEER_COMMAND, _PUSH_COMMAND = range(len(STATES))
+_N = len(STATES)
+#: Nodes of the fits over the table, and of the preview [m].
+_NODES, _SPACING = 13, 1.0
+#: States that the observer corrects with what it measures: distance, heading, speed, yaw rate.
+_SEEN = (_E, _PSI, _V, _R)
+_SEEN_SD = (0.03, 0.02, 0.1, 0.0124)
+#: Side acceleration of the IMU [m/s^2].
+_SIDE_SD = 0.3
+#: Wander of the states, and of what the axles hold beyond the model [1/sqrt(s)].
+_WANDER = np.array([0.01, 0.01, 0.0, 0.3, 0.1, 0.05, 0.02, 0.0, 0.0, 0.0])
+_UNKNOWN, _FADING = 1.0, 3.0
+#: Numbers at the end of `SOIL` that the observer estimates: what the model leaves out.
+_BEYOND = 3
+#: Share of the largest power up to which its loss is inverted [-].
+_MOST_POWER = 0.99
+
+
+@dataclass(frozen=True, kw_only=True)
+class NmpcSettings:
+    """Caution, weights and timing."""
+
+    margin: float = 0.95  #: share of the side force that the plan counts on [-]
+    slip_angle: float = 0.3  #: largest slip angle of the plan [rad]
+    corridor: float = 0.55  #: share of the corridor's half width that the plan uses [-]
+    beyond: float = 0.85  #: share of the lateral limit by which it must be able to slow down beyond [-]
+    brake_share: float = 0.7  #: share of the braking that it counts on there [-]
+    speed_max: float = 15.0  #: [m/s]
+    replan: int = 4  #: control intervals between two decisions
+    iterations: int = 1  #: linearisations a decision
+    horizon: Horizon = field(default_factory=Horizon)
+
+
+class SoilNumbers(NamedTuple):
+    """What the problem's parameters are over a table: functions of its coordinate."""
+
+    grid: np.ndarray  #: (K,)
+    rows: np.ndarray  #: (K, 9) `SOIL` without what the axles hold beyond
+
+    def at(self, low: float, mean: float, margin: float) -> np.ndarray:
+        """(12,) `SOIL`: side forces of the cautious end of a belief, the rest of its mean."""
+        cautious, middle = (self._row(value) for value in (low, mean))
+        found = np.append(middle, np.zeros(_BEYOND))
+        for i in (0, 3):
+            found[i : i + 3] = cautious[i : i + 3]
+            found[i] *= margin
+        return found
+
+    def _row(self, value: float) -> np.ndarray:
+        return np.array([np.interp(value, self.grid, column) for column in self.rows.T])
+
+
+@lru_cache(maxsize=32)
+def soil_numbers(vehicle: Vehicle, table: Capability) -> SoilNumbers:
+    """Fits of the table's side forces and drags."""
+    places = np.linspace(0, table.grid.size - 1, _NODES).astype(int)
+    angles, rows = table.angles, []
+    shape = np.sqrt(angles**2 + DRAG_ANGLE**2) - DRAG_ANGLE
+    for i in places:
+        drag = table.turning[:, i].mean(axis=0) / vehicle.m
+        fit = float(shape @ drag / (shape @ shape))
+        hold = max(0.5 * (table.braking[i] + table.driving[i]), 0.3)
+        rows.append(
+            [
+                *fitted_side(angles, table.side[0, i]),
+                *fitted_side(angles, table.side[1, i]),
+                *(max(fit, 0.0), float(table.resistance[i]) / vehicle.m, hold),
+            ]
+        )
+    return SoilNumbers(table.grid[places], np.array(rows))
+
+
+class NmpcAgent:
+    """Model-predictive control with any source of belief.
+
+    Parameters
+    ----------
+    believe
+        As `agents.controllers.speed_planner.SoilTracker`.
+    settings
+    """
+
+    def __init__(self, believe: BeliefSource, settings: NmpcSettings | None = None) -> None:
+        self.believe, self.settings = believe, settings or NmpcSettings()
+        self.tabulate: Callable[[Any], Capability] = limits_over_n  #: as `SoilTracker`
+
+    def reset(self, briefing: Any) -> None:
+        """Tabulate the soils, and forget plan and state.
+
+        Raises
+        ------
+        InvalidParameter
+            In tasks that end at a line, or limit the shaking.
+        """
+        if briefing.stop_zone > 0.0 or np.isfinite(briefing.shake_limit):
+            raise InvalidParameter(
+                f"nmpc drives courses without line or limit of shaking, not {briefing.scenario!r}"
+            )
+        self._briefing, self._vehicle = briefing, briefing.vehicle
+        self._table = self.tabulate(briefing)
+        self._numbers = soil_numbers(self._vehicle, self._table)
+        self._problem = make_problem(self._vehicle, self.settings.horizon, briefing.dt)
+        self._programme = Programme(self.settings.horizon)
+        self._preview = np.asarray(briefing.preview, dtype=np.float64)
+        self._stations = np.arange(0.0, self._preview[-1] + 0.5 * _SPACING, _SPACING)
+        self._x: np.ndarray | None = None
+        self._P = np.diag(
+            np.append(np.square([0.1, 0.1, 0.0, 0.3, 0.2, 0.1, 0.02, 0.0, 0.0, 0.0]), [0.5] * _BEYOND)
+        )
+        self._beyond = np.zeros(_BEYOND)
+        self._plan: tuple[np.ndarray, np.ndarray] | None = None
+        self._age = 0
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Action (2,)."""
+        senses = read_senses(observation)
+        belief = self.believe(self._briefing, self._table, observation)
+        soil = self._numbers.at(belief.low, belief.mean, self.settings.margin)
+        self._observe(senses, observation, self._numbers.at(belief.mean, belief.mean, 1.0))
+        assert self._x is not None
+        if self._plan is None or self._age >= self.settings.replan:
+            self._replan(senses, belief, soil)
+        self._age += 1
+        assert self._plan is not None
+        _, inputs = self._plan
+        # Commands of the first stage move at their planned rates.
+        self._x[[_STEER_COMMAND, _PUSH_COMMAND]] += self._briefing.dt * inputs[0, : len(INPUTS)]
+        steer, push = self._x[_STEER_COMMAND], self._x[_PUSH_COMMAND]
+        return to_action(float(steer), self._drive(float(push), senses), self._vehicle.steer_max)
+
+    def _drive(self, push: float, senses: Senses) -> float:
+        """Drive command for a force per mass [m/s^2]."""
+        v = self._vehicle
+        speed = senses.speed
+        drag = 0.5 * AIR_DENSITY * v.drag_area * speed * abs(speed) + v.rolling_resistance * v.m * GRAVITY
+        force = v.m * push + drag
+        command = drive_share(force, v)
+        if force > 0.0:
+            # Near its largest power P the drive gives T / sqrt(1 + (T omega / P)^2) of an asked torque T.
+            share = min(force * max(*senses.rim_speed, speed, 0.0) / v.power_max, _MOST_POWER)
+            command /= math.sqrt(1.0 - share * share)
+        return float(np.clip(command, -1.0, 1.0))
+
+    # ------------------------------------------------------------------ state
+
+    def _observe(self, senses: Senses, observation: Observation, soil: np.ndarray) -> None:
+        """Extended Kalman filter of the state, and of what the axles hold beyond the model."""
+        seen = np.array(
+            [senses.cross_track, senses.heading_error, senses.speed, float(observation["imu"][4])]
+        )
+        if self._x is None:
+            self._x = np.zeros(_N)
+            self._x[[*_SEEN]] = seen
+            self._x[_PUSH_COMMAND] = self._x[_PUSH] = soil[SOIL.index("resistance")]
+        soil = soil.copy()
+        soil[-_BEYOND:] = self._beyond
+        dt = self._briefing.dt
+        x, J = self._problem.short_step(self._x, soil, float(senses.curvature[0]))
+        x, J = np.asarray(x).ravel(), np.asarray(J)
+        F = np.eye(_N + _BEYOND)
+        F[:_N, :_N], F[:_N, _N:] = J[:, :_N], J[:, -_BEYOND:]
+        F[_N:, _N:] *= 1.0 - dt / _FADING
+        P = F @ self._P @ F.T + dt * np.diag(np.append(_WANDER**2, [2.0 * _UNKNOWN**2 / _FADING] * _BEYOND))
+        mean = np.append(x, (1.0 - dt / _FADING) * self._beyond)
+        side_row = np.zeros(_N + _BEYOND)
+        # The side acceleration of the model: v_y' + v r, by finite change over the interval.
+        side_row[: _N + _BEYOND] = (F[_VY] - np.eye(_N + _BEYOND)[_VY]) / dt
+        side_row[_R] += mean[_V]
+        side = (x[_VY] - self._x[_VY]) / dt + mean[_V] * mean[_R]
+        H = np.vstack([np.eye(_N + _BEYOND)[[*_SEEN]], side_row])
+        innovation = np.append(seen - mean[[*_SEEN]], float(observation["imu"][1]) - side)
+        R = np.diag(np.square([*_SEEN_SD, _SIDE_SD]))
+        gain = np.linalg.solve(H @ P @ H.T + R, H @ P).T
+        mean = mean + gain @ innovation
+        self._P = P - gain @ H @ P
+        self._P = 0.5 * (self._P + self._P.T)
+        self._x, self._beyond = mean[:_N], np.clip(mean[_N:], -2.0, 2.0)
+        self._x[_S] = 0.0
+        self._x[_V] = max(self._x[_V], 0.3)
+
+    # ------------------------------------------------------------------ plan
+
+    def _replan(self, senses: Senses, belief: Belief, soil: np.ndarray) -> None:
+        """One decision: linearise about the last plan, moved on by the time since, and solve."""
+        assert self._x is not None
+        soil = soil.copy()
+        soil[-_BEYOND:] = self._beyond
+        states, inputs = self._guess()
+        limits = self._limits(senses, belief, soil)
+        for _ in range(self.settings.iterations):
+            kappas = np.interp(states[:-1, _S], self._preview, senses.curvature)
+            states, inputs = self._programme.solve(
+                self._problem, self._x, states, inputs, soil, kappas, limits
+            )
+        self._plan, self._age = (states, inputs), 0
+
+    def _guess(self) -> tuple[np.ndarray, np.ndarray]:
+        """States (N+1, 10) and inputs (N, 2) to linearise about."""
+        assert self._x is not None
+        stages, dt = self.settings.horizon
+        if self._plan is None:
+            states = np.tile(self._x, (stages + 1, 1))
+            states[:, _S] = np.arange(stages + 1) * dt * self._x[_V]
+            return states, np.zeros((stages, len(INPUTS)))
+        old, inputs = self._plan
+        passed = self._age * self._briefing.dt / dt
+        places = np.minimum(np.arange(stages + 1) + passed, stages)
+        states = np.column_stack([np.interp(places, np.arange(stages + 1), column) for column in old.T])
+        states[:, _S] -= states[0, _S]
+        shift = np.minimum(np.arange(stages) + passed, stages - 1)
+        moved = np.column_stack([np.interp(shift, np.arange(stages), column) for column in inputs.T])
+        return states, moved[:, : len(INPUTS)]
+
+    def _limits(self, senses: Senses, belief: Belief, soil: np.ndarray) -> Limits:
+        """Bounds of the plan."""
+        s, v, table = self.settings, self._vehicle, self._table
+        lateral = s.beyond * table.lateral_limit(belief.low, belief.high, s.slip_angle)
+        braking = s.brake_share * table.braking_limit(belief.low, belief.high)
+        curvature = np.interp(self._stations, self._preview, senses.curvature)
+        highest = speed_limit(curvature, lateral, s.speed_max)
+        final = np.array(
+            [planned_speed(highest, self._stations, braking, float(at)) for at in self._stations]
+        )
+        if senses.target_speed > 0.0:
+            final = np.minimum(final, senses.target_speed)
+        hold = soil[SOIL.index("hold")]
+        resistance = soil[SOIL.index("resistance")]
+        most = v.drive_torque_max / v.r
+        most /= math.hypot(1.0, most * max(*senses.rim_speed, senses.speed) / v.power_max)
+        push = min(most / v.m, 0.9 * hold + resistance)
+        brake = -min(v.brake_torque_max / (v.r * v.m), 0.8 * hold)
+        return Limits(
+            corridor=s.corridor * self._briefing.corridor,
+            slip=s.slip_angle,
+            steer=v.steer_max,
+            steer_rate=v.steer_rate,
+            push=max(push, 0.5),
+            brake=min(brake, -0.5),
+            speed_max=s.speed_max if senses.target_speed <= 0.0 else senses.target_speed,
+            stations=self._stations,
+            final=final,
+        )

@@ -1,0 +1,61 @@
+"""Model-predictive control with the arms' sources of belief: the truth, the belief, one fixed soil.
+
+All three drive with the same settings of `agents.controllers.nmpc.NmpcSettings`. The fixed soil is that of
+the arm `nominal`, and the belief is insured over one standard deviation.
+"""
+
+from __future__ import annotations
+
+from agents.controllers.arms import ARMS, Arm, ArmSettings
+from agents.controllers.natural_arms import NATURAL_LAWS, SOURCES
+from agents.controllers.natural_tuned import SETTINGS as NATURAL_SETTINGS
+from agents.controllers.nmpc import NmpcAgent, NmpcSettings
+from agents.controllers.population_limits import PopulationDriver, coordinate_of
+from agents.controllers.protocol import Agent
+from agents.controllers.tuned import SETTINGS
+from offroad_env.environment.scenario_descriptions import find_scenario
+from offroad_env.errors import InvalidParameter
+
+__all__ = ["PREDICTIVE", "make_nmpc"]
+
+#: Agent -> the arm whose belief it has.
+PREDICTIVE = {"nmpc_nominal": "nominal", "nmpc_belief": "aware", "nmpc_truth": "oracle"}
+#: Standard deviations over which the belief is insured.
+_Z = 1.0
+
+
+def make_nmpc(
+    name: str, *, scenario: str = "speed", natural: bool = False, settings: NmpcSettings | None = None
+) -> Arm:
+    """Model-predictive control with one source of belief.
+
+    Parameters
+    ----------
+    name
+        In `PREDICTIVE`.
+    scenario
+    natural
+        Whether beliefs are about what the soil holds instead of n.
+    settings
+        Default: those that were chosen on training episodes.
+
+    Raises
+    ------
+    InvalidParameter
+        For another name.
+    """
+    if name not in PREDICTIVE:
+        raise InvalidParameter(f"agent must be one of {', '.join(PREDICTIVE)}, got {name!r}")
+    task, arm = find_scenario(scenario).task, PREDICTIVE[name]
+    if natural:
+        terrain_info, source = SOURCES[arm]
+        tuned = NATURAL_SETTINGS.get((task, "nominal", "common"), {})
+    else:
+        terrain_info, _, source = ARMS[arm]
+        tuned = SETTINGS.get((task, "nominal"), {})
+    belief = source(task, ArmSettings(n=tuned.get("n", 0.3), z=_Z))
+    controller = NmpcAgent(belief, settings)
+    agent: Agent = controller
+    if natural:
+        agent = PopulationDriver(controller, NATURAL_LAWS, coordinate_of(task))
+    return Arm(name=name, terrain_info=terrain_info, informed=ARMS[arm][1], agent=agent)

@@ -1,0 +1,117 @@
+"""Model-predictive control: the model is the table's, the plan keeps its bounds, and no clock decides."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents.controllers.arms import believe_fixed, believe_truth
+from agents.controllers.nmpc import NmpcAgent, soil_numbers
+from agents.controllers.nmpc_arms import PREDICTIVE, make_nmpc
+from agents.controllers.nmpc_problem import INPUTS, SOIL, STATES, Horizon, make_problem
+from agents.controllers.speed_planner import limits_over_n
+from agents.driving.episode import find_agent
+from offroad_env.environment.env import OffroadBekkerEnv
+from offroad_env.errors import InvalidParameter
+
+pytest.importorskip("casadi", reason="needs the extra mpc")
+V, S, E = STATES.index("v"), STATES.index("s"), STATES.index("e")
+
+
+@pytest.fixture(scope="module")
+def briefing():
+    return OffroadBekkerEnv(scenario="speed").briefing
+
+
+@pytest.fixture(scope="module")
+def numbers(briefing):
+    return soil_numbers(briefing.vehicle, limits_over_n(briefing))
+
+
+@pytest.mark.parametrize("n", [0.3, 0.6, 1.1])
+def test_the_axles_of_the_problem_hold_what_the_compiled_wheel_holds(briefing, numbers, n):
+    table, soil = limits_over_n(briefing), numbers.at(n, n, 1.0)
+    row = int(np.argmin(np.abs(table.grid - n)))
+    for axle in range(2):
+        D, C, B = soil[3 * axle : 3 * axle + 3]
+        fit = D * np.sin(C * np.arctan(B * table.angles))
+        assert np.abs(fit - table.side[axle, row]).max() < 0.08 * table.side[axle, row].max()
+
+
+def test_the_stages_are_linearised_as_finite_differences_say(briefing, numbers):
+    problem, rng = make_problem(briefing.vehicle, Horizon(), 0.02), np.random.default_rng(0)
+    soil = numbers.at(0.6, 0.6, 0.9)
+    x = np.array([0.2, 0.1, 1.0, 6.0, -0.2, 0.3, 0.1, 1.0, 0.1, 1.0])
+    u, kappa = np.array([0.1, -0.5]), 0.05
+    stages = Horizon().stages
+    _, A, B = (np.asarray(part) for part in problem.stage(np.tile(x, (stages, 1)).T, u, soil, kappa))
+    for _ in range(5):
+        dx, du = 1e-6 * rng.standard_normal(len(STATES)), 1e-6 * rng.standard_normal(len(INPUTS))
+        ends = [problem.step(x + s * dx, u + s * du, soil, kappa) for s in (1.0, -1.0)]
+        slope = 0.5 * (np.asarray(ends[0]) - np.asarray(ends[1])).ravel()
+        assert A[:, : len(STATES)] @ dx + B[:, : len(INPUTS)] @ du == pytest.approx(
+            slope, rel=1e-4, abs=1e-11
+        )
+
+
+def planned(briefing, kappa, n, speed=7.0, replans=6):
+    """States of the plan on a path of that curvature [1/m] from 15 m on."""
+    agent = NmpcAgent(believe_fixed((n - 0.3) / 0.8))
+    agent.reset(briefing)
+    preview = np.array(briefing.preview)
+    path = np.concatenate([[0.0, 0.0, 0.0], np.where(preview >= 15.0, kappa, 0.0), [500.0]])
+    seen = {
+        "imu": np.array([0.0, 0.0, 0.0, 0.0, 0.0]),
+        "motion": np.array([speed, speed, speed, 0.0, 0.0]),
+        "path": path,
+    }
+    for _ in range(replans):  # each one linearises once more
+        agent._age = agent.settings.replan
+        agent.act(seen)
+    return agent._plan[0]
+
+
+def test_a_plan_goes_faster_on_the_straight_and_slows_down_before_a_bend(briefing):
+    straight, bend = (planned(briefing, kappa, 0.7) for kappa in (0.0, 0.08))
+    assert straight[-1, V] > 7.2
+    assert bend[-1, V] < straight[-1, V] - 1.0
+    assert bend[-1, S] < straight[-1, S]
+
+
+def test_on_soil_with_less_grip_the_plan_enters_the_bend_more_slowly(briefing):
+    soft, firm = (planned(briefing, 0.08, n)[-1, V] for n in (0.3, 1.0))
+    assert soft < firm - 0.3
+
+
+def test_a_plan_stays_inside_its_part_of_the_corridor(briefing):
+    plan = planned(briefing, 0.08, 0.7, speed=5.0)
+    assert np.abs(plan[:, E]).max() < 0.55 * briefing.corridor + 0.05
+
+
+def test_it_stays_on_the_road_and_repeats_itself_to_the_last_digit():
+    env, drives = OffroadBekkerEnv(scenario="speed", terrain_info="truth"), []
+    agent = NmpcAgent(believe_truth)
+    for _ in range(2):
+        observation, info = env.reset(seed=4, options={"n": 0.6})
+        agent.reset(env.briefing)
+        for _ in range(150):
+            observation, _, terminated, _, info = env.step(agent.act(observation))
+            assert not terminated
+        drives.append((info["progress"], info["cross_track_error"]))
+    assert drives[0] == drives[1]
+    assert drives[0][0] > 12.0
+
+
+def test_agents_by_name_have_the_belief_that_the_name_says():
+    told = {name: find_agent(name, "speed", None)[1] for name in PREDICTIVE}
+    assert told == {"nmpc_nominal": "none", "nmpc_belief": "estimate", "nmpc_truth": "truth"}
+    natural = {name: find_agent(name, "speed", None, form="natural")[1] for name in PREDICTIVE}
+    assert natural == {"nmpc_nominal": "none", "nmpc_belief": "belief", "nmpc_truth": "limits"}
+    assert len(SOIL) == 12
+
+
+def test_tasks_that_it_cannot_plan_are_refused():
+    env = gym.make("offroad_env:OffroadBekker-v0", scenario="brake").unwrapped
+    with pytest.raises(InvalidParameter, match="line"):
+        make_nmpc("nmpc_truth", scenario="brake").agent.reset(env.briefing)
