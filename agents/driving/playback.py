@@ -82,6 +82,7 @@ def _above(log: EpisodeLog, columns: dict[str, np.ndarray]) -> Above:
         yaw=np.interp(columns["progress"], log.path.s, log.path.nodes[:, _YAW]) + columns["heading_error"],
         path=log.path.xy,
         corridor=log.corridor if np.isfinite(log.corridor) else 0.0,
+        stretches=tuple((start, end, f"n = {n:.2f}") for start, end, n in log.stretches),
     )
 
 

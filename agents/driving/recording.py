@@ -217,6 +217,7 @@ class EpisodeLog:
     n_range: tuple[float, float]  #: prior of the sinkage exponent: uniform [-]
     steer_max: float  #: steering angle of action 1 [rad]
     estimating: bool  #: whether an estimator runs; otherwise its columns hold the prior
+    stretches: tuple[tuple[float, float, float], ...] = ()  #: of another n: from, to along the path [m], n
     ending: str = ""  #: "goal", the failure, or "" (time over, or not ended yet)
     rows: list[tuple[float, ...]] = field(default_factory=list)
 
@@ -225,6 +226,7 @@ class EpisodeLog:
         """The log of the episode that ``env.reset()`` has just started, with its ``info`` as row 0."""
         base = env.unwrapped
         briefing, snapshot = base.briefing, base.snapshot()
+        low, high = briefing.n_range
         log = cls(
             path=snapshot.course.path,
             scenario=briefing.scenario,
@@ -233,6 +235,9 @@ class EpisodeLog:
             n_range=briefing.n_range,
             steer_max=briefing.vehicle.steer_max,
             estimating=snapshot.estimate is not None,
+            stretches=tuple(
+                (start, end, low + place * (high - low)) for start, end, place in snapshot.course.sections
+            ),
         )
         log.add((0.0, 0.0), info)
         return log

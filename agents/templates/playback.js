@@ -173,10 +173,11 @@
       stroke(pen, [[10, h - 8], [10 + bar * scale, h - 8]]);
       pen.fillStyle = INK; pen.textAlign = "left"; pen.textBaseline = "bottom";
       pen.fillText(`${bar} m`, 10, h - 11);
-      a.stretches.forEach((stretch, k) => {
-        pen.fillStyle = DEEP; pen.fillRect(w - 150, 8 + 16 * k, 12, 10);
-        pen.fillStyle = INK; pen.textBaseline = "top"; pen.fillText(stretch.name, w - 133, 6 + 16 * k);
-      });
+      pen.textAlign = "center"; pen.textBaseline = "top";
+      for (const stretch of a.stretches) {
+        const [x, y] = stretch.points[Math.floor(stretch.points.length / 2)];
+        pen.fillText(stretch.name, Math.min(Math.max(X(x), 30), w - 30), Math.min(Y(y) + 10, h - 14));
+      }
     }
 
     vehicle(pen, x, y, yaw, length) {
@@ -199,17 +200,22 @@
     drawWheels() {
       const [pen, w, h] = ready(this.wheels), wheels = this.data.wheels, part = w / wheels.length;
       const surface = 0.68 * h, radius = Math.min(0.27 * part, 0.3 * h);
+      const i = this.index;
+      const depth = wheel => wheel.sinkage && known(wheel.sinkage[i]) ?
+        Math.max(wheel.sinkage[i], 0) * radius / wheel.radius : 0;
       pen.fillStyle = SOIL;
       pen.fillRect(0, surface, w, h - surface);
       // The vehicle drives to the right, so that its front wheel, the first one, stands there.
       wheels.forEach((wheel, place) => {
         const k = wheels.length - 1 - place;
-        const scale = radius / wheel.radius, i = this.index, x = part * (k + 0.5);
-        const z = wheel.sinkage && known(wheel.sinkage[i]) ? Math.max(wheel.sinkage[i], 0) * scale : 0;
-        const y = surface - radius + z;
-        pen.clearRect(k * part, surface - 1, x - k * part, z + 1);  // the rut behind the wheel
-        pen.fillStyle = DEEP;
-        pen.fillRect(k * part, surface + z, x - k * part, 3);
+        const x = part * (k + 0.5), z = depth(wheel), y = surface - radius + z;
+        const rut = (from, to, deep) => {
+          pen.clearRect(from, surface - 1, to - from, deep + 1);
+          pen.fillStyle = DEEP;
+          pen.fillRect(from, surface + deep, to - from, 3);
+        };
+        rut(k * part, x, z);
+        if (place > 0) rut(x, (k + 1) * part, depth(wheels[place - 1]));  // of the wheel in front of it
         pen.beginPath(); pen.arc(x, y, radius, 0, 2 * Math.PI);
         pen.fillStyle = "#fff"; pen.fill();
         pen.strokeStyle = INK; pen.lineWidth = 4; pen.stroke();
