@@ -44,7 +44,8 @@ class Compare:
     """
 
     agent: Positional[str]  #: module:Class
-    terrain_info: Literal["none", "estimate", "truth"] = "none"  #: terrain information in its observation
+    #: terrain information in its observation
+    terrain_info: Literal["none", "estimate", "truth", "belief", "limits"] = "none"
     tasks: Scenarios = ("speed",)  #: what is driven: names, or files of your own
     against: tuple[str, ...] = ("nominal", "conservative", "aware", "oracle")  #: whom it is compared with
     forms: tuple[Form, ...] = ("matched",)  #: vehicle as modelled, or unlike it

@@ -22,3 +22,14 @@ def test_the_example_runs_from_an_empty_folder(tmp_path):
     for place in ("video", "compared/benchmark.html", "run.csv", "out/diagnosis.html"):
         assert (tmp_path / place).exists(), place
     assert "cruise:Cruise" in done.stdout
+
+
+@pytest.mark.check
+def test_the_example_of_learning_runs_and_leaves_a_policy(tmp_path):
+    pytest.importorskip("stable_baselines3")
+    command = [sys.executable, str(EXAMPLE.with_name("train_ppo.py")), "0", "4096"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert len(EXAMPLE.with_name("train_ppo.py").read_text(encoding="utf-8").splitlines()) < 30
+    for name in ("ppo_speed_0.zip", "ppo_speed_0.pkl"):
+        assert (tmp_path / name).exists(), name
