@@ -41,7 +41,7 @@ NATURAL_TASKS = ("track", "speed", "climb", "brake", "ride")
 
 #: Standard deviation of a fix [m].
 _FIX, _COARSE_FIX = 0.03, 1.5
-#: Half widths of the corridors with coarse fixes [m]: what navigation strays beside the given ones.
+#: Half widths of the corridors with coarse fixes [m]: the given ones and one standard deviation of a fix.
 CORRIDORS = {"track": 5.5, "speed": 3.0, "climb": 4.0, "brake": 3.5, "ride": 3.5}
 
 #: Tolerances of a vehicle: relative standard deviations of numbers that load, wear and assembly change.
