@@ -68,6 +68,11 @@ STUDIES: dict[str, tuple[str, str, str]] = {
         "TyreStudy",
         "the flexible tyre against published stiffness, ruts, resistance and pull",
     ),
+    "adaptation": (
+        "adaptation",
+        "Adaptation",
+        "prediction on unseen soils after a few seconds: belief, learned models, oracle",
+    ),
     "belief": (
         "belief",
         "BeliefStudy",

@@ -19,6 +19,10 @@ duration. What the means of the innovations show beyond it is learnt as a discre
 When the mean over 2 s leaves its band, no soil explains the drive: the flag goes down and part of the prior
 comes back.
 
+*Wrong laws.* Eight numbers of a soil reproduce much of what other laws do, and the limits are then wrong.
+Sideways motion gives it away: its means over 0.5 s err by more than belief and sensors explain, and the flag
+goes down. It is up only after 1 s of driving that has passed this test.
+
 The kernels are in `soil_belief_step`, `soil_belief_points` and `soil_belief_holds`.
 """
 
@@ -42,16 +46,18 @@ from estimators.filters.soil_belief_holds import (
     refresh_surrogate,
     whole_surrogate,
 )
-from estimators.filters.soil_belief_points import COPIES, LOG_MASS, SAMPLED, SIZE, N, Sigma
+from estimators.filters.soil_belief_points import COPIES, LOG_MASS, SAMPLED, SIZE, N, Sigma, plant_of_point
 from estimators.filters.soil_belief_step import (
     CHANNELS,
     DISCREPANCY,
     FLAGS,
     HELD,
     NIS,
+    REJECTED,
     REPAIRS,
     RESETS,
     SURPRISE,
+    TESTED,
     UNSETTLED,
     BeliefMemory,
     BeliefRules,
@@ -111,6 +117,7 @@ _POSITIVE = (
         "rim_scale",
         "short_time",
         "memory_time",
+        *("misfit_time", "misfit", "test_time", "rejected_time"),
         "surprise",
         "discrepancy",
         "refresh_time",
@@ -139,7 +146,8 @@ class SoilBeliefSettings:
     settle_time: float = 1.0  #: time in which the copies follow their sigma points [s]
     position_gain: float = 5.0  #: pulls as in `OnlineParameterSettings` [1/s]
     speed_gain: float = 4.0
-    side_gain: float = 1.0
+    #: None: tyres damp side slip, and the navigation filter's follows the bias of the accelerometer.
+    side_gain: float = 0.0
     yaw_rate_gain: float = 2.0
     pitch_rate_gain: float = 5.0
     hold_speed: float = 1.0  #: below this the copies rest and the belief holds [m/s]
@@ -150,7 +158,13 @@ class SoilBeliefSettings:
     rim_scale: float = 0.01  #: of the rolling radius [-]
     short_time: float = 0.5  #: of the mean in which a discrepancy shows [s]
     memory_time: float = 5.0  #: over which its variance is averaged [s]
+    misfit_time: float = 2.0  #: over which what neither belief nor sensors explain is averaged [s]
     surprise: float = 15.0  #: largest chi-square (6 channels) of the mean innovation for a valid belief
+    #: Largest misfit of lateral acceleration and yaw rate for a valid belief, over `error`; how long the
+    #: belief learns before it is tested, and how long the flag then stays down [s].
+    misfit: float = 0.6
+    test_time: float = 1.0
+    rejected_time: float = 10.0
     discrepancy: float = 2.5  #: largest discrepancy of a channel for a valid belief, over `error`
     widening: float = 0.2  #: share of the prior's variance that comes back when no soil explains the drive
     unsettled_time: float = 3.0  #: how long the flag then stays down [s]
@@ -253,6 +267,7 @@ class OnlineSoilBelief(OnlineFilter):
             prior=np.concatenate([np.diag(population_of()[1]), own]),
             R=sensor**2 + 2.0 * error**2 * s.error_time / self.dt,
             error=error**2,
+            sensor=sensor**2,
             drift=float(s.drift),
             lags=(vehicle.steer_lag, vehicle.torque_lag),
             position_gain=float(s.position_gain),
@@ -264,6 +279,10 @@ class OnlineSoilBelief(OnlineFilter):
             settle_time=float(s.settle_time),
             short_time=float(s.short_time),
             memory_time=float(s.memory_time),
+            misfit_time=float(s.misfit_time),
+            misfit=float(s.misfit),
+            test_time=float(s.test_time),
+            rejected_time=float(s.rejected_time),
             surprise=float(s.surprise),
             widening=float(s.widening),
             unsettled_time=float(s.unsettled_time),
@@ -322,12 +341,13 @@ class OnlineSoilBelief(OnlineFilter):
 
     @property
     def is_valid(self) -> bool:
-        """Whether no innovation test rejects the model."""
+        """Whether the model has been tested on some driving, and no innovation test rejects it."""
         flags = self._memory.flags
+        tested = flags[TESTED] >= self._rules.test_time and flags[REJECTED] <= 0.0
         explained = (
             flags[SURPRISE] < self._rules.surprise and flags[DISCREPANCY] < self.settings.discrepancy**2
         )
-        return bool(explained and flags[UNSETTLED] <= 0.0)
+        return bool(tested and explained and flags[UNSETTLED] <= 0.0)
 
     @property
     def limits(self) -> tuple[FloatArray, FloatArray]:
@@ -379,6 +399,16 @@ class OnlineSoilBelief(OnlineFilter):
         return self._memory.mean.copy(), self._memory.cov.copy()
 
     @property
+    def believed_plants(self) -> list[Plant]:
+        """Models with soil and mass of the belief's mean, and of the other sigma points of the last update.
+
+        The mean of what they predict is the prediction of the belief.
+        """
+        base = self.plant._replace(soil=_base_soil())
+        points = [self._memory.mean[:SAMPLED], *self._memory.sigma.points[1:]]
+        return [plant_of_point(base, point) for point in points]
+
+    @property
     def held(self) -> bool:
         """Whether the last sample left the belief as it was."""
         return bool(self._memory.flags[HELD] > 0.5)
@@ -406,5 +436,6 @@ def _new_memory(plant: Plant) -> BeliefMemory:
         mean_innovation=np.zeros(CHANNELS),
         short_innovation=np.zeros(CHANNELS),
         discrepancy=np.zeros(CHANNELS),
+        misfit=np.zeros(CHANNELS),
         flags=np.zeros(FLAGS),
     )

@@ -38,9 +38,11 @@ __all__ = [
     "FLAGS",
     "HELD",
     "NIS",
+    "REJECTED",
     "REPAIRS",
     "RESETS",
     "SURPRISE",
+    "TESTED",
     "UNSETTLED",
     "BeliefMemory",
     "BeliefRules",
@@ -51,11 +53,13 @@ __all__ = [
 CHANNELS = 6
 _IMU_CHANNELS, _SPEED, _RIMS = 3, 3, 4
 _USED = (A_X, A_Y, YAW_RATE)
+#: Channels in which a wrong structure shows; wheels that spin up and roads show in the others.
+_STRUCTURAL = (1, 2)
 #: Where a channel's own error stands in the belief: biases of the inertial unit; none of the speed; rim
 #: scale.
 _OWN = (SAMPLED, SAMPLED + 1, SAMPLED + 2, -1, SAMPLED + 3, SAMPLED + 3)
-(AWAKE, HELD, NIS, SURPRISE, UNSETTLED, REPAIRS, RESETS, DISCREPANCY) = range(8)
-FLAGS = 8
+(AWAKE, HELD, NIS, SURPRISE, UNSETTLED, REPAIRS, RESETS, DISCREPANCY, TESTED, REJECTED) = range(10)
+FLAGS = 10
 #: Halvings of a pair's distance until both of its soils carry the vehicle, and what a mean that does not
 #: carry it gains in log pressure.
 _TRIES, _FIRMER = 8, 0.3
@@ -73,6 +77,7 @@ class BeliefMemory(NamedTuple):
     mean_innovation: FloatArray  #: (CHANNELS,) over `MEAN_TIME`
     short_innovation: FloatArray  #: (CHANNELS,) over ``short_time``
     discrepancy: FloatArray  #: (CHANNELS,) variance of errors that the model has beyond those assumed
+    misfit: FloatArray  #: (CHANNELS,) variance of errors that neither the belief nor the sensors explain
     flags: FloatArray  #: (FLAGS,)
 
 
@@ -82,6 +87,7 @@ class BeliefRules(NamedTuple):
     prior: FloatArray  #: (SIZE,) variances of the prior
     R: FloatArray  #: (CHANNELS,) variances of the measurement noise
     error: FloatArray  #: (CHANNELS,) variances of the errors that last, a part of it
+    sensor: FloatArray  #: (CHANNELS,) variances of the sensors' white noise, another part
     drift: float  #: random walk, in standard deviations of the prior [1/sqrt(s)]
     lags: tuple[float, float]  #: of steering and torque [s]
     position_gain: float  #: gains [1/s]
@@ -93,6 +99,10 @@ class BeliefRules(NamedTuple):
     settle_time: float  #: [s]
     short_time: float  #: [s]
     memory_time: float  #: [s]
+    misfit_time: float  #: [s]
+    misfit: float
+    test_time: float  #: [s]
+    rejected_time: float  #: [s]
     surprise: float
     widening: float
     unsettled_time: float  #: [s]
@@ -295,8 +305,25 @@ def _note_innovation(
     excess = memory.short_innovation[j] ** 2 - expected
     old = memory.discrepancy[j]
     memory.discrepancy[j] = max(old + dt / rules.memory_time * (excess - old), 0.0)
+    unexplained = memory.short_innovation[j] ** 2 - rules.sensor[j] * dt / (2.0 * rules.short_time) - spread
+    before = memory.misfit[j]
+    memory.misfit[j] = max(before + dt / rules.misfit_time * (unexplained - before), 0.0)
     square: float = memory.mean_innovation[j] ** 2 / (R * dt / (2.0 * MEAN_TIME) + spread)
     return square
+
+
+@kernel
+def _test_structure(memory: BeliefMemory, rules: BeliefRules) -> None:
+    """Reject the structure while sideways motion errs by more than the belief and the sensors explain.
+
+    Whatever belief there is at the start is wide and errs: the test begins some time later.
+    """
+    flags, worst = memory.flags, 0.0
+    flags[TESTED] += rules.dt
+    for j in _STRUCTURAL:
+        worst = max(worst, memory.misfit[j] / rules.error[j])
+    if flags[TESTED] >= rules.test_time and worst > rules.misfit * rules.misfit:
+        flags[REJECTED] = rules.rejected_time
 
 
 @kernel
@@ -340,6 +367,7 @@ def _compare(
             residual -= row[i] * (memory.mean[i] - before[i])
         nis += _correct(memory, row, residual, variance, most)
     keep_in_range(memory.mean)
+    _test_structure(memory, rules)
     flags[NIS], flags[HELD], flags[SURPRISE], flags[DISCREPANCY] = nis, 0.0, surprise, largest
     if surprise > 2.0 * rules.surprise and rules.widening > 0.0:
         _widen(memory, rules)
@@ -363,6 +391,7 @@ def learn_soil(
     """
     plant, flags = unpack(packed), memory.flags
     flags[UNSETTLED] = max(flags[UNSETTLED] - rules.dt, 0.0)
+    flags[REJECTED] = max(flags[REJECTED] - rules.dt, 0.0)
     for i in range(SIZE):
         grown = memory.cov[i, i] + rules.drift * rules.drift * rules.prior[i] * rules.dt
         memory.cov[i, i] = max(min(grown, rules.prior[i]), memory.cov[i, i])

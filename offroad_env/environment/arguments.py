@@ -56,7 +56,7 @@ def require_choice(name: str, value: object, allowed: tuple[str | None, ...]) ->
         raise InvalidParameter(f"{name} must be one of {', '.join(map(str, allowed))}, got {shown(value)}")
 
 
-def checked_estimator(estimator: str | OnBoard | None, terrain_info: str) -> str | OnBoard:
+def checked_estimator(estimator: str | OnBoard | None, terrain_info: str, model: object) -> str | OnBoard:
     """Which estimator runs; by default the compiled one, where it is observed."""
     if estimator is None:
         estimator = {"estimate": COMPILED, "belief": SOIL_BELIEF}.get(terrain_info, "none")
@@ -67,6 +67,10 @@ def checked_estimator(estimator: str | OnBoard | None, terrain_info: str) -> str
     kind = estimator.kind if isinstance(estimator, OnBoard) else estimator
     if terrain_info == "belief" and kind != SOIL_BELIEF:
         raise InvalidParameter(f'terrain_info="belief" needs estimator={SOIL_BELIEF!r}, got {kind!r}')
+    if kind == SOIL_BELIEF and model == "paper":
+        # Its wheels have no spin of their own.
+        what = f'estimator {SOIL_BELIEF!r} (terrain_info="belief")'
+        raise InvalidParameter(f'{what} needs model="full", got model="paper"')
     if isinstance(estimator, OnBoard) or estimator in ("none", COMPILED):
         return estimator
     return OnBoard(kind=estimator, rate=_BELIEF_RATE) if kind == SOIL_BELIEF else OnBoard(kind=estimator)

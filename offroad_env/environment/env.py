@@ -207,7 +207,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         )
         self.scenario, self.weights, self.n_range = chosen.scenario, chosen.weights, chosen.n_range
         require_choice("terrain_info", terrain_info, TERRAIN_INFO)
-        estimator = checked_estimator(estimator, terrain_info)
+        estimator = checked_estimator(estimator, terrain_info, model)
         own = isinstance(model, str) and model.endswith(".json")
         self.extension: Extension | None = read_extension(model) if own else None
         if self.extension is not None:

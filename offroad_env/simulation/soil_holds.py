@@ -80,6 +80,35 @@ class SoilHolds(NamedTuple):
         return not math.isnan(self.sinkage)
 
 
+class _Bracket(NamedTuple):
+    """Two places between which a function changes its sign."""
+
+    low: float
+    f_low: float  #: not positive, halved where the other end has moved twice
+    high: float
+    f_high: float
+    side: float  #: which end moved last: 1 high, -1 low, 0 none
+
+
+@inline_kernel
+def _narrowed(b: _Bracket, x: float, f: float) -> _Bracket:
+    """The bracket with ``f`` at ``x`` for one end (regula falsi, Illinois)."""
+    up = f > 0.0
+    return _Bracket(
+        b.low if up else x,
+        (b.f_low * 0.5 if b.side > 0.0 else b.f_low) if up else f,
+        x if up else b.high,
+        f if up else (b.f_high * 0.5 if b.side < 0.0 else b.f_high),
+        1.0 if up else -1.0,
+    )
+
+
+@inline_kernel
+def _secant(b: _Bracket) -> float:
+    """Where the straight line between the ends crosses zero."""
+    return (b.low * b.f_high - b.high * b.f_low) / (b.f_high - b.f_low)
+
+
 class _Turning(NamedTuple):
     """How the vehicle turns the wheels of an axle."""
 
@@ -140,7 +169,7 @@ def _enter_rut(plant: Plant, sinkage: float, warm: FloatArray) -> None:
 @kernel
 def _free_slip(plant: Plant, place: tuple[float, float], axle: int, warm: FloatArray) -> float:
     """Slip at which an axle rolls without torque (regula falsi, Illinois); NaN where it is not carried."""
-    low, high, T_low, T_high, side = -_ROLLING_SLIP, _ROLLING_SLIP, math.nan, math.nan, 0.0
+    bracket = _Bracket(-_ROLLING_SLIP, math.nan, _ROLLING_SLIP, math.nan, 0.0)
     # From rolling without slip on: a wheel that spins or is braked may sink where a rolling one is carried.
     slip, tolerance = 0.0, 1e-9 * static_loads(plant.vehicle)[axle] * plant.vehicle.r
     step = 0.02
@@ -151,19 +180,12 @@ def _free_slip(plant: Plant, place: tuple[float, float], axle: int, warm: FloatA
             return math.nan
         if abs(T) <= tolerance:
             break
-        if T > 0.0:
-            high, T_high = slip, T
-            T_low *= 0.5 if side > 0.0 else 1.0
-            side = 1.0
-        else:
-            low, T_low = slip, T
-            T_high *= 0.5 if side < 0.0 else 1.0
-            side = -1.0
-        if math.isnan(T_low) or math.isnan(T_high):
-            slip = min(max(slip - side * step, -_ROLLING_SLIP), _ROLLING_SLIP)
+        bracket = _narrowed(bracket, slip, T)
+        if math.isnan(bracket.f_low) or math.isnan(bracket.f_high):
+            slip = min(max(slip - bracket.side * step, -_ROLLING_SLIP), _ROLLING_SLIP)
             step *= 2.0
         else:
-            slip = (low * T_high - high * T_low) / (T_high - T_low)
+            slip = _secant(bracket)
     return slip
 
 
@@ -243,9 +265,12 @@ def _held_across(
         low, along_low = slip, along
     if math.isnan(along_high) or math.isnan(along_low):
         return across
-    side, tolerance = 0.0, 1e-6 * static_loads(plant.vehicle)[axle]
+    bracket, tolerance = (
+        _Bracket(low, along_low, high, along_high, 0.0),
+        1e-6 * static_loads(plant.vehicle)[axle],
+    )
     for _ in range(_ROUNDS):
-        slip = (low * along_high - high * along_low) / (along_high - along_low)
+        slip = _secant(bracket)
         found = _axle_forces(plant, place, axle, _motion(slip, slip_angle), warm)
         if found.status >= SUNK:
             break
@@ -253,14 +278,7 @@ def _held_across(
         across = found.F_l * sin - found.F_c * cos
         if abs(along) <= tolerance:
             break
-        if along > 0.0:
-            high, along_high = slip, along
-            along_low *= 0.5 if side > 0.0 else 1.0
-            side = 1.0
-        else:
-            low, along_low = slip, along
-            along_high *= 0.5 if side < 0.0 else 1.0
-            side = -1.0
+        bracket = _narrowed(bracket, slip, along)
     return across
 
 

@@ -45,6 +45,8 @@ def test_the_observation_has_a_number_for_every_name_inside_the_space() -> None:
     named = dict(zip(BELIEF_VECTOR, observation["terrain"].tolist(), strict=True))
     assert named["n"] == pytest.approx(env.estimator.inner.estimate.mean, rel=1e-6)
     assert named["valid"] == 1.0
+    early = _driven(env, 40)[-1]["terrain"]
+    assert early[BELIEF_VECTOR.index("valid")] == 0.0  # 0.8 s: not tested yet
 
 
 def test_after_a_few_seconds_the_belief_holds_what_the_soil_holds() -> None:
@@ -111,7 +113,9 @@ def test_what_cannot_give_a_belief_is_refused() -> None:
         _made(estimator="none")
     with pytest.raises(InvalidParameter, match="needs estimator"):
         _made(estimator=OnBoard(kind="joint"))
-    with pytest.raises(InvalidParameter, match="full model"):
-        _made(model="paper").reset(seed=0)
+    with pytest.raises(InvalidParameter, match='needs model="full"'):
+        _made(model="paper")
+    with pytest.raises(InvalidParameter, match='needs model="full"'):
+        OffroadBekkerEnv(scenario="track", model="paper", estimator="belief")
     with pytest.raises(InvalidParameter, match="deformable soil"):
         _made(soil="hard_ground")

@@ -1,6 +1,6 @@
 """``offroad reproduce soil_belief``: what an online belief over whole soils says on soils nobody has seen.
 
-Units are one drive of one case (`estimators.experiments.soil_belief`). The settings of the filter were chosen
+Units are one drive of one case (`estimators.experiments.unknown_soils`). The filter was configured
 on drives of the split "tuning"; by default the drives are of the split "test".
 """
 
@@ -16,15 +16,8 @@ import numpy as np
 from agents.commands.options import Jobs
 from agents.reports.output import Results, console, say, table
 from agents.studies.runner import Key, run_units, stamp_of
-from estimators.experiments.soil_belief import (
-    CASES,
-    SPLITS,
-    BeliefHistory,
-    SoilRun,
-    believe,
-    draw_run,
-    limit_errors,
-)
+from estimators.experiments.soil_belief import BeliefHistory, believe, limit_errors, stuck_at
+from estimators.experiments.unknown_soils import CASES, SPLITS, SoilRun, draw_run
 from offroad_env.errors import InvalidParameter
 from offroad_env.simulation.soil_holds import SoilHolds
 
@@ -32,6 +25,11 @@ __all__ = ["AT", "BARS", "CaseLine", "LimitLine", "SoilBelief", "case_lines", "l
 
 #: When the belief is looked at [s], the last time counts; how long a drive is.
 AT, _DURATION = (2.0, 5.0, 10.0), 14.0
+#: How long the vehicle is watched after that where it may get stuck: an alarm shortly before the end of the
+#: drive is not false because the drive ends [s].
+_WATCHED = 8.0
+#: Ends of the classes of probability in which the risk is compared with what happens.
+_RISKS = (0.2, 0.8)
 #: How long ahead an immobilisation must be announced, and could be foreseen who knows the soil [s].
 _AHEAD, _FORESEEN = 2.0, 3.0
 #: Ends of the normal 95 % and 99 % intervals.
@@ -72,8 +70,9 @@ class StuckLine(NamedTuple):
     case: str
     stuck: int  #: drives that end stuck, later than `_FORESEEN` after the start
     announced: float  #: share of them that was announced `_AHEAD` before
-    false: int  #: drives that were announced and did not get stuck
+    false: int  #: drives that were announced and did not get stuck, nor in the seconds after the drive
     kilometres: float  #: of the drives that did not get stuck
+    risks: list[tuple[int, float]]  #: (drives, share that has no pull) after 5 s by classes of probability
 
 
 class CaseLine(NamedTuple):
@@ -100,7 +99,9 @@ def _numbers(run: SoilRun, history: BeliefHistory) -> dict[str, Any]:
         "valid": bool(history.valid[rows[-1]]),
         "flag": [int(flags.sum()), len(flags)],
         "outside": [outside[up].sum(axis=0).tolist(), int(up.sum())],
-        "stuck": _first(history.t, history.stuck),
+        "stuck": stuck_at(run),
+        "risk": history.risk[rows].tolist(),
+        "no_pull": bool(run.holds.pull <= 0.0),
         "announced": _first(history.t, history.announced),
         "distance": history.distance,
     }
@@ -114,8 +115,9 @@ def _first(t: np.ndarray, event: np.ndarray) -> float:
 
 def run_unit(case: str, seed: int, split: str) -> dict[str, Any]:
     """One drive, see `_numbers`: errors in standard deviations, relative errors, half widths at `AT`."""
-    run = draw_run(case, seed, split=split, duration=_DURATION)
-    return _numbers(run, believe(run))
+    after = _WATCHED if CASES[case].soil is None else 0.0
+    run = draw_run(case, seed, split=split, duration=_DURATION + after)
+    return _numbers(run, believe(run, until=_DURATION))
 
 
 def limit_lines(results: Mapping[Key, Mapping[str, Any]]) -> list[LimitLine]:
@@ -169,7 +171,7 @@ def stuck_lines(results: Mapping[Key, Mapping[str, Any]]) -> list[StuckLine]:
     lines = []
     for case in dict.fromkeys(key[0] for key in results if CASES[key[0]].soil is None):
         found = [result for key, result in results.items() if key[0] == case]
-        late = [result for result in found if _FORESEEN < result["stuck"] < math.inf]
+        late = [result for result in found if _FORESEEN < result["stuck"] <= _DURATION]
         free = [result for result in found if result["stuck"] == math.inf]
         ahead = [result["stuck"] - result["announced"] >= _AHEAD for result in late]
         lines.append(
@@ -179,9 +181,22 @@ def stuck_lines(results: Mapping[Key, Mapping[str, Any]]) -> list[StuckLine]:
                 announced=float(np.mean(ahead)) if ahead else math.nan,
                 false=sum(result["announced"] < math.inf for result in free),
                 kilometres=1e-3 * sum(result["distance"] for result in free),
+                risks=_reliability(found),
             )
         )
     return lines
+
+
+def _reliability(found: Sequence[Mapping[str, Any]]) -> list[tuple[int, float]]:
+    """(drives, share without pull) after 5 s by classes of the probability that was stated."""
+    moving = [result for result in found if result["stuck"] > AT[1]]
+    stated = np.array([result["risk"][1] for result in moving])
+    happens = np.array([result["no_pull"] for result in moving], dtype=bool)
+    classes = np.searchsorted(_RISKS, stated)
+    return [
+        (int((classes == i).sum()), float(happens[classes == i].mean()) if (classes == i).any() else math.nan)
+        for i in range(len(_RISKS) + 1)
+    ]
 
 
 @dataclass(kw_only=True)
@@ -245,10 +260,13 @@ def _show_risks(risks: Sequence[StuckLine]) -> None:
             _percent(line.announced),
             str(line.false),
             f"{line.kilometres:.1f}",
+            *(f"{_percent(share)} ({drives})" for drives, share in line.risks),
         )
         for line in risks
     ]
-    heading = ("case", "drives that get stuck", "announced 2 s ahead [%]", "false alarms", "in km")
+    low, high = (f"{100.0 * end:.0f}" for end in _RISKS)
+    classes = (f"no pull [%] (drives), risk < {low} %", f"{low} to {high} %", f"> {high} %")
+    heading = ("case", "drives stuck", "announced 2 s ahead [%]", "false alarms", "in km", *classes)
     console().print(table("immobilisation", heading, body))
 
 

@@ -18,7 +18,7 @@ from agents.studies.soil_belief.study import (
     stuck_lines,
     widths_over_time,
 )
-from estimators.experiments.soil_belief import CASES, SPLITS, draw_run
+from estimators.experiments.unknown_soils import CASES, SPLITS, draw_run
 from offroad_env.errors import InvalidParameter
 from offroad_env.world.soils import SOILS
 
@@ -57,6 +57,8 @@ def _result(z: float, used: float, flag: float, outside: float) -> dict[str, obj
         "flag": [round(100 * flag), 100],
         "outside": [[round(50 * outside)] + [0] * 5, 50],
         "stuck": math.inf,
+        "risk": [0.1, 0.9, 0.9],
+        "no_pull": True,
         "announced": math.inf,
         "distance": 50.0,
     }
@@ -85,6 +87,8 @@ def test_an_immobilisation_counts_as_announced_two_seconds_ahead(announced: floa
     assert (line.case, line.stuck, line.announced) == ("soft", 1, share)
     assert line.false == (0 if announced == math.inf else 2)
     assert line.kilometres == pytest.approx(0.1)
+    # The one that was stuck after 1 s tells nothing of the risk after 5 s.
+    assert line.risks[2] == (3, 1.0)
 
 
 def test_what_is_not_a_case_is_refused(tmp_path) -> None:

@@ -1,0 +1,1 @@
+"""Prediction on unseen soils after a few seconds: physical and learned models."""

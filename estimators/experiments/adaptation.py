@@ -1,0 +1,130 @@
+"""Prediction after a few seconds on a soil that nobody has seen, by the physical models.
+
+All start from the true motion, so no error of navigation counts; what they know of the soil they have from
+the sensors until then.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from estimators.experiments.motion_sequences import AT, HORIZON
+from estimators.experiments.unknown_soils import VEHICLE, SoilRun
+from estimators.filters.online import OnBoard, Thinned, make_estimator
+from estimators.filters.online_soil_belief import POPULATION_RANGE, OnlineSoilBelief, population_n
+from estimators.filters.protocol import Estimate, Estimator
+from offroad_env.errors import SolverFailure
+from offroad_env.physics import state as at
+from offroad_env.physics.records import Soil
+from offroad_env.simulation.sensors import GnssConfig, ImuConfig
+from offroad_env.simulation.simulator import Plant, make_plant, settled_state, simulate_commands
+from offroad_env.world.soil_prior import ANGLE_SLOPE, EXIT_SHARE, LARGEST_PRESSURE_SHARE, SoilPrior
+from offroad_env.world.soils import SOILS, make_soil
+from offroad_env.world.terrain import flat
+from offroad_env.world.vehicles import VEHICLES
+
+__all__ = ["base_soil", "believed", "filtered_n", "nominal_plant", "predicted", "true_plant"]
+
+#: What belongs to the vehicle's motion; heave and pitch settle on the soil that a model believes in.
+_TAKEN = (
+    *(at.X, at.Y, at.YAW, at.V_X, at.V_Y, at.YAW_RATE),
+    *(at.OMEGA_F, at.OMEGA_R, at.STEER, at.DRIVE, at.BRAKE),
+)
+
+
+def base_soil(name: str) -> Soil:
+    """The soil that a method assumes until it knows better: a name of the catalogue, or "population"."""
+    if name != "population":
+        return SOILS[name]
+    prior = SoilPrior.fitted()
+    pressure, n, c, phi, K = prior.mean.tolist()
+    return make_soil(
+        k_phi=math.exp(pressure) / 0.05**n,
+        n=n,
+        c=math.exp(c),
+        phi=phi,
+        k_x=math.exp(K),
+        a_0=0.5 * sum(LARGEST_PRESSURE_SHARE),
+        a_1=ANGLE_SLOPE,
+        b_0=0.5 * sum(EXIT_SHARE),
+        b_1=0.0,
+    )
+
+
+def nominal_plant(soil: str) -> Plant:
+    """The nominal vehicle on level ground, on a soil of `base_soil`."""
+    return make_plant(VEHICLES[VEHICLE], base_soil(soil), flat())
+
+
+def true_plant(run: SoilRun) -> Plant:
+    """True vehicle and soil; road and scatter of the soil are in nobody's model."""
+    plant = run.record.plant
+    return make_plant(plant.vehicle, plant.soil, flat())
+
+
+def predicted(plants: Sequence[Plant], run: SoilRun, start: float) -> np.ndarray:
+    """(4,) X, Y [m], heading [rad] and speed [m/s] `HORIZON` after ``start`` [s]: the mean over some models.
+
+    Where its soil does not carry the vehicle, or ceases to, a model says that it stops at once.
+    """
+    found: np.ndarray = np.mean([_predicted(plant, run, start) for plant in plants], axis=0)
+    return found
+
+
+def _predicted(plant: Plant, run: SoilRun, start: float) -> np.ndarray:
+    """`predicted` by one model."""
+    record, k = run.record, round(start / run.record.timing.period)
+    state, steps = record.states[k], round(HORIZON / record.timing.period)
+    halted = np.array([state[at.X], state[at.Y], state[at.YAW], 0.0])
+    try:
+        own, warm = settled_state(
+            plant, x=float(state[at.X]), y=float(state[at.Y]), yaw=float(state[at.YAW]), v_x=state[at.V_X]
+        )
+        own[list(_TAKEN)] = state[list(_TAKEN)]
+        commands = record.commands[k + 1 : k + 1 + steps]
+        end = simulate_commands(plant, own, warm, commands, interval=record.timing.period).states[-1]
+    except SolverFailure:
+        return halted
+    found: np.ndarray = end[[at.X, at.Y, at.YAW, at.V_X]]
+    return found
+
+
+def _watched(run: SoilRun, filter_: Estimator, look: Callable[[Estimate], list[Plant]]) -> list[list[Plant]]:
+    """The models that a filter believes in at each of `AT`."""
+    record, found = run.record, []
+    filter_.reset(*population_n(), run.pose)
+    rows = [round(start / record.timing.period) for start in AT]
+    for k in range(1, rows[-1] + 1):
+        steer, drive, brake = record.commands[k].tolist()
+        estimate = filter_.update((steer, drive, brake), record.imu[k], record.wheel[k], record.gnss[k])
+        if k in rows:
+            found.append(look(estimate))
+    return found
+
+
+def _estimator(kind: str, soil: str) -> Estimator:
+    unit, receiver = ImuConfig(kind="specific_force"), GnssConfig(position_sd=1.5)
+    return make_estimator(
+        OnBoard(kind=kind, rate=50.0), nominal_plant(soil), POPULATION_RANGE, unit, receiver
+    )
+
+
+def filtered_n(run: SoilRun, soil: str) -> list[list[Plant]]:
+    """The model with the n of the filter for n alone, all else as nominal, at each of `AT`."""
+    nominal = nominal_plant(soil)
+    return _watched(
+        run,
+        _estimator("online_parameter_ukf", soil),
+        lambda estimate: [nominal._replace(soil=nominal.soil._replace(n=estimate.mean))],
+    )
+
+
+def believed(run: SoilRun) -> list[list[Plant]]:
+    """Models of the sigma points of the belief over whole soils, at each of `AT`."""
+    filter_ = _estimator("online_soil_belief", "dry_sand")
+    inner = filter_.inner if isinstance(filter_, Thinned) else filter_
+    assert isinstance(inner, OnlineSoilBelief)
+    return _watched(run, filter_, lambda _: inner.believed_plants)

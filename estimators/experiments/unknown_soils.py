@@ -1,0 +1,207 @@
+"""Simulated drives over soils that nobody knows.
+
+A case says what is known and what is not. In "nuisances" the soil is drawn from the population of measured
+ones, and vehicle, sensors, start, road and scatter of the soil are drawn with it. The others take a soil of
+the catalogue and change one thing. Soils of tuning, test and training come from disjoint streams of random
+numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.filters.protocol import Pose
+from offroad_env.errors import InvalidParameter, SolverFailure
+from offroad_env.physics.numerics import GRAVITY
+from offroad_env.physics.records import Soil, Vehicle
+from offroad_env.simulation.drive import Command, DriveRecord, simulate_drive
+from offroad_env.simulation.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
+from offroad_env.simulation.simulator import Plant, make_plant
+from offroad_env.simulation.soil_holds import SoilHolds, what_soil_holds
+from offroad_env.world.natural_soil import SoilSpread, natural_soil
+from offroad_env.world.soil_prior import SoilPrior
+from offroad_env.world.soils import SOILS, make_soil
+from offroad_env.world.terrain import flat, rough_terrain
+from offroad_env.world.vehicles import VEHICLES, make_vehicle
+
+__all__ = ["CASES", "SPLITS", "VEHICLE", "Case", "SoilRun", "draw_run"]
+
+#: Streams of random numbers: no soil of one is in another.
+SPLITS = ("tuning", "test", "training")
+#: The vehicle of all drives.
+VEHICLE = "mrzr"
+_TRIES = 1000
+#: Soils that nobody would start on: wheels deeper than this share of the radius, or less net pull per weight.
+_DEEPEST, _LEAST_PULL = 0.5, 0.03
+_START_SPEED = 5.0
+#: Net pull per weight of soft soils: about half of them stop the vehicle.
+_SOFT = (-0.12, 0.08)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """What a drive has that its filter does not know."""
+
+    title: str
+    soil: str | None = None  #: of the catalogue; None: drawn from the population
+    phi: float = 0.0  #: change of the friction angle, either way [rad]
+    c: float = 0.0  #: relative change of the cohesion, either way
+    K: float = 1.0  #: factor of the shear moduli
+    exit: float = 0.0  #: change of b_0
+    heading: float = 0.0  #: error of the start heading, either way [rad]
+    structure: str | None = None  #: of the truth; the filter assumes "full"
+    soft: bool = False  #: soils on which the vehicle hardly gets on
+    nuisances: bool = False  #: vehicle, sensors, start, road and scatter of the soil differ too
+
+
+_DEGREE = math.radians(1.0)
+CASES: dict[str, Case] = {
+    "nuisances": Case(title="whole soils, all nuisances", nuisances=True),
+    "soft": Case(title="soft soils, all nuisances", nuisances=True, soft=True),
+    "matched": Case(title="nothing differs", soil="clay"),
+    "phi_1": Case(title="phi ±1°", soil="clay", phi=_DEGREE),
+    "phi_2": Case(title="phi ±2°", soil="clay", phi=2.0 * _DEGREE),
+    "c": Case(title="c ±20 %", soil="clay", c=0.2),
+    "K_low": Case(title="K x 0.75", soil="clay", K=0.75),
+    "K_high": Case(title="K x 1.25", soil="clay", K=1.25),
+    "exit": Case(title="exit angle -0.1", soil="clay", exit=-0.1),
+    "heading_0.6": Case(title="start heading ±0.6°", soil="clay", heading=0.6 * _DEGREE),
+    "heading_1.7": Case(title="start heading ±1.7°", soil="clay", heading=1.7 * _DEGREE),
+    "grid": Case(title="wheels of structure grid", soil="clay", structure="grid"),
+}
+
+
+class SoilRun(NamedTuple):
+    """A simulated drive."""
+
+    case: str
+    record: DriveRecord
+    holds: SoilHolds  #: what the soil truly holds for the true vehicle
+    pose: Pose  #: start that the filter is given
+
+
+def _drawn_soil(case: Case, rng: np.random.Generator, prior: SoilPrior) -> Soil:
+    if case.soil is None:
+        return prior.sample(rng)
+    base, side = SOILS[case.soil], float(rng.choice([-1.0, 1.0]))
+    return make_soil(
+        base,
+        phi=base.phi + side * case.phi,
+        c=base.c * (1.0 + side * case.c),
+        k_x=base.k_x * case.K,
+        k_y=base.k_y * case.K,
+        b_0=base.b_0 + case.exit,
+    )
+
+
+def _drawn_vehicle(case: Case, rng: np.random.Generator) -> Vehicle:
+    vehicle = VEHICLES[VEHICLE]
+    mass, lag, drag = rng.standard_normal(3)
+    if not case.nuisances:
+        return vehicle
+    return make_vehicle(
+        vehicle,
+        m=vehicle.m * math.exp(0.05 * mass),
+        torque_lag=vehicle.torque_lag * math.exp(0.2 * lag),
+        drag_area=vehicle.drag_area * math.exp(0.2 * drag),
+    )
+
+
+def _sensors(case: Case, rng: np.random.Generator) -> SensorSuite:
+    coarse = bool(rng.random() < 0.5)
+    if not case.nuisances:
+        return SensorSuite(imu=ImuConfig(), wheel=WheelSpeedConfig(), gnss=GnssConfig())
+    unit = ImuConfig(
+        kind="specific_force",
+        accel_bias_sd=0.1,
+        gyro_bias_sd=0.005,
+        misalignment_sd=(2.0 * _DEGREE,) * 3,
+    )
+    return SensorSuite(
+        imu=unit, wheel=WheelSpeedConfig(), gnss=GnssConfig(position_sd=1.5 if coarse else 0.03)
+    )
+
+
+def _drawn_plant(case: Case, rng: np.random.Generator, prior: SoilPrior) -> Plant:
+    """Truth; what is drawn does not depend on the case, so cases of one seed differ in one thing."""
+    soil, vehicle = _drawn_soil(case, rng, prior), _drawn_vehicle(case, rng)
+    road, seed = 10.0 ** rng.uniform(-6.0, -4.5), int(rng.integers(2**31))
+    if not case.nuisances:
+        return make_plant(vehicle, soil, flat(), structure=case.structure)
+    ground = rough_terrain(None, np.random.default_rng(seed), roughness=road, waves=32)
+    spread = SoilSpread(pressure=0.05, n=0.03, c=0.05, tan_phi=0.05, K=0.05)
+    field = natural_soil(soil, seed + 1, spread=spread, waves=32)
+    return make_plant(vehicle, soil, ground, structure=case.structure, soil_field=field)
+
+
+class _Manoeuvre:
+    """Bends in turn to both sides, at speeds that rise and fall: how hard is drawn."""
+
+    def __init__(self, vehicle: Vehicle, rng: np.random.Generator) -> None:
+        self.vehicle = vehicle
+        self.steer = rng.uniform(0.05, 0.9) * vehicle.steer_max
+        self.period, self.beat = rng.uniform(3.0, 7.0), rng.uniform(3.0, 8.0)
+        self.phase = rng.uniform(0.0, 2.0 * math.pi)
+        self.fast, self.swing = rng.uniform(3.5, 8.0), rng.uniform(0.0, 2.5)
+
+    def __call__(self, t: float, v: float) -> Command:
+        """Command at a time [s] and speed [m/s]."""
+        wish = self.fast + self.swing * math.sin(2.0 * math.pi * t / self.beat + self.phase)
+        push = (
+            1.5 * (wish - v) * self.vehicle.m * self.vehicle.r
+            + 0.12 * self.vehicle.m * GRAVITY * self.vehicle.r
+        )
+        drive = min(max(push, 0.0), 0.9 * self.vehicle.drive_torque_max)
+        brake = min(max(-push, 0.0), 0.5 * self.vehicle.brake_torque_max)
+        # Steering in proportion to 1/v beyond a walk keeps the bends as tight as the soil allows.
+        turn = self.steer * math.sin(2.0 * math.pi * t / self.period) * min(1.0, 4.0 / max(v, 1.0))
+        return turn, drive, brake
+
+
+def draw_run(case: str, seed: int, *, split: str = "test", duration: float = 12.0) -> SoilRun:
+    """A drive of a case.
+
+    Parameters
+    ----------
+    case : str
+        Name in `CASES`.
+    seed : int
+        Of all that is drawn.
+    split : {"tuning", "test", "training"}
+    duration : float
+        [s]
+
+    Raises
+    ------
+    InvalidParameter
+        For an unknown case or split.
+    SolverFailure
+        When no drawn soil lets the vehicle drive.
+    """
+    if case not in CASES or split not in SPLITS:
+        raise InvalidParameter(f"case must be one of {', '.join(CASES)}, split of {', '.join(SPLITS)}")
+    rng, prior, chosen = np.random.default_rng([SPLITS.index(split), seed]), SoilPrior.fitted(), CASES[case]
+    for _ in range(_TRIES):
+        try:
+            plant = _drawn_plant(chosen, rng, prior)
+        except InvalidParameter:  # no natural soil spreads around so small an exponent
+            continue
+        manoeuvre, sensors = _Manoeuvre(plant.vehicle, rng), _sensors(chosen, rng)
+        wrong = float(rng.choice([-1.0, 1.0])) * chosen.heading
+        wrong += _DEGREE * float(rng.standard_normal()) * chosen.nuisances
+        held = what_soil_holds(plant._replace(soil_field=None))
+        if not held.carried or held.sinkage > _DEEPEST * plant.vehicle.r:
+            continue
+        low, high = _SOFT if chosen.soft else (_LEAST_PULL, math.inf)
+        if chosen.soil is None and not low < held.pull / (plant.vehicle.m * GRAVITY) < high:
+            continue
+        try:
+            record = simulate_drive(plant, manoeuvre, sensors, rng, duration=duration, speed=_START_SPEED)
+        except SolverFailure:
+            continue
+        return SoilRun(case, record, held, Pose(0.0, 0.0, wrong, _START_SPEED))
+    raise SolverFailure(f"{_TRIES} draws of {case!r} gave no drive")
