@@ -1,4 +1,8 @@
-"""Steering and drive by plain stable-baselines3: recipe agents/recipes/ppo.yaml, result docs/learning.md."""
+"""Learning to drive
+=================
+
+Steering and drive by plain stable-baselines3: recipe agents/recipes/ppo.yaml, result docs/learning.md.
+"""
 
 import sys
 from importlib.resources import files

@@ -30,7 +30,7 @@ def commands() -> dict[str, str]:
         shown += [" ".join(one.split()) for one in re.findall(r"`offroad ([^`]+)`", prose)]
         for command in shown:
             # An option of several, a command left open, a mere name of a command.
-            if not re.search(r"[|]|\.\.\. --rig|^COMMAND", command) and " " in command:
+            if not re.search(r"[|]|\.\.\. --rig|^COMMAND|STUDY", command) and " " in command:
                 found[command] = page.name
     return found
 

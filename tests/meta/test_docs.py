@@ -49,6 +49,13 @@ def test_a_page_is_read_in_five_minutes(page):
     assert found <= longest, f"{found} words: shorten the page, or move what few need into docs/details"
 
 
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_question_answer_and_command_stand_apart(page):
+    """As paragraphs of their own: within one they run together where the page is shown."""
+    found = re.findall(r"[^\n]\n?\*\*(Answer|Command):\*\*", page.read_text(encoding="utf-8"))
+    assert found == []
+
+
 def anchors(page: Path) -> set[str]:
     """Places of a page that a link may name: its headings, as the site and code hosts spell them."""
     text = re.sub(r"^```.*?^```[ \t]*$", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
