@@ -95,6 +95,16 @@ def survives(mutant: Mutant, tree: Path) -> bool:
     return done.returncode == 0
 
 
+def keep_latest(path: Path, names: set[str]) -> None:
+    """Leave the latest result of every mutant of the list."""
+    latest = {}
+    for line in path.read_text(encoding="utf-8").splitlines():
+        entry = json.loads(line)
+        if entry["mutant"] in names:
+            latest[entry["mutant"]] = line
+    path.write_text("".join(f"{line}\n" for line in latest.values()), encoding="utf-8")
+
+
 def main() -> int:
     """Try those that are not known yet; 1 where one survives."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -128,6 +138,8 @@ def main() -> int:
                 print(f"{word:9s} {time.perf_counter() - start:5.0f} s  {mutant.name}", flush=True)
             if known[key]:
                 left.append(mutant.name)
+    if not options.only:
+        keep_latest(options.out, {mutant.name for mutant in mutants})
     print(f"{len(mutants)} mutants, {len(left)} survive")
     print("\n".join(left))
     return int(bool(left))

@@ -6,6 +6,7 @@ import io
 import os
 import stat
 import threading
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +63,16 @@ def test_arrays_come_back_and_objects_do_not(tmp_path):
     np.savez_compressed(tmp_path / "c.npz", x=np.zeros(100_000))
     with pytest.raises(DataError, match="its arrays would take more than"):
         read_arrays(tmp_path / "c.npz", most=10_000)
+
+
+@pytest.mark.parametrize("change", [lambda array: array + b"more", lambda array: array[:-8]])
+def test_an_array_of_another_length_than_its_head_states_is_refused(change, tmp_path):
+    sink = io.BytesIO()
+    np.save(sink, np.arange(6.0))
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("x.npy", change(sink.getvalue()))
+    with pytest.raises(DataError, match="another number of values than it states"):
+        read_arrays(tmp_path / "a.npz")
 
 
 def test_a_device_is_written_to_and_stays_a_device():
