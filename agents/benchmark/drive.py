@@ -6,6 +6,7 @@ import json
 
 import gymnasium as gym
 
+from agents.benchmark.natural import options_of
 from agents.benchmark.runner import ENV_ID, draw_episodes
 from agents.benchmark.study import BenchmarkArgs
 from agents.driving.episode import Drive, find_agent
@@ -21,11 +22,11 @@ _SHOWN = "aware"
 
 def drive_section(args: BenchmarkArgs) -> Section:
     """The first episode of the first task, by the agent that estimates the soil if there is one."""
-    task, form = args.tasks[0], args.forms[0]
+    task, form = args.cells[0]
     name = _SHOWN if _SHOWN in args.agents else args.agents[0]
-    agent, terrain_info = find_agent(name, task, None)
-    options = json.loads(args.world) if args.world else {}
-    env = gym.make(ENV_ID, scenario=task, terrain_info=terrain_info, **options)
+    agent, terrain_info = find_agent(args.driver(name, form), task, None, form=form)
+    options = {**options_of(task, form), **(json.loads(args.world) if args.world else {})}
+    env = gym.make(ENV_ID, terrain_info=terrain_info, **options)
     draw = draw_episodes(task, args.episodes, args.seed, form=form)[0]
     drive = Drive(env, agent, seed=draw.seed, options=draw.options)
     try:

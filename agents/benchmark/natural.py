@@ -6,9 +6,9 @@ sheet, and sensors have bias, scale errors, misalignment and latency, and feel g
 the soil an agent is given what it holds (``terrain_info``): "none", "belief" or "limits".
 
 ====================  ======================================================================
-``natural``           soils of the usual 80 % of the population, GNSS of 0.03 m
+``natural``           soils of the usual 80 % of the population, fixes with 0.03 m of noise
 ``natural_unusual``   soils outside of these, on which nothing was tuned or trained
-``natural_gnss``      as ``natural``, GNSS of 1.5 m; corridors are as much wider (`CORRIDORS`)
+``natural_gnss``      as ``natural``, 1.5 m of noise; corridors are as much wider (`CORRIDORS`)
 ====================  ======================================================================
 """
 
@@ -39,9 +39,9 @@ __all__ = [
 #: Tasks that there are in these forms. `patches` changes n alone, which no soils side by side do.
 NATURAL_TASKS = ("track", "speed", "climb", "brake", "ride")
 
-#: Standard deviation of a fix [m].
+#: White noise of a fix [m]; the drift of the car receiver, 0.17 m over 100 s, stays.
 _FIX, _COARSE_FIX = 0.03, 1.5
-#: Half widths of the corridors with coarse fixes [m]: what navigation strays beside the given ones.
+#: Half widths of the corridors with coarse fixes [m]: the given ones and one standard deviation of a fix.
 CORRIDORS = {"track": 5.5, "speed": 3.0, "climb": 4.0, "brake": 3.5, "ride": 3.5}
 
 #: Tolerances of a vehicle: relative standard deviations of numbers that load, wear and assembly change.

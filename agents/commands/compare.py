@@ -60,6 +60,7 @@ class Compare:
 
     def run(self) -> None:
         """Drive what is missing, compare, write and print."""
+        from agents.benchmark.leaderboard import find_board, standing
         from agents.benchmark.study import BenchmarkArgs, run_study
 
         start = time.perf_counter()
@@ -79,4 +80,8 @@ class Compare:
         for result in results.values():
             for line in paired_lines(result, self.agent):
                 say(line)
+            board = find_board(result.scenario, result.form)
+            if board is not None and not args.world:
+                own = result.arm(self.agent)
+                say(standing(board, self.agent, float(own.scores.mean()), len(own.episodes)))
         write_results(results, args, self.out, self.json, command=command, seconds=seconds)

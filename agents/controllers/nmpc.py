@@ -63,10 +63,10 @@ _MOST_POWER = 0.99
 class NmpcSettings:
     """Caution, weights and timing."""
 
-    margin: float = 0.95  #: share of the side force that the plan counts on [-]
+    margin: float = 0.85  #: share of the side force that the plan counts on [-]
     slip_angle: float = 0.3  #: largest slip angle of the plan [rad]
     corridor: float = 0.55  #: share of the corridor's half width that the plan uses [-]
-    beyond: float = 0.85  #: share of the lateral limit by which it must be able to slow down beyond [-]
+    beyond: float = 0.7  #: share of the lateral limit by which it must be able to slow down beyond [-]
     brake_share: float = 0.7  #: share of the braking that it counts on there [-]
     speed_max: float = 15.0  #: [m/s]
     replan: int = 4  #: control intervals between two decisions
