@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["BenchmarkRun"]
 
 Form = Literal["matched", "mismatch", "natural", "natural_unusual", "natural_gnss", "twin"]  # alias
+Forms = Annotated[tuple[Form, ...], tyro.conf.arg(aliases=["--form"])]
 
 #: Former names of forms.
 _FORMER: dict[str, str] = {"twin": "matched"}  # alias
@@ -51,8 +52,7 @@ class BenchmarkRun:
     tasks: Scenarios = BUILT_IN  #: what is driven: names, or files of your own
     agents: tuple[str, ...] = ("pure_pursuit", "nominal", "conservative", "aware", "oracle")  #: who drives
     policies: bool = True  #: also the policies that are shipped, trained with several seeds each
-    #: vehicle as modelled; mass, k_phi and lag unlike it; whole soils, tolerances and real sensors
-    forms: Annotated[tuple[Form, ...], tyro.conf.arg(aliases=["--form"])] = ("matched", "mismatch")
+    forms: Forms = ("matched", "mismatch")  #: vehicle as modelled, unlike it, or on whole measured soils
     knobs: Literal["common", "own"] = "common"  #: natural forms: arms drive with one set, or with their own
     episodes: int = 100  #: paired episodes of each agent
     seed: int = 0  #: of the episodes

@@ -35,6 +35,9 @@ def paired_lines(result: Benchmark, name: str) -> list[str]:
     return lines
 
 
+TerrainInfo = Literal["none", "estimate", "truth", "belief", "limits"]
+
+
 @dataclass(kw_only=True)
 class Compare:
     """Compare an agent of your own with the arms of the benchmark, on the same episodes.
@@ -44,8 +47,7 @@ class Compare:
     """
 
     agent: Positional[str]  #: module:Class
-    #: terrain information in its observation
-    terrain_info: Literal["none", "estimate", "truth", "belief", "limits"] = "none"
+    terrain_info: TerrainInfo = "none"  #: terrain information in its observation
     tasks: Scenarios = ("speed",)  #: what is driven: names, or files of your own
     against: tuple[str, ...] = ("nominal", "conservative", "aware", "oracle")  #: whom it is compared with
     forms: tuple[Form, ...] = ("matched",)  #: vehicle as modelled, or unlike it
