@@ -10,6 +10,7 @@ from agents.controllers.arms import believe_fixed, believe_truth
 from agents.controllers.nmpc import NmpcAgent, soil_numbers
 from agents.controllers.nmpc_arms import PREDICTIVE, make_nmpc
 from agents.controllers.nmpc_problem import INPUTS, SOIL, STATES, Horizon, make_problem
+from agents.controllers.path_lqg import bend_dynamics
 from agents.controllers.speed_planner import limits_over_n
 from agents.driving.episode import find_agent
 from offroad_env.environment.env import OffroadBekkerEnv
@@ -53,6 +54,19 @@ def test_the_stages_are_linearised_as_finite_differences_say(briefing, numbers):
         assert A[:, : len(STATES)] @ dx + B[:, : len(INPUTS)] @ du == pytest.approx(
             slope, rel=1e-4, abs=1e-11
         )
+
+
+def test_about_straight_driving_it_is_the_linear_bicycle_of_the_steering_by_lqg(briefing, numbers):
+    """The same vehicle, written independently in `path_lqg`: side speed, yaw rate and steering."""
+    dt, speed, soil = 1e-5, 6.0, numbers.at(0.6, 0.6, 1.0)
+    x = np.zeros(len(STATES))
+    x[V], x[STATES.index("push")] = speed, soil[SOIL.index("resistance")]
+    _, jacobian = make_problem(briefing.vehicle, Horizon(), dt).short_step(x, soil, 0.0)
+    rates = (np.asarray(jacobian)[:, : len(STATES)] - np.eye(len(STATES))) / dt
+    places = [STATES.index(name) for name in ("e", "psi", "vy", "r", "steer")]
+    stiffness = tuple(float(np.prod(soil[3 * axle : 3 * axle + 3])) for axle in range(2))
+    linear, _, _ = bend_dynamics(briefing.vehicle, stiffness, speed)
+    assert rates[np.ix_(places, places)] == pytest.approx(linear[:5, :5], abs=2e-3, rel=1e-3)
 
 
 def planned(briefing, kappa, n, speed=7.0, replans=6):
