@@ -50,6 +50,12 @@ LAST_STEP, ROUGH_STEP = 5e-5, 0.03
 #: Sharpness of the smaller of two strengths: where they are equal the result is 3 % below both.
 _ROUNDING = 0.004
 _SMALLEST = 1e-300
+#: Load that is none [N], far enough from the smallest numbers for powers of it.
+_NOTHING = 1e-30
+#: Deflection over load times the spring: how steeply it falls with the load where Newton's step is still whole.
+_FALLING = -0.8
+#: Steps of the load; what has not been found by then is not found.
+_MOST_STEPS = 40
 _THIRD, _SIXTH, _TWENTY_FOURTH = 1.0 / 3.0, 1.0 / 6.0, 1.0 / 24.0
 #: Bekker modulus of ground that does not yield [Pa/m].
 _UNYIELDING = 1e30
@@ -252,20 +258,21 @@ def tyre_load(
 
     The hub comes down by sinkage and deflection, which relieves the spring: load + k f(load) = ``pressing``,
     the load [N] of the wheel had its tyre not deflected, ``k`` [N/m] of the spring for this wheel. f(load) is
-    `hard_ground_deflection` times `flexible_share`. Newton's method from a ``guess`` [N] if that is near; a
-    step below ``last`` of the load is the last, so that the load errs by a tenth of its square.
+    `hard_ground_deflection` times `flexible_share`. Newton's method from a ``guess`` [N] if that is possible; a
+    step below ``last`` of the load is the last, so that the load errs by a tenth of its square. One step or two
+    do from sinkage to sinkage, up to ten where the deflection falls with the load: soil of a small n.
     """
-    most = max(pressing, _SMALLEST)
-    load = guess if 0.5 * most < guess < most else most
+    most = max(pressing, _NOTHING)
+    load = guess if 1e-3 * most < guess < most else most
     hard = f = growth = relief = grown = 0.0
-    for _ in range(4):
+    for _ in range(_MOST_STEPS):
         log_load = fast_log(load)
         hard = fast_exp(on_soil.hard + on_soil.growth * log_load)
         # (p_i + p_c)^4 over p_gcr^4 + (p_i + p_c)^4: the part of the deflection that soil takes away.
         lost = 1.0 - 1.0 / (1.0 + fast_exp(min(on_soil.criterion + on_soil.shift * log_load, 600.0)))
         f = hard - lost * hard
         growth = on_soil.growth - on_soil.shift * lost
-        per_fall = 1.0 / (1.0 + max(k * f / load * growth, 0.0))
+        per_fall = 1.0 / (1.0 + max(k * f / load * growth, _FALLING))
         relief = k * per_fall
         before = load
         load = min(max(load - (load + k * f - pressing) * per_fall, 1e-3 * load), most)

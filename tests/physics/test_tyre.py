@@ -133,6 +133,22 @@ def test_load_and_deflection_are_solved_together() -> None:
         assert found.relief == pytest.approx(k * slope, rel=1e-2)
 
 
+def test_a_load_is_found_where_the_deflection_falls_with_it_from_any_guess() -> None:
+    # Stiff springs above soil of a small n: a sixth of what presses is left, seven steps away.
+    rng = np.random.default_rng(17)
+    for _ in range(300):
+        tyre = make_tyre(r=0.467, b=0.254, inflation=10 ** rng.uniform(4.5, 5.5))
+        wheel = Wheel(tyre.r, tyre.b)
+        modulus, n, k = 10 ** rng.uniform(4.0, 6.0), rng.uniform(0.05, 0.3), 10 ** rng.uniform(5.0, 6.0)
+        pressing = 10 ** rng.uniform(3.5, 4.6)
+        on_soil = tyre_on_soil(tyre, _soil(modulus, n), wheel)
+        first, again = (
+            tyre_load(on_soil, pressing, k, guess) for guess in (0.0, pressing * rng.uniform(0.01, 1.0))
+        )
+        assert first.load + k * first.deflection == pytest.approx(pressing, rel=1e-7)
+        assert again.load == pytest.approx(first.load, rel=1e-7)
+
+
 def _balanced(tyre: Tyre, modulus: float, n: float, pressing: float, k: float) -> float:
     """Load W of W + k f(W) = ``pressing`` by Brent's method, f from the formulas as printed."""
 
