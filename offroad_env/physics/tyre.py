@@ -52,7 +52,7 @@ _ROUNDING = 0.004
 _SMALLEST = 1e-300
 #: Load that is none [N], far enough from the smallest numbers for powers of it.
 _NOTHING = 1e-30
-#: Deflection over load times the spring: how steeply it falls with the load where Newton's step is still whole.
+#: Slope of the spring times the deflection over the load, below which Newton's step is not whole.
 _FALLING = -0.8
 #: Steps of the load; what has not been found by then is not found.
 _MOST_STEPS = 40
@@ -258,9 +258,9 @@ def tyre_load(
 
     The hub comes down by sinkage and deflection, which relieves the spring: load + k f(load) = ``pressing``,
     the load [N] of the wheel had its tyre not deflected, ``k`` [N/m] of the spring for this wheel. f(load) is
-    `hard_ground_deflection` times `flexible_share`. Newton's method from a ``guess`` [N] if that is possible; a
-    step below ``last`` of the load is the last, so that the load errs by a tenth of its square. One step or two
-    do from sinkage to sinkage, up to ten where the deflection falls with the load: soil of a small n.
+    `hard_ground_deflection` times `flexible_share`. Newton's method from a ``guess`` [N] if it is possible; a
+    step below ``last`` of the load is the last, so that the load errs by a tenth of its square. One or two
+    steps do from sinkage to sinkage, ten where the deflection falls with the load: soil of a small n.
     """
     most = max(pressing, _NOTHING)
     load = guess if 1e-3 * most < guess < most else most

@@ -354,6 +354,9 @@ def register_vehicle(
 
 
 def _enter(book: _Book[R], entry: Entry[R]) -> None:
+    for field in ("title", "source", "remark"):
+        if not isinstance(value := getattr(entry, field), str):
+            raise InvalidParameter(f"{field} must be text for readers of the catalogue, got {shown(value)}")
     name = entry.name
     if not isinstance(name, str) or not name.isidentifier():
         raise InvalidParameter(f"name must be of letters, digits and underscores, got {shown(name)}")

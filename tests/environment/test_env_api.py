@@ -44,7 +44,7 @@ INFO_TYPES = {
 REWARD_TERMS = {"progress", "time", "cross_track", "speed_error", "smoothness", "goal", "failure"}
 
 #: What is observed of n; the belief about the soil has `test_env_belief.py`.
-OF_N = tuple(name for name in TERRAIN_INFO if name != "belief")
+OF_N = tuple(name for name in TERRAIN_INFO if name not in ("belief", "limits"))
 
 every_task = pytest.mark.parametrize(("scenario", "terrain_info"), list(itertools.product(SCENARIOS, OF_N)))
 every_plant = pytest.mark.parametrize(

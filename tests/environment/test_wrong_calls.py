@@ -192,6 +192,9 @@ def own_register(monkeypatch):
         "offroad_env.environment.scenario_descriptions.SCENARIOS", dict(offroad_env.SCENARIOS)
     )
     monkeypatch.setenv("OFFROAD_BEKKER_REGISTERED", os.environ.get("OFFROAD_BEKKER_REGISTERED", "{}"))
+    yield
+    for catalogue in (offroad_env.SOILS, offroad_env.VEHICLES):
+        catalogue.remove("own_of_calls")
 
 
 @pytest.mark.parametrize("name", CALLS)

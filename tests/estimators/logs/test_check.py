@@ -76,6 +76,7 @@ ISSUE = Foreign(
 )  # fmt: skip
 
 
+@pytest.mark.check  # a minute: a whole log is estimated, and its first seconds are diagnosed
 def test_with_exactly_the_printed_lines_estimate_and_diagnose_run(tmp_path, capsys):
     path = write(tmp_path, ISSUE)
     with pytest.raises(SystemExit) as ended:
