@@ -86,5 +86,6 @@ class DurableCache(numba.core.caching.FunctionCache):  # type: ignore[misc]  # l
         try:
             super().save_overload(sig, data)
         except OSError as error:
-            folder = Path(self._cache_path).parent
+            # That of all modules: one sentence, not one for each.
+            folder = Path(self._cache_path).parent.parent
             say_once(f"compiled kernels cannot be kept in {folder}: {error.strerror or error}")
