@@ -258,12 +258,12 @@ def tyre_load(
 
     The hub comes down by sinkage and deflection, which relieves the spring: load + k f(load) = ``pressing``,
     the load [N] of the wheel had its tyre not deflected, ``k`` [N/m] of the spring for this wheel. f(load) is
-    `hard_ground_deflection` times `flexible_share`. Newton's method from a ``guess`` [N] if it is possible; a
+    `hard_ground_deflection` times `flexible_share`. Newton's method from a ``guess`` [N] if that is near; a
     step below ``last`` of the load is the last, so that the load errs by a tenth of its square. One or two
     steps do from sinkage to sinkage, ten where the deflection falls with the load: soil of a small n.
     """
     most = max(pressing, _NOTHING)
-    load = guess if 1e-3 * most < guess < most else most
+    load = guess if 0.5 * most < guess < most else most
     hard = f = growth = relief = grown = 0.0
     for _ in range(_MOST_STEPS):
         log_load = fast_log(load)
