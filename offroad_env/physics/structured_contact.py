@@ -75,6 +75,8 @@ _FINE_TOLERANCE, _FINE_SAME = 1e-11, 5e-8
 _NEAR = 0.003
 #: Change of the load for which its tangent does [-].
 _EASED = 5e-4
+#: Rounding errors of a sinkage over it.
+_ROUNDING = 1e-12
 #: Chords before the interval is halved only; largest local exponent of the load over the rise.
 _CHORDS, _STEEPEST = 30, 1e3
 #: Rise that a quotient is formed with [m]; share of the load that is nothing.
@@ -405,6 +407,9 @@ def solve_structured_contact(
             break
         if high - low <= 1e-13 * high:
             status = _status_between(h, wheel.r, V, target, N_0)
+            if status == NO_ROOT and abs(step) <= _ROUNDING * high:
+                # A wheel that all but lifts off: what is missing is less than a rounding error of its place.
+                status = CONTACT
             break
         e_old, V_old, before = e, V, forces
         h = depth + next_sinkage(e, V, target, step, exponent, relief) if e > 0.0 else 0.0

@@ -227,6 +227,19 @@ def test_thousands_of_random_steps_bring_no_nan_and_no_contact_without_a_status(
     assert endings["driving on"] > 4
 
 
+#: Drives that found no contact: a deflection that falls with the load, a guess far from it, a wheel that all
+#: but lifts off.
+ONCE_LOST = (2641133191204710074, 7807165619156916849, 4129566974446477477, 83070630575761662)
+
+
+@pytest.mark.check  # compiled for minutes
+@pytest.mark.parametrize("seed", ONCE_LOST)
+def test_a_tyre_above_soil_that_hardly_carries_it_finds_its_contact(seed):
+    done, _, status = drive_one(np.random.default_rng(seed), KINDS)
+    assert done > 0
+    assert status <= SUNK
+
+
 @pytest.mark.study
 def test_soak_of_a_million_random_steps_over_structures_vehicles_and_soils():
     endings = soak(1_000_000, seed=5, kinds=KINDS)
