@@ -50,6 +50,7 @@ LAST_STEP, ROUGH_STEP = 5e-5, 0.03
 #: Sharpness of the smaller of two strengths: where they are equal the result is 3 % below both.
 _ROUNDING = 0.004
 _SMALLEST = 1e-300
+_LOG_2, _LOG_3 = math.log(2.0), math.log(3.0)
 #: Load that is none [N], far enough from the smallest numbers for powers of it.
 _NOTHING = 1e-30
 #: Slope of the spring times the deflection over the load, below which Newton's step is not whole.
@@ -238,16 +239,18 @@ def tyre_on_soil(tyre: Tyre | None, soil: Soil, wheel: Wheel) -> TyreOnSoil:
     if soil.rigid > 0.5:
         modulus, n = _UNYIELDING, 1.0
     growth = 1.0 / (1.0 + tyre.stiffening)
-    # Logarithms at a load of 1 N of `hard_ground_deflection`, `ground_pressure`, `critical_ground_pressure`.
-    f_0 = REFERENCE_DEFLECTION * tyre.r
+    f_0, width = REFERENCE_DEFLECTION * tyre.r, b * math.sqrt(2.0 * r)
     hard = fast_log(f_0) - growth * fast_log(tyre_stiffness(tyre) * f_0)
-    mean = -fast_log(2.0 * b * math.sqrt(2.0 * r)) - 0.5 * hard
-    bearing = fast_log(3.0 / (max(3.0 - n, 0.5) * b * math.sqrt(2.0 * r)))
-    critical = (fast_log(modulus) + 2.0 * n * bearing) / (2.0 * n + 1.0)
-    shift = 4.0 * (1.0 - 0.5 * growth - 2.0 * n / (2.0 * n + 1.0))
+    # Logarithm of `ground_pressure` over `critical_ground_pressure` at a load of 1 N, in which the powers of
+    # the width meet: with p = 1 / (2 n + 1) and the shape factor s it is
+    # -ln 2 - p ln(modulus width) - (1 - p) ln(3 / s) - hard / 2.
+    p = 1.0 / (2.0 * n + 1.0)
+    bearing = (1.0 - p) * (_LOG_3 - fast_log(max(3.0 - n, 0.5)))
+    ratio = -_LOG_2 - p * fast_log(modulus * width) - bearing - 0.5 * hard
+    shift = 4.0 * (p - 0.5 * growth)
     # `tread_stiffness` times the deflection.
     tread = tyre.cornering / (4.0 * r * b)
-    return TyreOnSoil(hard, growth, 4.0 * (mean - critical), shift, tread)
+    return TyreOnSoil(hard, growth, 4.0 * ratio, shift, tread)
 
 
 @inline_kernel
