@@ -376,7 +376,7 @@ def smooth_motion(log: Log, t: np.ndarray) -> PlanarMotion:
     Raises
     ------
     DataError
-        For a wheel-rig log, or one with neither position nor speed.
+        For a wheel-rig log, one with neither position nor speed, or one whose channels contradict each other.
     """
     step = float(t[1] - t[0])
     yaw = _smooth(log, "yaw_rate", t, log.imu.sd_rate)
@@ -385,10 +385,15 @@ def smooth_motion(log: Log, t: np.ndarray) -> PlanarMotion:
     vectors, matrices = np.zeros((2, K, _SIZE)), np.zeros((3, K, _SIZE, _SIZE))
     done = Pass(vectors[0], matrices[0], vectors[1], matrices[1], matrices[2])
     guess, start = np.empty((0, _SIZE)), _start_of(log, readings)
-    for _ in range(_PASSES):
-        _forward(start, np.diag(_START**2), drive, readings, guess, done)
-        _backward(done)
-        guess = done.means.copy()
+    try:
+        for _ in range(_PASSES):
+            _forward(start, np.diag(_START**2), drive, readings, guess, done)
+            _backward(done)
+            guess = done.means.copy()
+    except np.linalg.LinAlgError:
+        guess = np.full_like(done.means, np.nan)
+    if not np.isfinite(guess).all():
+        raise DataError(f"{log.name}: no motion agrees with all channels - one of them in another unit?")
     rate, left = _heading_rows(done.means, drive)
     wheels = [
         _smooth(log, name, t).value if name in log.channels else np.full(K, np.nan)
