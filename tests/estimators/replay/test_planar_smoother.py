@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from agents.reports.log_playback import grid_of, log_playback
+from agents.reports.log_playback import log_playback
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.replay.planar_smoother import smooth_motion
+from estimators.replay.replay import grid_of
 from offroad_env.errors import DataError
 
 
