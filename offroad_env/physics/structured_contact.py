@@ -252,14 +252,20 @@ def _middle(low: float, high: float) -> float:
 
 
 @inline_kernel
-def _status_between(h: float, r: float, V: float, target: float, N_0: float) -> float:
-    """Status where no sinkage is left between two that carry too little and too much [N]."""
+def _status_between(h: float, r: float, V: float, target: float, N_0: float, step: float) -> float:
+    """Status where no sinkage is left between two that carry too little and too much [N].
+
+    ``step`` [m] is what a chord misses.
+    """
     if h > 0.9 * deepest_sinkage(r):
         return SUNK
     if balances(V, target):
         return CONTACT
     # Nothing presses a wheel that hangs above the bottom of its rut.
-    return AIRBORNE if max(V, abs(target)) <= _NOTHING * N_0 else NO_ROOT
+    if max(V, abs(target)) <= _NOTHING * N_0:
+        return AIRBORNE
+    # A wheel that all but lifts off: what is missing is less than a rounding error of its place.
+    return CONTACT if abs(step) <= _ROUNDING * h else NO_ROOT
 
 
 @inline_kernel
@@ -406,10 +412,7 @@ def solve_structured_contact(
             h += step
             break
         if high - low <= 1e-13 * high:
-            status = _status_between(h, wheel.r, V, target, N_0)
-            if status == NO_ROOT and abs(step) <= _ROUNDING * high:
-                # A wheel that all but lifts off: what is missing is less than a rounding error of its place.
-                status = CONTACT
+            status = _status_between(h, wheel.r, V, target, N_0, step)
             break
         e_old, V_old, before = e, V, forces
         h = depth + next_sinkage(e, V, target, step, exponent, relief) if e > 0.0 else 0.0
