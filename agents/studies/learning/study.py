@@ -208,7 +208,7 @@ class Learning(Results):
         sources = stamp_of(*SOURCES)
         stamps = {}
         for key in self._keys():
-            task, arm, seed, steps, *_ = key
+            task, arm, seed, steps = key[:4]
             trained = (
                 configuration_hash(arguments(task, arm, seed, steps, self.out)) if arm in _RECIPES else ""
             )
