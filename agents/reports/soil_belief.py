@@ -113,7 +113,7 @@ def show_details(report: Report) -> None:
                 part.case.vehicle_model,
                 f"{part.weight:.2f}",
                 *(f"{values[i]:.3f} ± {sds[i]:.3f}" for i in range(2)),
-                f"{100.0 * float((part.fit.misfit < ADEQUATE).mean()):.0f} %",
+                f"{100.0 * float((part.fit.unexplained < ADEQUATE).mean()):.0f} %",
             )
         )
     heading = ("structure", "vehicle", "weight", "n given it", "phi given it", "predicted")

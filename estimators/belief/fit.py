@@ -42,6 +42,7 @@ class Fit:
     covariance: FloatArray  #: (9, 9)
     loss: float  #: negative log-posterior up to a constant
     alone: FloatArray  #: (W, B, 6) residuals of windows predicted without themselves [scales]; NaN: gave way
+    noise: FloatArray  #: (W,) root mean square residual that the sensors' noise explains [scales]
 
     @property
     def misfit(self) -> FloatArray:
@@ -49,6 +50,12 @@ class Fit:
         measured = (self.alone != 0.0).any(axis=(0, 1))
         squares = np.nan_to_num(self.alone, nan=FAILED)[..., measured] ** 2
         found: FloatArray = np.sqrt(squares.mean(axis=(1, 2)))
+        return found
+
+    @property
+    def unexplained(self) -> FloatArray:
+        """(W,) the same beyond the noise of the sensors: what the model has wrong [scales]."""
+        found: FloatArray = np.sqrt(np.maximum(self.misfit**2 - self.noise**2, 0.0))
         return found
 
 
@@ -164,11 +171,14 @@ def fit_unknowns(
             break
         J = _slopes(evaluate, values, r, unknowns.steps, J)
         local = _Local.at(J, r)
-    return _finished(local, unknowns, values, loss, r)
+    covariance, alone = _finished(local, unknowns)
+    return Fit(
+        values=values, covariance=covariance, loss=loss, alone=alone.reshape(r.shape), noise=windows.noise
+    )
 
 
-def _finished(local: _Local, unknowns: Unknowns, values: FloatArray, loss: float, r: FloatArray) -> Fit:
-    """Covariance, and every window predicted without itself."""
+def _finished(local: _Local, unknowns: Unknowns) -> tuple[FloatArray, FloatArray]:
+    """Covariance (9, 9), and residuals (W, M) of every window predicted without itself."""
     precision = np.diag(1.0 / unknowns.sd**2)
     inverse = np.linalg.inv(local.information + precision)
     scores, count = local.scores, max(int(local.kept.sum()), 1)
@@ -177,5 +187,4 @@ def _finished(local: _Local, unknowns: Unknowns, values: FloatArray, loss: float
     sandwich = inverse @ (scatter + precision) @ inverse
     # Without a window the optimum moves by the inverse times that window's score, to first order.
     alone = local.r + np.einsum("wmi,wi->wm", local.J, scores @ inverse)
-    alone = np.where(local.kept[:, None], alone, np.nan)
-    return Fit(values=values, covariance=sandwich, loss=loss, alone=alone.reshape(r.shape))
+    return sandwich, np.where(local.kept[:, None], alone, np.nan)

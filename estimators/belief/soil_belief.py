@@ -29,11 +29,17 @@ CANDIDATES = ("full", "grid", "field")
 #: Least weight after the search, on a third of the windows, with which a structure is fitted to all of them;
 #: least weight with which it is also tried with four wheels.
 _HOPELESS, _PROMISING = 1e-3, 0.05
-#: What even the best structure errs by in n [-] and phi [rad] for each scale of residual that it leaves, one
-#: standard deviation (docs/belief.md); residuals below the second number are the noise of the start [scales].
-DISCREPANCY, _LEAST_MISFIT = (0.05, 0.08), 0.25
-#: Root mean square residual up to which a window counts as predicted [scales of `windows.SCALES`].
+#: Odds, before the drive, of the four wheels that the description states against a half-car: strong evidence
+#: overrules them (H. Jeffreys, Theory of Probability, 1961, appendix B: 10 to 1).
+_FOUR_WHEELS = 10.0
+#: What even the best structure errs by in n [-] and phi [rad] for each scale of residual that it leaves
+#: beyond the noise of the sensors, one standard deviation (docs/belief.md).
+DISCREPANCY = (0.05, 0.08)
+#: Root mean square residual beyond that noise up to which a window counts as predicted [scales of
+#: `windows.SCALES`].
 ADEQUATE = 1.0
+#: Share of the windows that a valid model predicts.
+_PREDICTED = 0.5
 #: Width of the 95 % interval of n up to which an estimate is an answer [-].
 _ANSWER = 0.3
 _LEVEL = 0.95
@@ -60,7 +66,7 @@ class StructureFit:
     @property
     def covariance(self) -> FloatArray:
         """(9, 9) covariance of the unknowns, with what the structure itself may be wrong by."""
-        left = max(float(np.median(self.fit.misfit)), _LEAST_MISFIT)
+        left = float(np.median(self.fit.unexplained))
         widened = self.fit.covariance.copy()
         for place, growth in zip((N, PHI), DISCREPANCY, strict=True):
             widened[place, place] += (growth * left) ** 2
@@ -80,13 +86,13 @@ class SoilBelief:
     @property
     def valid_share(self) -> float:
         """Share of the windows that the structures predict, each by its weight."""
-        shares = [part.weight * float((part.fit.misfit < ADEQUATE).mean()) for part in self.parts]
+        shares = [part.weight * float((part.fit.unexplained < ADEQUATE).mean()) for part in self.parts]
         return float(sum(shares))
 
     @property
     def valid(self) -> bool:
         """Whether some structure predicts most of the drive."""
-        return self.valid_share >= 0.5
+        return self.valid_share >= _PREDICTED
 
     @property
     def answered(self) -> bool:
@@ -190,7 +196,8 @@ def believe_log(
         tell(0.7 + 0.3 * i / len(likely), f"fitting {name} with four wheels")
         case, start = Case(name, "four_wheel"), fits[Case(name, "half_car")].values
         fits[case] = fit_unknowns(windows, plant_for(log, case), unknowns, start)
-    weights = structure_weights(list(fits.values()))
+    odds = [_FOUR_WHEELS if case.vehicle_model == "four_wheel" else 1.0 for case in fits]
+    weights = structure_weights(list(fits.values()), odds)
     parts = [
         StructureFit(case=case, weight=float(weight), fit=fit)
         for (case, fit), weight in zip(fits.items(), weights, strict=True)

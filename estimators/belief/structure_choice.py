@@ -21,8 +21,8 @@ _DRAWS, _SEED = 2000, 18
 _FINEST = 0.1
 
 
-def structure_weights(fits: Sequence[Fit]) -> FloatArray:
-    """(S,) weights of the structures, summing to one.
+def structure_weights(fits: Sequence[Fit], odds: Sequence[float] | None = None) -> FloatArray:
+    """(S,) weights of the structures, summing to one; ``odds`` (S,) before the drive, by default even.
 
     The windows' errors are measured in the spread that the best structure leaves on this drive: what is an
     adequate error elsewhere may be a gross one here.
@@ -34,5 +34,6 @@ def structure_weights(fits: Sequence[Fit]) -> FloatArray:
     shares = np.random.default_rng(_SEED).dirichlet(np.ones(W), size=_DRAWS)
     totals = W * shares @ losses.T
     relative = np.exp(totals.min(axis=1, keepdims=True) - totals)
+    relative = relative * (np.ones(len(fits)) if odds is None else np.asarray(odds))
     weights: FloatArray = (relative / relative.sum(axis=1, keepdims=True)).mean(axis=0)
     return weights

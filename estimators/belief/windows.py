@@ -48,6 +48,7 @@ class LogWindows:
     steps: int  #: of the solver in a step of the grid
     length: float  #: [s]
     observed: FloatArray  #: (W, K + 1, 6) smoothed channels as `COMPARED`; NaN: not measured
+    noise: FloatArray  #: (W,) root mean square residual of a true model, from the sensors' noise [scales]
 
     @property
     def lengths(self) -> tuple[int, int]:
@@ -56,7 +57,12 @@ class LogWindows:
 
     def every(self, count: int) -> LogWindows:
         """Every ``count``-th of the windows."""
-        return replace(self, first=self.first[::count], observed=self.observed[::count])
+        return replace(
+            self,
+            first=self.first[::count],
+            observed=self.observed[::count],
+            noise=self.noise[::count],
+        )
 
     def predicted(self, plant: Plant, values: FloatArray) -> FloatArray:
         """(W, K + 1, 6) channels under these values (9,) of the unknowns; NaN where the soil gives way."""
@@ -99,20 +105,13 @@ def cut(log: Log, length: float = WINDOW) -> LogWindows:
     complete, _ = substituted(log)
     motion = smooth_motion(complete, t)
     steps = max(math.ceil(motion.step / FULL_STEP - 1e-6), 1)
-    channels = {
-        "v_x": motion.states[:, V_X],
-        "v_y": motion.states[:, V_Y],
-        "yaw_rate": motion.yaw_rate,
-        "omega_f": motion.omega_f,
-        "omega_r": motion.omega_r,
-        "a_y": motion.a_y,
-    }
-    rows = np.column_stack([channels[name] for name in COMPARED])
+    rows, sds = _channels(motion)
     for name in ("yaw_rate", "a_y"):
         if name not in log.channels:
             rows[:, COMPARED.index(name)] = math.nan
     count = round(length / motion.step)
     instants = first[:, None] + round(LEAD_IN / motion.step) + np.arange(count + 1)
+    variances = np.where(np.isnan(rows), math.nan, (sds / SCALES) ** 2)[instants]
     return LogWindows(
         log=log,
         motion=motion,
@@ -121,4 +120,25 @@ def cut(log: Log, length: float = WINDOW) -> LogWindows:
         steps=steps,
         length=length,
         observed=rows[instants],
+        noise=np.sqrt(np.nanmean(variances, axis=(1, 2))),
     )
+
+
+def _channels(motion: PlanarMotion) -> tuple[FloatArray, FloatArray]:
+    """(K, 6) smoothed channels as `COMPARED`, and the standard deviations of a residual by their noise.
+
+    Speeds are wrong at the start of a window and where they are compared, and what is wrong at the start
+    decays slowly: twice the variance at most. The other channels forget the start.
+    """
+    channels = {
+        "v_x": (motion.states[:, V_X], math.sqrt(2.0) * motion.sd[:, V_X]),
+        "v_y": (motion.states[:, V_Y], math.sqrt(2.0) * motion.sd[:, V_Y]),
+        "yaw_rate": (motion.yaw_rate, motion.yaw_rate_sd),
+        "omega_f": (motion.omega_f, motion.omega_f_sd),
+        "omega_r": (motion.omega_r, motion.omega_r_sd),
+        "a_y": (motion.a_y, motion.a_y_sd),
+    }
+    values, sds = (
+        np.column_stack(parts) for parts in zip(*(channels[name] for name in COMPARED), strict=True)
+    )
+    return values, sds

@@ -28,6 +28,7 @@ __all__ = [
     "limits_of_belief",
     "new_surrogate",
     "refresh_surrogate",
+    "sharpen",
     "transform_limits",
     "whole_surrogate",
 ]
@@ -208,3 +209,16 @@ def limits_of_belief(
     # Pull hardly changes around its best slip, and the search for it ends there or at the highest slip.
     out_mean[2] = min(max(out_mean[2], 0.0), HIGHEST_SLIP)
     out_sd[2] = max(out_sd[2], _SLIP_SD)
+
+
+@kernel
+def sharpen(sd: FloatArray, prior_sd: FloatArray, information: FloatArray) -> None:
+    """Count the information beyond a prior's ``information`` times, number by number (K,), in place.
+
+    A likelihood to a power (tempering), for what is nearly normal: 1/sd^2 = 1/prior^2 + information x gained.
+    """
+    for k in range(sd.shape[0]):
+        known = 1.0 / (prior_sd[k] * prior_sd[k])
+        gained = 1.0 / (sd[k] * sd[k]) - known
+        if gained > 0.0 and math.isfinite(prior_sd[k]):
+            sd[k] = 1.0 / math.sqrt(known + information[k] * gained)

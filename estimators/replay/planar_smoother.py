@@ -68,6 +68,10 @@ class PlanarMotion:
     a_y: np.ndarray  #: (K,) acceleration of the CG to the left, level [m/s^2]
     omega_f: np.ndarray  #: (K,) wheel speed [rad/s]; NaN without the sensor
     omega_r: np.ndarray  #: (K,)
+    yaw_rate_sd: np.ndarray  #: (K,) standard deviations of these channels
+    a_y_sd: np.ndarray  #: (K,)
+    omega_f_sd: np.ndarray  #: (K,)
+    omega_r_sd: np.ndarray  #: (K,)
 
     @property
     def step(self) -> float:
@@ -395,16 +399,21 @@ def smooth_motion(log: Log, t: np.ndarray) -> PlanarMotion:
     if not np.isfinite(guess).all():
         raise DataError(f"{log.name}: no motion agrees with all channels - one of them in another unit?")
     rate, left = _heading_rows(done.means, drive)
-    wheels = [
-        _smooth(log, name, t).value if name in log.channels else np.full(K, np.nan)
-        for name in ("omega_f", "omega_r")
-    ]
+    left_smooth = smooth_channel(left, step, log.imu.sd_a)
+    nothing = SmoothChannel(value=np.full(K, np.nan), slope=np.full(K, np.nan), sd=np.full(K, np.nan))
+    front, rear = (
+        _smooth(log, name, t) if name in log.channels else nothing for name in ("omega_f", "omega_r")
+    )
     return PlanarMotion(
         t=t,
         states=done.means.copy(),
         sd=np.sqrt(np.diagonal(done.covs, axis1=1, axis2=2)),
         yaw_rate=rate,
-        a_y=smooth_channel(left, step, log.imu.sd_a).value,
-        omega_f=wheels[0],
-        omega_r=wheels[1],
+        a_y=left_smooth.value,
+        omega_f=front.value,
+        omega_r=rear.value,
+        yaw_rate_sd=yaw.sd,
+        a_y_sd=left_smooth.sd,
+        omega_f_sd=front.sd,
+        omega_r_sd=rear.sd,
     )

@@ -39,7 +39,7 @@ def _driven(env: OffroadBekkerEnv, count: int, seed: int = 3) -> list[dict[str, 
 
 def test_the_observation_has_a_number_for_every_name_inside_the_space() -> None:
     env = _made()
-    for observation in _driven(env, 60):
+    for observation in _driven(env, 120):
         assert observation in env.observation_space
         assert observation["terrain"].shape == (len(BELIEF_VECTOR),)
     named = dict(zip(BELIEF_VECTOR, observation["terrain"].tolist(), strict=True))

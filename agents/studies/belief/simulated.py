@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from estimators.logs.config import StartSpec
 from estimators.logs.runs import config_of, log_of_drive
 from estimators.replay.inputs import InputRows
 from offroad_env.errors import SolverFailure
-from offroad_env.physics.records import Soil
+from offroad_env.physics.records import FloatArray, Soil
 from offroad_env.simulation.drive import Driver, simulate_drive
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
 from offroad_env.simulation.simulator import Plant, make_plant
@@ -50,7 +51,7 @@ def clean_log(seed: int) -> tuple[Log, Soil]:
     vehicle = VEHICLES["mrzr"]
     for _ in range(_TRIES):
         stated = make_plant(vehicle, prior.sample(rng), flat(), structure=structure)
-        truth, offset = _departed(stated, rng)
+        truth, departure = _departed(stated, rng)
         limits = what_soil_holds(truth)
         if not limits.carried or limits.resistance > _PASSABLE * limits.pull or limits.pull <= 0.0:
             continue
@@ -59,28 +60,43 @@ def clean_log(seed: int) -> tuple[Log, Soil]:
             wheel=WheelSpeedConfig(rate=100.0, noise=0.01, scale_sd=0.0),
             gnss=GnssConfig(rate=5.0, position_sd=0.03, velocity_sd=0.03),
         )
-        driver = _driver(rng, truth, limits.lateral, limits.resistance, offset)
+        driver = _driver(rng, truth, limits.lateral, limits.resistance, departure.steer)
         try:
             drive = simulate_drive(truth, driver, sensors, rng, duration=_DURATION, speed=3.0)
         except SolverFailure:
             continue
         config = config_of(stated, sensors, StartSpec(x=0.0, y=0.0, yaw=0.0, v_x=3.0))
-        commands = drive.commands - np.array([offset, 0.0, 0.0])
-        log = log_of_drive(replace(drive, commands=commands), config, f"clean_{seed:03d}")
+        log = log_of_drive(
+            replace(drive, commands=departure.logged(drive.commands)), config, f"clean_{seed:03d}"
+        )
         return log, truth.soil
     raise SolverFailure(f"{_TRIES} soils of the population and no drive on any of them")
 
 
-def _departed(stated: Plant, rng: np.random.Generator) -> tuple[Plant, float]:
-    """(what is true where ``stated`` is believed, true less logged steering [rad])."""
+class _Departure(NamedTuple):
+    """What acts on the vehicle where its log states something else."""
+
+    steer: float  #: true less logged steering [rad]
+    torque: float  #: true over logged torque [-]
+
+    def logged(self, commands: FloatArray) -> FloatArray:
+        """Commands (T, 3) as they are logged where ``commands`` act."""
+        found: FloatArray = (commands - np.array([self.steer, 0.0, 0.0])) / np.array(
+            [1.0, *2 * (self.torque,)]
+        )
+        return found
+
+
+def _departed(stated: Plant, rng: np.random.Generator) -> tuple[Plant, _Departure]:
+    """(what is true where ``stated`` is believed, what acts where something else is logged)."""
     unknowns = unknowns_of()
     values = unknowns.mean + unknowns.sd * rng.standard_normal(len(UNKNOWN_NAMES))
     values[:MODULUS] = stated.soil.n, stated.soil.phi
-    values[UNKNOWN_NAMES.index("torque")] = 0.0
-    nothing = InputRows(*(np.zeros((1, columns)) for columns in (3, 3, 2, 3)))
-    truth, inputs = applied(stated, nothing, values)
+    one = InputRows(*(np.ones((1, columns)) for columns in (3, 3, 2, 3)))
+    truth, inputs = applied(stated, one, values)
     assert truth.soil.n == values[N]  # what is drawn is what drives
-    return truth, float(inputs.begin[0, 0])
+    acting = inputs.begin[0]
+    return truth, _Departure(float(acting[0]) - 1.0, float(acting[1]))
 
 
 def _driver(

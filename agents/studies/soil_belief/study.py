@@ -211,6 +211,7 @@ class SoilBelief(Results):
     quick: bool = False  #: 8 drives with nuisances and 2 of each other case
     seeds: int = 240  #: drives with nuisances; half as many on soft soils
     case_seeds: int = 20  #: drives of each other case
+    first_seed: int = 0  #: of every case
     under: tuple[str, ...] = ()  #: these cases
     tuning: bool = False  #: drives on which the settings were chosen
     n_jobs: Jobs = 2  #: local processes
@@ -242,13 +243,13 @@ class SoilBelief(Results):
         unknown = [case for case in self.under if case not in CASES]
         if unknown:
             raise InvalidParameter(f"under must name some of {', '.join(CASES)}, got {unknown[0]!r}")
-        if min(self.seeds, self.case_seeds) < 1:
-            raise InvalidParameter("seeds and case_seeds must be 1 or more")
+        if min(self.seeds, self.case_seeds) < 1 or self.first_seed < 0:
+            raise InvalidParameter("seeds and case_seeds must be 1 or more, first_seed 0 or more")
         stamp, split = stamp_of("estimators.experiments.soil_belief"), SPLITS[0 if self.tuning else 1]
         return {
             (case, seed, split): stamp
             for case in self.under or tuple(CASES)
-            for seed in range(self._drives(case))
+            for seed in range(self.first_seed, self.first_seed + self._drives(case))
         }
 
 

@@ -143,12 +143,19 @@ def test_unknowns_change_what_they_are_named_after(log):
 # ------------------------------------------------------------------ structures and flags
 
 
-def fake_fit(residual: float | np.ndarray, n: float = 0.7, sd: float = 0.02, windows: int = 12) -> Fit:
+def fake_fit(residual: float | np.ndarray, n: float = 0.7, sd: float = 0.02, *, noise: float = 0.0) -> Fit:
     """A fit whose windows all miss by this much."""
+    windows = 12
     values = unknowns_of().mean.copy()
     values[N] = n
     alone = np.ones((windows, 4, len(COMPARED))) * np.reshape(residual, (-1, 1, 1))
-    return Fit(values=values, covariance=sd**2 * np.eye(len(values)), loss=0.0, alone=alone)
+    return Fit(
+        values=values,
+        covariance=sd**2 * np.eye(len(values)),
+        loss=0.0,
+        alone=alone,
+        noise=np.full(windows, noise),
+    )
 
 
 def fake_belief(*parts: tuple[Fit, float]) -> SoilBelief:
@@ -213,7 +220,36 @@ def test_what_the_best_model_leaves_unexplained_widens_every_interval():
     assert fake_belief((fake_fit(0.3, sd=0.01), 1.0)).marginal(MODULUS).sd == pytest.approx(0.01, rel=1e-3)
 
 
-def test_residuals_at_the_noise_of_the_start_do_not_make_a_structure_exact():
-    exact, noisy = (fake_belief((fake_fit(left, sd=1e-6), 1.0)).marginal(N).sd for left in (0.01, 0.13))
-    assert exact == pytest.approx(noisy)
-    assert 0.7 < exact / 0.0125 < 1.4
+def test_what_the_noise_of_the_sensors_explains_is_no_model_error():
+    """Moved by a factor of two, the noise would leave a discrepancy, or hide one."""
+    sds = [fake_belief((fake_fit(left, sd=1e-3, noise=0.4), 1.0)).marginal(N).sd for left in (0.3, 0.4, 0.5)]
+    assert sds[:2] == pytest.approx([1e-3, 1e-3])
+    assert 0.7 < sds[2] / (0.05 * 0.3) < 1.4
+    assert fake_belief((fake_fit(1.3, noise=1.0), 1.0)).valid
+    assert not fake_belief((fake_fit(1.6, noise=1.0), 1.0)).valid
+
+
+def test_the_noise_of_the_sensors_is_that_which_a_true_model_leaves(log):
+    """It is an upper bound: speeds that are wrong at the start of a window become right again."""
+    truth = unknowns_of().mean.copy()
+    truth[[N, PHI]] = TRUE_N, TRUE_PHI
+    windows = cut(log)
+    left = windows.residuals(plant_for(log, Case("grid", "half_car")), truth)
+    found = float(np.median(np.sqrt((left**2).mean(axis=(1, 2)))))
+    assert 0.3 < found / float(np.median(windows.noise)) < 0.8
+
+
+def test_most_of_a_drive_must_be_predicted():
+    """A quarter is too little, three quarters are enough."""
+    for count, valid in ((4, False), (8, True)):
+        windows = np.where(np.arange(12) < count, 0.3, 3.0)
+        assert fake_belief((fake_fit(windows), 1.0)).valid is valid
+
+
+def test_the_wheels_that_are_stated_count_more_where_the_drive_does_not_decide():
+    even = [fake_fit(0.4), fake_fit(0.4)]
+    assert structure_weights(even)[1] == pytest.approx(0.5)
+    found = structure_weights(even, [1.0, soil_belief._FOUR_WHEELS])[1]
+    assert 0.87 < found < 0.94  # 5 to 1 gives 0.83, 20 to 1 gives 0.95
+    clear = structure_weights([fake_fit(0.3), fake_fit(0.6)], [1.0, soil_belief._FOUR_WHEELS])
+    assert clear[0] > 0.99

@@ -21,7 +21,7 @@ from estimators.filters.online_soil_belief import (
     population_of,
 )
 from estimators.filters.protocol import Estimate, Estimator, Pose
-from estimators.filters.soil_belief_holds import LIMITS, transform_limits
+from estimators.filters.soil_belief_holds import LIMITS, sharpen, transform_limits
 from estimators.filters.soil_belief_points import BELIEF_NAMES, SIZE, N
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.numerics import GRAVITY
@@ -157,17 +157,39 @@ def test_the_flag_goes_down_when_no_soil_explains_the_readings() -> None:
     assert belief.soil[1][N, N] > 0.8 * before[N, N]
 
 
-@pytest.mark.parametrize(("factor", "valid"), [(0.5, True), (1.0, True), (2.0, False)])
-def test_the_flag_is_up_after_a_second_of_driving_that_passes(factor: float, valid: bool) -> None:
-    belief = _filter(test_time=factor * SoilBeliefSettings().test_time)
+@pytest.mark.parametrize(("factor", "times"), [(0.5, (0.9, 1.1)), (1.0, (1.9, 2.1)), (2.0, (3.9, 4.1))])
+def test_the_flag_is_up_after_two_seconds_of_driving_that_passes(
+    factor: float, times: tuple[float, float]
+) -> None:
+    settings = {"test_time": factor * SoilBeliefSettings().test_time, "early_surprise": 1e-9}
+    belief = _filter(**settings)
     belief.reset(*population_n(), _START)
+    before, after = times
+    _fed(belief, _STILL, before)
     assert not belief.is_valid
-    _fed(belief, _STILL, 0.3)
-    assert not belief.is_valid
-    _fed(belief, _STILL, 0.4)
-    assert belief.is_valid is (factor < 1.0)
-    _fed(belief, _STILL, 0.8)
-    assert belief.is_valid is valid
+    _fed(belief, _STILL, after - before + 0.1)
+    assert belief.is_valid
+
+
+@pytest.mark.parametrize(
+    ("factor", "valid"), [(0.5, (True, True)), (1.0, (False, True)), (2.0, (False, False))]
+)
+def test_small_innovations_put_the_flag_up_after_three_fifths_of_a_second(
+    factor: float, valid: tuple[bool, bool]
+) -> None:
+    """Looked at after 0.45 and after 0.9 s."""
+    belief = _filter(early_time=factor * SoilBeliefSettings().early_time, early_surprise=5.0)
+    belief.reset(*population_n(), _START)
+    _fed(belief, _STILL, 0.45)
+    first = belief.is_valid
+    _fed(belief, _STILL, 0.45)
+    assert (first, belief.is_valid) == valid
+
+
+def test_information_counts_once_for_a_prior_and_as_stated_beyond_it() -> None:
+    sd, prior = np.array([2.0, 0.5, 0.5, 3.0]), np.array([2.0, 1.0, 1.0, 2.0])
+    sharpen(sd, prior, np.array([3.0, 2.0, 1.0, 3.0]))
+    assert sd == pytest.approx([2.0, 1.0 / math.sqrt(7.0), 0.5, 3.0])
 
 
 #: An error just below a limit and one just above it, with the limit halved and doubled.
