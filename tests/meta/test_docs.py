@@ -16,8 +16,6 @@ PAGES = sorted(page for page in DOCS.rglob("*.md") if page.relative_to(DOCS).par
 LONGEST = 1200  # words of prose
 #: Pages to look things up in, not to read through: tables of all keys, effects, terms, laws and functions.
 REFERENCES = {"api.md", "effects.md", "equations.md", "glossary.md", "keys.md"}
-#: Pages that are still longer: they may only become shorter [words].
-STILL_LONG = {"benchmark.md": 3300, "diagnosis.md": 2900}
 
 
 def words(text: str) -> int:
@@ -44,9 +42,8 @@ def test_words_are_counted_without_code_tables_and_addresses():
 def test_a_page_is_read_in_five_minutes(page):
     if name_of(page) in REFERENCES:
         return
-    longest = STILL_LONG.get(name_of(page), LONGEST)
     found = words(page.read_text(encoding="utf-8"))
-    assert found <= longest, f"{found} words: shorten the page, or move what few need into docs/details"
+    assert found <= LONGEST, f"{found} words: shorten the page, or move what few need into docs/details"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
@@ -78,3 +75,13 @@ def test_the_overview_of_the_details_names_every_page():
     overview = DOCS / "details" / "index.md"
     named = set(re.findall(r"\]\((\w+\.md)\)", overview.read_text(encoding="utf-8")))
     assert {page.name for page in overview.parent.glob("*.md")} - {overview.name} == named
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if page.name not in ("index.md", "equations.md")], ids=name_of
+)
+def test_the_caption_of_a_picture_tells_what_to_see(page):
+    """A paragraph of its own in italics follows it."""
+    text = page.read_text(encoding="utf-8")
+    bare = re.findall(r"^!\[[^]]*\]\(([^)]*images/[^)]*)\)\n\n(?!\*)", text, flags=re.MULTILINE)
+    assert bare == [], "write beneath the picture, in italics, what a reader should see in it"
