@@ -52,6 +52,7 @@ class Nuisance:
     limits: tuple[float, float] = (-np.inf, np.inf)  #: of an unmodified vehicle
     hard_limits: tuple[float, float] | None = None  #: the same on hard ground, where it differs
     hard: bool = False  #: of hard ground alone
+    soft: bool = False  #: of soil alone
     unknown: str = ""  #: what the log must call unknown
     unit: str = ""  #: of what the log calls unknown; lengths [m] are fitted in wheelbases
     pitching: bool = False  #: is observable by the pitching alone, which springs and torques make
