@@ -16,8 +16,6 @@ PAGES = sorted(page for page in DOCS.rglob("*.md") if page.relative_to(DOCS).par
 LONGEST = 1200  # words of prose
 #: Pages to look things up in, not to read through: tables of all keys, effects, terms, laws and functions.
 REFERENCES = {"api.md", "effects.md", "equations.md", "glossary.md", "keys.md"}
-#: Pages that are still longer: they may only become shorter [words].
-STILL_LONG = {"benchmark.md": 3300, "diagnosis.md": 2900}
 
 
 def words(text: str) -> int:
@@ -44,9 +42,8 @@ def test_words_are_counted_without_code_tables_and_addresses():
 def test_a_page_is_read_in_five_minutes(page):
     if name_of(page) in REFERENCES:
         return
-    longest = STILL_LONG.get(name_of(page), LONGEST)
     found = words(page.read_text(encoding="utf-8"))
-    assert found <= longest, f"{found} words: shorten the page, or move what few need into docs/details"
+    assert found <= LONGEST, f"{found} words: shorten the page, or move what few need into docs/details"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)

@@ -86,8 +86,8 @@ def _bars(numbers: Numbers) -> list[Numbers]:
         ("one effect: truth in a set", single["truth in a set"], 0.95, 1.0, None),
         ("one effect: interval holds the truth", single["interval holds the truth"], 0.9, 0.98, None),
         ("two effects: truths in the sets", pair["truth in a set"], 0.9, 1.0, None),
-        ("true name out of reach: wrong name", numbers["wrong name"], 0.0, 0.05, None),
-        ("another order: the same", numbers["same in another order"], 1.0, 1.0, None),
+        ("true effect not in the library: wrong name", numbers["wrong name"], 0.0, 0.05, None),
+        ("files in another order: same verdict", numbers["same in another order"], 1.0, 1.0, None),
     ]
     bars = []
     for what, share, least, most, judged in rows:

@@ -58,7 +58,7 @@ def mismatch_figure(
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
     _limits(panels, names, bars)
-    panels[0].set(yscale="log", ylim=(0.1, 200.0), ylabel="median error of n [%]")
+    panels[0].set(yscale="log", ylim=(0.05, 200.0), ylabel="median error of n [%]")
     panels[0].yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     panels[0].set_title("While the robust flag is up", loc="left", fontsize=11)
     panels[1].set(ylim=(0.0, 109.0), ylabel="95 % interval holds the truth [%]")
@@ -70,7 +70,7 @@ def mismatch_figure(
         *panels[0].get_legend_handles_labels(),
         frameon=False,
         fontsize=9,
-        ncols=len(filters) + 2,
+        ncols=3,
         loc="outside upper right",
     )
     return figure
@@ -82,16 +82,14 @@ def _bars(
     drawn = np.nan_to_num(np.array(values), nan=0.0)
     axes.bar(
         place,
-        np.maximum(drawn, _FLOOR) if error else drawn,
+        np.where(drawn > 0.0, np.maximum(drawn, _FLOOR), 0.0) if error else drawn,
         0.92 * width,
         bottom=0.0,
         color=_COLOURS[name],
         label=FILTERS[name].title,
     )
     for x in place[~np.isfinite(np.array(values))]:  # the flag is never up
-        axes.annotate(
-            "none", (x, _FLOOR if error else 0.0), ha="center", va="bottom", fontsize=7, rotation=90
-        )
+        axes.annotate("none", (x, 0.06 if error else 2.0), ha="center", va="bottom", fontsize=7, rotation=90)
 
 
 def _limits(panels: Sequence[Axes], names: Sequence[str], bars: Mapping[str, float]) -> None:

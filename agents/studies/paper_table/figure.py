@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from estimators.experiments.buzhardt_tallapragada import ROWS
 from estimators.experiments.imu_sensitivity import Sensitivity
@@ -148,13 +149,15 @@ def sweep_figure(points: Sequence[_Point], chosen: Mapping[str, _Point]) -> Figu
                 light = image.norm(own[a, d].median_log_mse) < _LIGHT
                 shade = "0.1" if light else "white"
                 axes.text(j, i, f"{own[a, d].reached}", ha="center", va="center", color=shade, fontsize=11)
-        place = drifts.index(best.drift), alphas.index(best.alpha)
-        axes.plot(*place, "s", ms=30, mfc="none", mec="#D55E00", mew=2.5)
+        corner = drifts.index(best.drift) - 0.5, alphas.index(best.alpha) - 0.5
+        axes.add_patch(Rectangle(corner, 1.0, 1.0, fill=False, ec="#D55E00", lw=3.5, clip_on=False, zorder=3))
         axes.set_xticks(range(len(drifts)), [f"{d:g}" for d in drifts])
         axes.set_yticks(range(len(alphas)), [f"{a:g}" for a in alphas])
         axes.set_xlabel("square root of R_n, per update [-]")
         axes.set_ylabel("alpha [-]")
         name = model.replace("_", "-")
-        axes.set_title(f"{name}: rows at or below the paper; square: chosen", loc="left", fontsize=11)
+        axes.set_title(
+            f"{name}: rows of the table at or below the paper; framed: chosen", loc="left", fontsize=11
+        )
         figure.colorbar(image, ax=axes, label="median log10 of the mean square error of n [-]")
     return figure
