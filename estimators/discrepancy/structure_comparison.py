@@ -144,7 +144,7 @@ class StructureComparison:
     p_value: float
     n: float  #: with the best structure [-]
     gains: tuple[ChannelGain, ...]  #: by channel, on windows apart
-    #: Share by which errors fall from those of the nominal structure with effects; None: there are no effects.
+    #: Share by which errors fall from those of the nominal structure with effects; None without effects.
     gain_over_effects: float | None = None
 
     @property

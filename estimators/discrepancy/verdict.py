@@ -257,8 +257,8 @@ class VehicleDiagnosis(Diagnosis):
 
     checks: VehicleChecks | None = None
     structure: StructureComparison | None = None  #: where the nominal structure is inadequate
-    #: Effects that improve the nominal model where another structure is named; where the two predict as well as
-    #: each other, its rivals.
+    #: Effects that improve the nominal model where another structure is named; its rivals where both predict
+    #: equally well.
     stand_ins: tuple[str, ...] = ()
 
     @property

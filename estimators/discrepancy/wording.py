@@ -90,7 +90,9 @@ def _structure_sentence(found: StructureComparison, effects: Sequence[str]) -> s
         f"{100.0 * found.gain:.0f} % on windows to which nothing was fitted."
     )
     if found.tied:
-        sentence += f" Or its numbers are: {', '.join(effects)} together predict as well as another structure."
+        sentence += (
+            f" Or its numbers are: {', '.join(effects)} together predict as well as another structure."
+        )
     return sentence
 
 

@@ -1,7 +1,7 @@
 """How exactly the numbers of a log's description are known, where it does not say.
 
 Standard deviations. Masses come from a scale, inertias and heights from rules or a drawing, springs and
-dampers from a catalogue; soil from a few tests at one place. Judgements of this project, see ``docs/logs.md``.
+dampers from a catalogue; soil from a few tests at one place. These are judgements of this project.
 """
 
 from __future__ import annotations

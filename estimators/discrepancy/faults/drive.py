@@ -150,4 +150,4 @@ def simulated_log(case: Case, faults: Faults | None = None, name: str = "run") -
     drive = simulate_drive(
         truth, _Driver(rng, case), sensors, faults=faults, duration=case.duration, timing=_TIMING
     )
-    return log_of_drive(drive, replace(config, terrain=terrain), name)
+    return log_of_drive(drive, replace(config, terrain=terrain, exact=not case.natural), name)

@@ -34,8 +34,8 @@ _ROUGHNESS = 16e-6
 #: How far from the stated height the residuals may move the roads, as a share of their energy.
 _LEAST, _MOST = 0.1, 10.0
 #: The same for the soil, whose usual scatter is that of `SoilSpread`. Roads have most of the energy, so that
-#: little of it tells how even the soil is; none is taken for more even than this.
-_EVEN, _UNEVEN = 0.5, 1.5
+#: little of it tells how even the soil is; none is taken for more even than usual.
+_EVEN, _UNEVEN = 1.0, 2.0
 #: Correlation lengths of soils [m], and waves of each field: enough for a route of some hundred metres.
 _LENGTHS, _WAVES = (2.0, 15.0), 24
 
@@ -43,15 +43,16 @@ _Draw = Callable[[ForwardModel, Setup, np.random.Generator], Setup]
 
 
 def null_simulations(fit: FitResult) -> NullSample | None:
-    """Residuals of an unmodified vehicle at the point of a fit; None on known hard ground."""
-    soft = fit.runs[0].setup.model == "full" and not fit.problem.hard
+    """Residuals of an unmodified vehicle at the point of a fit; None where the ground is known."""
+    exact = all(run.log.config.exact for run in fit.runs)
+    uneven = fit.runs[0].setup.model == "full" and not fit.problem.hard and not exact
     unknown = any(run.log.config.terrain.kind == "unknown" for run in fit.runs)
     rng = np.random.default_rng(8608)
     parts, limits = [], []
     if unknown:
         parts.append(_changes(fit, _over_road, rng))
         limits.append((_LEAST, _MOST))
-    if soft:
+    if uneven:
         parts.append(_changes(fit, _over_soil, rng))
         limits.append((_EVEN, _UNEVEN))
     kept = [(part, ends) for part, ends in zip(parts, limits, strict=True) if part.shape[1] > 1]

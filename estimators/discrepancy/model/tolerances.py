@@ -59,11 +59,11 @@ def _spin_inertia(setup: Setup, run: ForwardModel, value: float) -> Setup:
 
 
 def _of_vehicle(name: str, change: _Change, *, pitching: bool = False) -> Nuisance:
-    return Nuisance(name=name, change=change, spread=1.0, step=_STEP, pitching=pitching)
+    return Nuisance(name=name, change=change, spread=1.0, step=_STEP, pitching=pitching, tolerated=True)
 
 
 def _of_soil(name: str, change: _Change) -> Nuisance:
-    return Nuisance(name=name, change=change, spread=1.0, step=_STEP, soft=True)
+    return Nuisance(name=name, change=change, spread=1.0, step=_STEP, soft=True, tolerated=True)
 
 
 #: In standard deviations. What lies far beyond is an effect of the library, each of which has one here: a
