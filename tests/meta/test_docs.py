@@ -75,3 +75,13 @@ def test_the_overview_of_the_details_names_every_page():
     overview = DOCS / "details" / "index.md"
     named = set(re.findall(r"\]\((\w+\.md)\)", overview.read_text(encoding="utf-8")))
     assert {page.name for page in overview.parent.glob("*.md")} - {overview.name} == named
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if page.name not in ("index.md", "equations.md")], ids=name_of
+)
+def test_the_caption_of_a_picture_tells_what_to_see(page):
+    """A paragraph of its own in italics follows it."""
+    text = page.read_text(encoding="utf-8")
+    bare = re.findall(r"^!\[[^]]*\]\(([^)]*images/[^)]*)\)\n\n(?!\*)", text, flags=re.MULTILINE)
+    assert bare == [], "write beneath the picture, in italics, what a reader should see in it"

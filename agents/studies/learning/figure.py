@@ -53,11 +53,12 @@ def learning_figure(arms: Sequence[LearnedArm], curves: Sequence[Mapping[str, An
         here = [arm for arm in arms if arm.task == task]
         _draw_curves(left, [curve for curve in curves if curve["task"] == task])
         _draw_plain(left, here)
-        left.set_title(f"{task}: score while learning [{unit}]", loc="left", fontsize=10)
+        left.set_title(task, loc="left", fontsize=10)
+        left.set_ylabel(f"score while learning [{unit}]")
         left.set_xlabel("thousands of environment steps (a thousand is 20 s of driving)")
         _draw_scores(right, here)
-        right.set_title(f"{task}: test score [{unit}] of each training seed", loc="left", fontsize=10)
-        right.set_xlabel(measure)
+        right.set_title(f"{task}: test score of each training seed", loc="left", fontsize=10)
+        right.set_xlabel(f"{measure} [{unit}]")
         for axes in (left, right):
             axes.grid(alpha=0.25)
             for side in ("top", "right"):
