@@ -73,9 +73,8 @@ def page_verdict(results: Mapping[tuple[str, str], Benchmark]) -> PageVerdict:
     sentence = f"Knowing the soil pays in {len(pays)} of {len(compared)} comparisons"
     shares = [result.recovered.value for result in pays if result.recovered is not None]
     if shares:
-        sentence += (
-            f"; there the estimate recovers {100.0 * min(shares):.0f} to {100.0 * max(shares):.0f} % of it"
-        )
+        ends = dict.fromkeys(f"{100.0 * share:.0f}" for share in (min(shares), max(shares)))
+        sentence += f"; there the estimate recovers {' to '.join(ends)} % of it"
     light = "good" if len(pays) == len(compared) else "caution" if pays else "neutral"
     return PageVerdict(light=light, sentence=f"{sentence}.")  # type: ignore[arg-type]
 

@@ -28,6 +28,7 @@ from agents.benchmark.summary import Benchmark, summarise
 from agents.controllers.arms import ARMS, Arm, ArmSettings, make_arm
 from agents.controllers.protocol import Agent, ArmResult, EpisodeResult
 from agents.driving.unwrapped import bekker_env
+from offroad_env.environment.control_period import announce_compilation
 from offroad_env.environment.scenario_descriptions import find_scenario
 from offroad_env.environment.scenarios import Scenario
 from offroad_env.errors import InvalidParameter
@@ -233,6 +234,7 @@ def run_jobs(
     ]
     done, total = 0, len(draws) * len(jobs)
     parts: dict[Any, tuple[float, list[EpisodeResult]]] = {}
+    announce_compilation()
     for part, limit, episodes in Parallel(n_jobs=n_jobs, return_as="generator_unordered")(tasks):
         parts[part] = (limit, episodes)
         done += len(episodes)

@@ -9,8 +9,10 @@ from __future__ import annotations
 import contextlib
 import importlib
 import io
+import logging
 import os
 import sys
+import warnings
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import Any, Protocol
@@ -64,6 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     _open_streams()
+    _silence_side_effects()
     sys.exit(_run(list(sys.argv[1:] if arguments is None else arguments)))
 
 
@@ -75,6 +78,15 @@ def _open_streams() -> None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - for the whole run
         elif isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
+
+
+def _silence_side_effects() -> None:
+    """A command that fails says so in one sentence; what its libraries lose by that is no news.
+
+    matplotlib cannot keep its list of fonts on a full disk, and joblib cancels runs that nobody waits for.
+    """
+    logging.getLogger("matplotlib.font_manager").setLevel(logging.CRITICAL)
+    warnings.filterwarnings("ignore", message=".*tasks which were still being processed")
 
 
 def _run(arguments: list[str]) -> int:

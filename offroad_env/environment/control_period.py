@@ -13,7 +13,6 @@ phases before it, and the second one nothing of the truth:
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Callable
 from functools import cache, partial
@@ -64,6 +63,7 @@ from offroad_env.environment.rewards import (
 )
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import cache_folder, inline_kernel, kernel
+from offroad_env.physics._kernel_folder import say_once
 from offroad_env.physics.axle import Plant
 from offroad_env.physics.contact import NO_ROOT, SUNK
 from offroad_env.physics.full_vehicle import WORK_ROWS, full_continue, full_derivative
@@ -98,10 +98,10 @@ _ROLLOVER_TIME = 0.2  # [s]
 
 @cache
 def announce_compilation() -> None:
-    """Say once, on the log, that the first step will take a while, where nothing is compiled yet."""
+    """Say once, on the log of the main process, that the first step takes a while if nothing is compiled."""
     compiled = not numba.config.DISABLE_JIT
     if compiled and not any(cache_folder(__name__).rglob("*.nbi")):
-        logging.getLogger("offroad_env").warning(
+        say_once(
             "OffroadBekker compiles its physics, which takes half a minute: only once, the result is kept"
         )
 

@@ -7,6 +7,7 @@ this user, or to the administrator, and no other user may write into it.
 from __future__ import annotations
 
 import logging
+import multiprocessing
 import os
 import stat
 from functools import cache
@@ -20,8 +21,9 @@ _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 @cache
 def say_once(sentence: str) -> None:
-    """A warning on the log, once in a process."""
-    logging.getLogger("offroad_env").warning(sentence)
+    """A warning on the log, once in a process; its workers, which meet the same folder, are silent."""
+    if multiprocessing.parent_process() is None:
+        logging.getLogger("offroad_env").warning(sentence)
 
 
 @cache

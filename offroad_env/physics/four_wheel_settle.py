@@ -24,13 +24,13 @@ from offroad_env.physics.ruts import Place, follow_rut
 
 __all__ = ["settle_four_wheels"]
 
-#: Steps of Newton's method, and what it may leave of the weight.
-_STEPS, _TOLERANCE = 20, 1e-11
+#: Steps of Newton's method, times that one is halved, and what it may leave of the weight.
+_STEPS, _HALVINGS, _TOLERANCE = 40, 12, 1e-11
 #: Times that the wheels' speeds follow their loads.
 _PASSES = 3
-#: Change of height [m] and angles [rad] for derivatives, the largest step, and the share of the springs'
-#: stiffness that keeps the equations regular where all wheels hang.
-_CHANGE, _LONGEST, _SHARE = 1e-6, 0.1, 1e-4
+#: Change of height [m] and angles [rad] for derivatives, the widest one across a kink, the largest step, and
+#: the share of the springs' stiffness that keeps the equations regular where all wheels hang.
+_CHANGE, _WIDEST, _LONGEST, _SHARE = 1e-6, 1e-2, 0.1, 1e-4
 
 
 @kernel
@@ -106,33 +106,66 @@ def _solve(matrix: FloatArray, right: FloatArray) -> tuple[float, float, float]:
     )
 
 
+@inline_kernel
+def _left(right: FloatArray, base: float) -> float:
+    """Size of what is left of equilibrium [N m]."""
+    return base * abs(right[0]) + abs(right[1]) + abs(right[2])
+
+
 @kernel
-def _balance(plant: Plant, x: FloatArray, warm: FloatArray, readings: FloatArray) -> float:
-    """Move height, pitch and roll to where the springs carry the vehicle; returns the contact status."""
-    d, matrix, right = np.empty(state_size(plant)), np.empty((3, 3)), np.empty(3)
+def _derivatives(
+    plant: Plant, x: FloatArray, warm: FloatArray, right: FloatArray, readings: FloatArray, change: float
+) -> FloatArray:
+    """(3, 3) how force and moments ``right`` change with height, pitch and roll over ``change`` of each."""
+    d, matrix = np.empty(state_size(plant)), np.empty((3, 3))
     places = (at.Z, at.PITCH, at.ROLL)
     v, four = plant.vehicle, four_wheels(plant)
-    weight, base = v.m * GRAVITY, v.l_f + v.l_r
-    springs = (v.k_f + v.k_r) * _SHARE
-    status = CONTACT
+    springs, base = (v.k_f + v.k_r) * _SHARE, v.l_f + v.l_r
+    for i in range(3):
+        kept = x[places[i]]
+        x[places[i]] = kept + change
+        _, force, pitching, rolling = _imbalance(plant, x, warm, d, readings)
+        x[places[i]] = kept
+        matrix[0, i] = (force - right[0]) / change
+        matrix[1, i] = (pitching - right[1]) / change
+        matrix[2, i] = (rolling - right[2]) / change
+    matrix[0, 0] -= springs
+    matrix[1, 1] -= springs * base * base
+    matrix[2, 2] -= springs * four.track_f * four.track_r
+    return matrix
+
+
+@kernel
+def _balance(plant: Plant, x: FloatArray, warm: FloatArray, readings: FloatArray) -> float:
+    """Move height, pitch and roll to where the springs carry the vehicle; returns the contact status.
+
+    Newton's method; a step is halved until less is left, because soil in a rut is far stiffer when it is
+    unloaded than when it is loaded, and a whole step from the one into the other misses.
+    """
+    d, right, old = np.empty(state_size(plant)), np.empty(3), np.empty(3)
+    places = (at.Z, at.PITCH, at.ROLL)
+    base = plant.vehicle.l_f + plant.vehicle.l_r
+    enough = _TOLERANCE * plant.vehicle.m * GRAVITY * base
+    change = _CHANGE
+    status, right[0], right[1], right[2] = _imbalance(plant, x, warm, d, readings)
     for _ in range(_STEPS):
-        status, right[0], right[1], right[2] = _imbalance(plant, x, warm, d, readings)
-        if abs(right[0]) + abs(right[1]) + abs(right[2]) < _TOLERANCE * weight * max(1.0, base):
+        left = _left(right, base)
+        if left < enough:
             break
+        steps = _solve(_derivatives(plant, x, warm, right, readings, change), right)
+        share = min(1.0, _LONGEST / max(abs(steps[0]), abs(steps[1]), abs(steps[2]), _LONGEST))
         for i in range(3):
-            kept = x[places[i]]
-            x[places[i]] = kept + _CHANGE
-            _, force, pitching, rolling = _imbalance(plant, x, warm, d, readings)
-            x[places[i]] = kept
-            matrix[0, i] = (force - right[0]) / _CHANGE
-            matrix[1, i] = (pitching - right[1]) / _CHANGE
-            matrix[2, i] = (rolling - right[2]) / _CHANGE
-        matrix[0, 0] -= springs
-        matrix[1, 1] -= springs * base * base
-        matrix[2, 2] -= springs * four.track_f * four.track_r
-        steps = _solve(matrix, right)
-        for i in range(3):
-            x[places[i]] -= min(max(steps[i], -_LONGEST), _LONGEST)
+            old[i] = x[places[i]]
+        for _half in range(_HALVINGS):
+            for i in range(3):
+                x[places[i]] = old[i] - share * steps[i]
+            status, right[0], right[1], right[2] = _imbalance(plant, x, warm, d, readings)
+            if _left(right, base) < left:
+                break
+            share *= 0.5
+        # At a kink the derivatives of the other side count, or those across it.
+        better = _left(right, base) < left
+        change = _CHANGE if better else math.copysign(min(10.0 * abs(change), _WIDEST), -change)
     return status
 
 

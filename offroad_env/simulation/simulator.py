@@ -216,7 +216,7 @@ def settled_state(
     Raises
     ------
     SolverFailure
-        When the soil cannot carry the vehicle.
+        When the soil cannot carry the vehicle, or no rest is found.
     """
     require_record("plant", plant, Plant, "make_plant")
     pose = (one_number("x", x), one_number("y", y), one_number("yaw", yaw))
@@ -227,6 +227,8 @@ def settled_state(
             f"the soil (n = {plant.soil.n:g}) does not carry the vehicle ({plant.vehicle.m:g} kg): "
             f"a wheel of radius {plant.vehicle.r:g} m sinks beyond 0.95 of it"
         )
+    if not np.isfinite(state).all():
+        raise SolverFailure(f"the vehicle ({plant.vehicle.m:g} kg) finds no rest on its soil or ground")
     return state, warm
 
 

@@ -230,6 +230,18 @@ def test_thousands_of_random_steps_bring_no_nan_and_no_contact_without_a_status(
 #: Drives that found no contact: a deflection that falls with the load, a guess far from it, a wheel that all
 #: but lifts off.
 ONCE_LOST = (2641133191204710074, 7807165619156916849, 4129566974446477477, 83070630575761662)
+#: Drives that found no rest on four wheels: from loaded into unloaded ruts and back.
+ONCE_TOPPLED = (
+    6982459289582875739,
+    5218146729700090576,
+    6572882896351936219,
+    9130889212104920431,
+    4943388891961691444,
+    8184083491969093549,
+    726901071268615322,
+    1976516326231676362,
+    6292781103091740667,
+)
 
 
 @pytest.mark.check  # compiled for minutes
@@ -238,6 +250,18 @@ def test_a_tyre_above_soil_that_hardly_carries_it_finds_its_contact(seed):
     done, _, status = drive_one(np.random.default_rng(seed), KINDS)
     assert done > 0
     assert status <= SUNK
+
+
+@pytest.mark.check  # compiled for minutes
+@pytest.mark.parametrize("seed", ONCE_TOPPLED)
+def test_four_wheels_find_their_rest_where_soil_is_stiffer_in_a_rut(seed):
+    rng = np.random.default_rng(seed)
+    plant = any_plant(rng, KINDS[rng.integers(len(KINDS))])
+    state, warm = settled_state(plant)
+    assert np.isfinite(state).all()
+    assert np.isfinite(warm).all()
+    # As the ground leans, by a grade of 0.25 at most, and not further.
+    assert leaning(plant, state[None])[0] < 0.35
 
 
 @pytest.mark.study

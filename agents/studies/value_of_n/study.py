@@ -99,6 +99,8 @@ class ValueOfN(Results):
             for c in cells
         ]
         console().print(table("what knowing n is worth", heading, rows, texts=2))
+        if cells:
+            say(_verdict(cells))
         missing = len(list(self._cells())) - len(cells)
         if missing:
             say(f"{missing} combinations left out: the soil drowns the vehicle somewhere in the prior")
@@ -147,3 +149,14 @@ class ValueOfN(Results):
             place=place,
             unit=MEASURES[SCENARIOS[task].measure][1],
         )
+
+
+def _verdict(cells: Sequence[Cell]) -> str:
+    """Where knowing n pays, in a sentence."""
+    pays = [cell for cell in cells if cell.room.low > 0.0]
+    counted = f"knowing n pays (95 % interval above zero) in {len(pays)} of {len(cells)} combinations"
+    if not pays:
+        return counted
+    best = max(pays, key=lambda cell: cell.share)
+    place = f"{best.task} on {best.soil} with a prior {best.width:g} wide"
+    return f"{counted}, most on {place}: {100.0 * best.share:.0f} % of the score"

@@ -101,16 +101,26 @@ def test_a_full_disk_is_one_sentence_and_the_command_goes_on_where_there_is_room
     words, blocks = LIMITED[name]
     words = words.format(out=tmp_path)
     program = f'ulimit -f {blocks}; exec "{sys.executable}" -m agents.commands.cli {words}'
+    # There is no list of fonts yet, and for one command nothing is compiled: both find no room either.
+    fresh = {"MPLCONFIGDIR": str(tmp_path / "fonts")}
+    if name == "reproduce":
+        fresh["OFFROAD_CACHE"] = str(tmp_path / "cache")
     done = subprocess.run(
-        ["/bin/sh", "-c", program], capture_output=True, text=True, check=False, cwd=REPOSITORY
+        ["/bin/sh", "-c", program],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=REPOSITORY,
+        env={**os.environ, **fresh},
     )
     assert done.returncode == 1, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     lines = done.stderr.strip().splitlines()
-    # What was compiled on the way finds no room either.
-    unkept = [line for line in lines if line.startswith("compiled kernels cannot be kept in ")]
-    assert len(unkept) == len(set(unkept)) <= 1
-    (sentence,) = [line for line in lines if line not in unkept]
+    first_time = [
+        line for line in lines if line.startswith(("compiled kernels cannot", "OffroadBekker compiles"))
+    ]
+    assert len(first_time) == len(set(first_time))
+    (sentence,) = [line for line in lines if line not in first_time]
     assert re.match(r"offroad: .*(cannot write|cannot be written)", sentence), done.stderr
     assert offroad(*words.split()).returncode == 0
 
