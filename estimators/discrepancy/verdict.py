@@ -257,7 +257,7 @@ class VehicleDiagnosis(Diagnosis):
 
     checks: VehicleChecks | None = None
     structure: StructureComparison | None = None  #: where the nominal structure is inadequate
-    #: Effects that improve the nominal model where another structure is named; alternatives where both predict
+    #: Effects that improve the nominal model where another structure is named; alternatives if both predict
     #: equally well.
     stand_ins: tuple[str, ...] = ()
 

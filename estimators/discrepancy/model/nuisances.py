@@ -20,7 +20,8 @@ def acts(nuisance: Nuisance, run: ForwardModel) -> bool:
     hard = run.setup.plant.soil.rigid > 0.5
     if (nuisance.hard and not hard) or (nuisance.soft and hard):
         return False
-    if nuisance.tolerated and run.log.config.exact:
+    # On hard ground what is uncertain of the tyres contains what tolerances of the vehicle would change.
+    if nuisance.tolerated and (hard or run.log.config.exact):
         return False
     unknown = run.log.config.unknown
     if nuisance.unknown and nuisance.unknown not in unknown:
