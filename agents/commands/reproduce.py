@@ -58,6 +58,11 @@ STUDIES: dict[str, tuple[str, str, str]] = {
         "FaultDetection",
         "faults in simulated logs: false alarms, power, sets",
     ),
+    "natural_faults": (
+        "natural_faults",
+        "NaturalFaults",
+        "the same in a natural world: scattering soil, tolerances, causes of another form",
+    ),
     "rig_fault_detection": (
         "rig_fault_detection",
         "RigFaultDetection",

@@ -19,7 +19,7 @@ from estimators.logs.clocks import pose_age
 from estimators.logs.log import Log
 from estimators.logs.quality import QualityReport, quality
 from estimators.logs.units import Finding
-from offroad_env.effects import EFFECTS
+from offroad_env.effects import EFFECTS, Setup
 from offroad_env.errors import OffroadError
 
 __all__ = ["SCREEN_RATE", "diagnose", "overlap_of", "split_runs"]
@@ -97,15 +97,23 @@ def diagnose(
         not_judged=not_judged,
         checks=_checks(found, solver_error, ordered),
     )
-    if result.incomplete or result.inaccurate:
+    if result.causes or result.incomplete or result.inaccurate:
         progress("structures")
-        result = _with_structure(result, compare_structures(ordered))
+        result = _with_structure(result, compare_structures(ordered, _setups_with(found, ordered)))
     if result.restructured is not None:
         return result
     if result.causes and result.incomplete:
         result = replace(result, joint=sizes_with_unknown_inputs(found.extended))
     progress("test data")
     return _on_test_data(result, found, splits[REPORT])
+
+
+def _setups_with(found: SearchResult, logs: Sequence[Log]) -> tuple[Setup, ...] | None:
+    """Vehicle, soil, inputs and sensors of each log with the effects that were found; None without any."""
+    fit = found.extended
+    if not found.causes or not fit.converged:
+        return None
+    return tuple(fit.problem.setup(RunModel(log), fit.point) for log in logs)
 
 
 def _with_structure(result: VehicleDiagnosis, compared: StructureComparison | None) -> VehicleDiagnosis:

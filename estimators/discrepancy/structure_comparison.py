@@ -19,10 +19,14 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
 from estimators.discrepancy.checks.holdout_gain import ChannelGain, channel_gain
+from estimators.discrepancy.corrected_log import corrected_log
+from estimators.discrepancy.model.run_model import RunModel
 from estimators.logs.log import Log
 from estimators.replay.replay import WindowReplay
 from estimators.replay.structures import Case, plant_for
+from offroad_env.effects.protocol import Setup
 from offroad_env.errors import DataError, OffroadError
+from offroad_env.physics.axle import Plant
 from offroad_env.world.structures import STRUCTURES
 
 __all__ = [
@@ -82,6 +86,9 @@ _WORTH = 0.3
 _GAIN, _P_VALUE, _WINDOWS = 0.35, 1e-2, 3
 #: A law stays if errors grow by this mean logarithm without it, and is named with this p-value.
 _LOSS, _LOSS_P = 0.03, 0.01
+#: Errors that differ by less than this share (mean logarithm over channels) do not decide between a structure
+#: and effects.
+_AS_GOOD = 0.1
 _SEED = 0
 
 
@@ -137,21 +144,30 @@ class StructureComparison:
     p_value: float
     n: float  #: with the best structure [-]
     gains: tuple[ChannelGain, ...]  #: by channel, on windows apart
+    #: Share by which errors fall from those of the nominal structure with effects; None without effects.
+    gain_over_effects: float | None = None
 
     @property
     def found(self) -> bool:
-        """Whether another structure is named."""
-        return bool(self.causes)
+        """Whether another structure is named: effects of the nominal one do not predict better."""
+        return bool(self.causes) and (self.gain_over_effects is None or self.gain_over_effects > -_AS_GOOD)
+
+    @property
+    def tied(self) -> bool:
+        """Whether the nominal structure with effects predicts as well, so that neither is certain."""
+        return self.found and self.gain_over_effects is not None and self.gain_over_effects < _AS_GOOD
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON takes it."""
         return {
             "found": self.found,
+            "tied": self.tied,
             "structure": self.best.case.structure,
             "vehicle_model": self.best.case.vehicle_model,
             "n": self.n,
             "n_nominal": self.n - self.best.change + self.nominal.change,
             "gain": self.gain,
+            "gain_over_effects": self.gain_over_effects,
             "p": self.p_value,
             "causes": [
                 {"id": one.id, "gain": one.gain, "p": one.p_value, "sentence": one.sentence}
@@ -202,18 +218,23 @@ class _Trials:
 
     @staticmethod
     def _of(prepared: WindowReplay, case: Case, change: float) -> np.ndarray:
-        columns = []
         try:
             plant = plant_for(prepared.log, case)
-            soil = plant.soil._replace(n=float(np.clip(plant.soil.n + change, _LEAST, _MOST)))
-            errors = prepared.errors(plant._replace(soil=soil))
         except OffroadError:
             return np.full((prepared.shape[0], len(_FLOORS)), math.inf)
-        failed = ~np.isfinite(errors["v_x"]).all(axis=1)
-        for name in _FLOORS:
-            values = np.sqrt(np.mean(errors[name] ** 2, axis=1))
-            columns.append(np.where(failed, math.inf, values))
-        return np.stack(columns, axis=1)
+        soil = plant.soil._replace(n=float(np.clip(plant.soil.n + change, _LEAST, _MOST)))
+        return _errors_by_window(prepared, plant._replace(soil=soil))
+
+    def with_effects(self, case: Case, setups: Sequence[Setup]) -> StructureTrial:
+        """The nominal structure with effects, of which those of inputs and sensors are undone in the logs."""
+        errors = []
+        for prepared, setup in zip(self.prepared, setups, strict=True):
+            stated = RunModel(prepared.log).setup
+            corrected = WindowReplay(corrected_log(prepared.log, setup, stated), _WINDOW, references=False)
+            errors.append(_errors_by_window(corrected, setup.plant))
+        return StructureTrial(
+            case=case, change=setups[0].plant.soil.n - self.stated, errors=np.concatenate(errors)
+        )
 
     def best(self, case: Case, start: float | None = None) -> StructureTrial:
         """The structure with the n that suits the fitted windows, sought near ``start`` where it is given."""
@@ -273,11 +294,30 @@ class _Trials:
         return tuple(found)
 
 
-def compare_structures(logs: Sequence[Log]) -> StructureComparison | None:
+def _errors_by_window(prepared: WindowReplay, plant: Plant) -> np.ndarray:
+    """Root mean square errors (W, C) of a model; infinite where a window fails."""
+    try:
+        errors = prepared.errors(plant)
+    except OffroadError:
+        return np.full((prepared.shape[0], len(_FLOORS)), math.inf)
+    failed = ~np.isfinite(errors["v_x"]).all(axis=1)
+    roots = [np.sqrt(np.mean(errors[name] ** 2, axis=1)) for name in _FLOORS]
+    return np.stack([np.where(failed, math.inf, values) for values in roots], axis=1)
+
+
+def compare_structures(
+    logs: Sequence[Log], setups: Sequence[Setup] | None = None
+) -> StructureComparison | None:
     """Whether another structure predicts these runs better than the nominal one can with any n.
 
     None where it cannot be compared: on hard ground, by the paper's model, without torques at the wheels or
     positions, or with too few windows.
+
+    Parameters
+    ----------
+    setups
+        The runs with the effects that were found, as fitted: a structure must predict better than these, too.
+        Default: there are no effects.
     """
     first = logs[0].config
     if first.model != "full" or first.soil.rigid > 0.5:
@@ -298,6 +338,9 @@ def compare_structures(logs: Sequence[Log]) -> StructureComparison | None:
         equals = tuple(one.case for one in found[1:] if not _worse(trials, one, best))
         best, causes = _pruned(trials, nominal, best)
         gain, p_value = trials.apart(nominal, best)
+    over: float | None = None
+    if causes and setups is not None:
+        over = 1.0 - math.exp(-trials.apart(trials.with_effects(nominal.case, setups), best)[0])
     return StructureComparison(
         nominal=nominal,
         best=best,
@@ -308,6 +351,7 @@ def compare_structures(logs: Sequence[Log]) -> StructureComparison | None:
         p_value=p_value,
         n=trials.stated + best.change,
         gains=trials.gains(nominal, best),
+        gain_over_effects=over,
     )
 
 

@@ -257,7 +257,9 @@ class VehicleDiagnosis(Diagnosis):
 
     checks: VehicleChecks | None = None
     structure: StructureComparison | None = None  #: where the nominal structure is inadequate
-    stand_ins: tuple[str, ...] = ()  #: effects that improved the nominal model where its structure is wrong
+    #: Effects that improve the nominal model where another structure is named; alternatives if both predict
+    #: equally well.
+    stand_ins: tuple[str, ...] = ()
 
     @property
     def restructured(self) -> StructureComparison | None:
@@ -276,7 +278,7 @@ class VehicleDiagnosis(Diagnosis):
             outside = bool(self.findings) and all(finding.kind == OUTSIDE for finding in self.findings)
             return Verdict.OUTSIDE if outside else Verdict.DATA_PROBLEM
         if self.restructured is not None:
-            return Verdict.NAMED
+            return Verdict.ONE_OF if self.restructured.tied else Verdict.NAMED
         if self.inaccurate:
             return Verdict.NUMERICS
         if self.incomplete:

@@ -68,7 +68,7 @@ def verdict_sentence(
 ) -> str:
     """The verdict on a diagnosis in one plain sentence."""
     if isinstance(diagnosis, VehicleDiagnosis) and diagnosis.restructured is not None:
-        return _structure_sentence(diagnosis.restructured)
+        return _structure_sentence(diagnosis.restructured, diagnosis.stand_ins)
     if verdict is Verdict.UNEXPLAINED:
         rest = _discrepancy_phrase(diagnosis, causes, unexplained)
         return f"The model is wrong in a way that no effect of the library explains: {rest}."
@@ -83,12 +83,17 @@ def verdict_sentence(
     return _sentence_without_causes(verdict, diagnosis)
 
 
-def _structure_sentence(found: StructureComparison) -> str:
+def _structure_sentence(found: StructureComparison, effects: Sequence[str]) -> str:
     parts = "; ".join(cause.sentence for cause in found.causes)
-    return (
+    sentence = (
         f"The structure of the model is wrong: {parts}. With another one the errors of predictions fall by "
         f"{100.0 * found.gain:.0f} % on windows to which nothing was fitted."
     )
+    if found.tied:
+        sentence += (
+            f" Or its numbers are: {', '.join(effects)} together predict as well as another structure."
+        )
+    return sentence
 
 
 def structure_lines(summary: DiagnosisSummary) -> list[str]:
@@ -108,7 +113,9 @@ def structure_lines(summary: DiagnosisSummary) -> list[str]:
         f"({100.0 * gain.low:.0f} to {100.0 * gain.high:.0f} % less)"
         for gain in found.gains
     ]
-    if summary.stand_ins:
+    if summary.stand_ins and found.tied:
+        lines.append(f"as good: the nominal structure with {', '.join(summary.stand_ins)}")
+    elif summary.stand_ins:
         lines.append(f"not judged within the wrong structure: {', '.join(summary.stand_ins)}")
     return lines
 

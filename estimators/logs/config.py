@@ -111,6 +111,7 @@ class LogConfig:
     hold: str = "zoh"  #: inputs hold from their stamp ("zoh") or run straight to the next ("linear")
     start: StartSpec = field(default_factory=StartSpec)
     unknown: tuple[str, ...] = ()  #: of `UNKNOWN`: what nobody has measured; a diagnosis does not judge it
+    exact: bool = False  #: numbers of vehicle and soil are exact and the soil is even, as in a simulation
     units: tuple[tuple[str, str], ...] = ()  #: (column, unit) that the file was read with
     start_from_data: bool = False  #: whether the start is read off the first samples
     silences: tuple[tuple[float, float], ...] = ()  #: (where, true length [s]) of those that count for less

@@ -40,6 +40,7 @@ _DRIVETRAINS = ("force", "torque")
 _HOLDS = ("zoh", "linear")
 #: In place of the section ``start``: position, heading and speed of the first samples.
 _FROM_DATA = "log"
+_TOLERANCES = ("usual", "none")
 _TERRAINS = ("paper", "flat", "unknown", "waves", "grid")
 _NEEDED_VEHICLE = ("m", "I_z", "I_y", "l_f", "l_r", "k_f", "k_r", "c_f", "c_r", "m_w", "r", "b")
 _NEEDED_SOIL = ("k_phi", "n", "c", "phi")
@@ -97,6 +98,7 @@ def parse_config(top: Section, *, rig: bool) -> LogConfig:
             start=_start(top),
             start_from_data=from_data,
             unknown=_unknown(top),
+            exact=top.choice("tolerances", _TOLERANCES, "usual") == "none",
             units=units,
         )
     top.finish()
@@ -150,7 +152,7 @@ def _rig_config(top: Section, units: tuple[tuple[str, str], ...]) -> LogConfig:
         wheel = _wheel(body)
         body.rest()
     soil = _soil_of(top)
-    for name in ("drivetrain", "slip", "terrain", "imu", "gnss", "inputs", "start", "unknown"):
+    for name in ("drivetrain", "slip", "terrain", "imu", "gnss", "inputs", "start", "unknown", "tolerances"):
         top.take(name, None)  # harmless beside a wheel: the same YAML may serve a vehicle
     return LogConfig(model=model, structure=_structure(top), wheel=wheel, soil=soil, units=units)
 

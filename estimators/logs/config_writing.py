@@ -50,6 +50,8 @@ def _as_mapping(config: LogConfig) -> dict[str, Any]:
         mapping["structure"] = config.structure
     if config.unknown:
         mapping["unknown"] = list(config.unknown)
+    if config.exact:
+        mapping["tolerances"] = "none"
     return mapping
 
 

@@ -69,6 +69,13 @@ _ROWS = (
         "needed",
         "how the run begins; log: the first samples",
     ),
+    KeyRow(
+        "tolerances",
+        "-",
+        "usual, none",
+        "usual",
+        "whether numbers of vehicle and soil are known to tolerances only, and the soil scatters",
+    ),
     KeyRow("unknown", "-", ", ".join(UNKNOWN), "none", "what nobody has measured: a diagnosis fits it"),
     KeyRow(
         "columns",

@@ -365,7 +365,10 @@ def _start_of(log: Log, readings: Readings) -> np.ndarray:
     if "yaw" in log.channels:
         start[YAW] = log.samples("yaw")[1][0]
     elif {"x", "y"} <= set(log.channels):
-        way_x, way_y = (log.samples(name)[1] - log.samples(name)[1][0] for name in ("x", "y"))
+        # A receiver may lose one of the two.
+        both = np.stack([log.channels["x"], log.channels["y"]])
+        both = both[:, ~np.isnan(both).any(axis=0)]
+        way_x, way_y = both - both[:, :1]
         far = np.flatnonzero(np.hypot(way_x, way_y) > _WAY)
         if len(far):
             start[YAW] = math.atan2(way_y[far[0]], way_x[far[0]])

@@ -109,7 +109,8 @@ def _solve(matrix: FloatArray, right: FloatArray) -> tuple[float, float, float]:
 @inline_kernel
 def _left(right: FloatArray, base: float) -> float:
     """Size of what is left of equilibrium [N m]."""
-    return base * abs(right[0]) + abs(right[1]) + abs(right[2])
+    size: float = base * abs(right[0]) + abs(right[1]) + abs(right[2])
+    return size
 
 
 @kernel

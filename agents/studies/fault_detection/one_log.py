@@ -16,6 +16,7 @@ from estimators.discrepancy.diagnosis import diagnose
 from estimators.discrepancy.faults.combined import combined
 from estimators.discrepancy.faults.drive import TICK, Case, draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS, ONE_SIDED
+from estimators.discrepancy.faults.other_forms import OTHER_FORMS, WRONG_NUMBERS
 from estimators.discrepancy.faults.unmodelled import UNMODELLED_FAULTS
 from estimators.discrepancy.model.fit import fit_runs
 from estimators.discrepancy.model.run_model import RunModel, drives
@@ -30,10 +31,12 @@ from offroad_env.errors import OffroadError
 from offroad_env.simulation.drive import Faults
 from offroad_env.world.soils import SOILS
 
-__all__ = ["Numbers", "limits_of", "run_unit"]
+__all__ = ["NATURAL", "Numbers", "limits_of", "natural_case", "run_unit"]
 
 Numbers = dict[str, Any]  #: result of one unit, or of the study, as JSON takes it
 
+#: Kinds of logs of the natural world.
+NATURAL = ("natural", "wrong", "other", "library", "large")
 #: Effects that cannot be negative.
 _ONE_SIDED = (*ONE_SIDED, *NEVER_NEGATIVE, "aero_drag")
 #: Where the soil of a fault changes, as parameters of the effect.
@@ -42,13 +45,19 @@ _PLACES = {"n_step": {"place": 35.0, "direction": 0.0}, "n_trend": {"place": 80.
 _UNMODELLED_SIZE = 0.03
 
 
-def limits_of(seed: int) -> Numbers:
+def natural_case(seed: int) -> Case:
+    """A run on an unknown road, with numbers within their tolerances and soil that scatters."""
+    return draw_case(seed, road="unknown", natural=True)
+
+
+def limits_of(seed: int, *, natural: bool = False) -> Numbers:
     """Smallest detectable sizes in the log of this seed, and similarity of the effects in it.
 
     From the same run without a fault.
     """
     try:
-        fit = fit_runs([RunModel(simulated_log(draw_case(seed)), use=FIT)])
+        case = natural_case(seed) if natural else draw_case(seed)
+        fit = fit_runs([RunModel(simulated_log(case), use=FIT)])
         result = score_test(fit, candidates_for(fit, tuple(EFFECTS)))
     except OffroadError as error:
         return {"failed": str(error)}
@@ -90,7 +99,9 @@ def run_unit(kind: str, name: str, multiple: float, seed: int, *, known: Mapping
     Parameters
     ----------
     kind
-        "null", "white", "single", "pair", "removed", "unmodelled" or "same".
+        "null", "white", "single", "pair", "removed", "unmodelled" or "same"; in the natural world "natural"
+        (without a fault), "wrong" (a number of the description), "other" (of another form), "library" (the
+        same cause in the library's form), "large" (likewise, far beyond the limit).
     name
         The fault; two names with + between for a pair.
     multiple
@@ -98,8 +109,10 @@ def run_unit(kind: str, name: str, multiple: float, seed: int, *, known: Mapping
     known
         Seed -> `limits_of` it.
     """
-    case = draw_case(seed)
+    case = natural_case(seed) if kind in NATURAL else draw_case(seed)
     try:
+        if kind in NATURAL:
+            return _natural(kind, name, multiple, case, known)
         if kind in ("null", "white"):
             return _diagnosed(simulated_log(case), case, white=kind == "white")
         if kind == "unmodelled":
@@ -119,6 +132,17 @@ def run_unit(kind: str, name: str, multiple: float, seed: int, *, known: Mapping
         return result | {"sizes_true": sizes, "multiples": truths, "alike": alike}
     except OffroadError as error:
         return {"failed": str(error)}
+
+
+def _natural(kind: str, name: str, multiple: float, case: Case, known: Mapping[int, Numbers]) -> Numbers:
+    """One log of the natural world, with a fault or without one."""
+    if kind == "natural":
+        return _diagnosed(simulated_log(case), case)
+    if kind == "wrong":
+        return _diagnosed(simulated_log(case, WRONG_NUMBERS[name]), case)
+    size = _size(name, multiple * known[case.seed]["limits"][name], case.seed)
+    fault = OTHER_FORMS[name](size) if kind == "other" else _fault(name, size)
+    return _diagnosed(simulated_log(case, fault), case) | {"size_true": size}
 
 
 def _size(name: str, size: float, seed: int) -> float:
@@ -161,6 +185,7 @@ def _summary(diagnosis: VehicleDiagnosis, case: Case) -> Numbers:
         "road": case.road,
         "sets": [[one.candidate.effect for one in cause.alternatives] for cause in diagnosis.causes],
         "sizes": [[(one.size, one.deviation) for one in cause.alternatives] for cause in diagnosis.causes],
+        "structure": diagnosis.restructured is not None,
         "named": [cause.best.candidate.effect for cause in diagnosis.named],
         "strongest": float(np.abs(found.first.z).max()) if found else None,
         "threshold": found.threshold if found else None,

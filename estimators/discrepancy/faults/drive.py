@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimators.discrepancy.faults.natural import natural_plant
 from estimators.logs.config import StartSpec, TerrainSpec
 from estimators.logs.log import Log
 from estimators.logs.runs import config_of, log_of_drive, wave_rows
@@ -48,6 +49,7 @@ class Case:
     drive: str = "lively"  #: "lively"; "steady": straight on at one speed; "blind": open loop in speed
     accel_noise: float = 0.1  #: [m/s^2]
     gyro_noise: float = 0.01  #: [rad/s]
+    natural: bool = False  #: numbers within their tolerances and soil that scatters, see `natural_plant`
 
 
 def draw_case(
@@ -59,6 +61,7 @@ def draw_case(
     gnss: bool | None = None,
     duration: float = 60.0,
     drive: str = "lively",
+    natural: bool = False,
 ) -> Case:
     """A run drawn from its seed; fields that are given replace the drawn ones."""
     rng = np.random.default_rng([seed, 7])
@@ -80,6 +83,7 @@ def draw_case(
         drive=drive,
         accel_noise=float(rng.choice([0.05, 0.1, 0.2])),
         gyro_noise=float(rng.choice([0.003, 0.01, 0.0175])),
+        natural=natural,
     )
 
 
@@ -129,6 +133,8 @@ def simulated_log(case: Case, faults: Faults | None = None, name: str = "run") -
     ground, terrain = _ground(case, rng)
     believed = make_plant(VEHICLES["mrzr"], SOILS[case.soil], ground)
     truth = believed._replace(soil=make_soil(case.soil, n=case.n), soil_map=_UNIFORM)
+    if case.natural:
+        truth = natural_plant(truth, np.random.default_rng([case.seed, 13]))
     sensors = SensorSuite(
         imu=ImuConfig(
             accel_noise=case.accel_noise,
@@ -144,4 +150,4 @@ def simulated_log(case: Case, faults: Faults | None = None, name: str = "run") -
     drive = simulate_drive(
         truth, _Driver(rng, case), sensors, faults=faults, duration=case.duration, timing=_TIMING
     )
-    return log_of_drive(drive, replace(config, terrain=terrain), name)
+    return log_of_drive(drive, replace(config, terrain=terrain, exact=not case.natural), name)

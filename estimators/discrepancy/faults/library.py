@@ -287,6 +287,19 @@ def _changed_soil(change: Callable[..., dict[str, float]]) -> Callable[[float], 
     return make
 
 
+def _scaled_vehicle(*fields: str) -> Callable[[float], Faults]:
+    """Numbers of the vehicle's record that are all wrong by one share."""
+
+    def make(share: float) -> Faults:
+        def plant(plant: Plant) -> Plant:
+            changed = {name: getattr(plant.vehicle, name) * (1.0 + share) for name in fields}
+            return plant._replace(vehicle=plant.vehicle._replace(**changed))
+
+        return Faults(plant=plant)
+
+    return make
+
+
 def _shifted_cg(back: float) -> Faults:
     def plant(plant: Plant) -> Plant:
         v = plant.vehicle
@@ -341,6 +354,9 @@ FAULTS: dict[str, Callable[[float], Faults]] = {
     "torque_scale": _scaled_torque,
     "payload": _payload,
     "cg_shift": _shifted_cg,
+    "cg_height": _scaled_vehicle("h_cg"),
+    "inertia": _scaled_vehicle("I_z", "I_y"),
+    "spring_rate": _scaled_vehicle("k_f", "k_r"),
     "rolling_resistance": _rolling_resistance,
     "aero_drag": _added_drag,
     "rut_drag": _rut_drag,
@@ -355,6 +371,7 @@ FAULTS: dict[str, Callable[[float], Faults]] = {
     "n_step": _stepped_n,
     "n_trend": _n_trend,
     "exit_angle": _changed_soil(lambda soil, size: {"b_0": soil.b_0 + size}),
+    "cohesion": _changed_soil(lambda soil, size: {"c": max(soil.c + size, 0.0)}),
     "friction_angle": _changed_soil(lambda soil, size: {"phi": soil.phi + size}),
     "shear_modulus": _changed_soil(
         lambda soil, size: {"k_x": soil.k_x * (1.0 + size), "k_y": soil.k_y * (1.0 + size)}

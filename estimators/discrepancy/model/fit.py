@@ -16,9 +16,9 @@ from estimators.discrepancy.model.autoregressive_noise import AutoregressiveNois
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.linearisation import Jacobian, Linearisation
+from estimators.discrepancy.model.natural_world import null_simulations
 from estimators.discrepancy.model.problem import LeastSquaresProblem
 from estimators.discrepancy.model.protocol import ForwardModel
-from estimators.discrepancy.model.unknown_road import null_simulations
 
 __all__ = ["autoregressive", "fit_runs", "settled", "stretches_of"]
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.discrepancy.model.protocol import ForwardModel, Nuisance
+from estimators.discrepancy.model.tolerances import TOLERATED
 from offroad_env.effects import Setup, apply
 
 __all__ = ["NUISANCES", "acts", "ground_changed", "wheelbase", "with_nuisances"]
@@ -16,7 +17,11 @@ __all__ = ["NUISANCES", "acts", "ground_changed", "wheelbase", "with_nuisances"]
 
 def acts(nuisance: Nuisance, run: ForwardModel) -> bool:
     """Whether the nuisance exists in this run."""
-    if nuisance.hard and run.setup.plant.soil.rigid < 0.5:
+    hard = run.setup.plant.soil.rigid > 0.5
+    if (nuisance.hard and not hard) or (nuisance.soft and hard):
+        return False
+    # On hard ground what is uncertain of the tyres contains what tolerances of the vehicle would change.
+    if nuisance.tolerated and (hard or run.log.config.exact):
         return False
     unknown = run.log.config.unknown
     if nuisance.unknown and nuisance.unknown not in unknown:
@@ -169,4 +174,6 @@ NUISANCES = (
     # Each axle's wheel speeds err by 0.2 %: their mean and half their difference by less.
     Nuisance(name="wheel", change=_wheel, spread=0.0014, step=0.002, sensors_only=True),
     Nuisance(name="wheel_split", change=_wheel_split, spread=0.0014, step=0.002, sensors_only=True),
+    # Numbers of the description that are known to a tolerance.
+    *TOLERATED,
 )

@@ -52,6 +52,8 @@ class Nuisance:
     limits: tuple[float, float] = (-np.inf, np.inf)  #: of an unmodified vehicle
     hard_limits: tuple[float, float] | None = None  #: the same on hard ground, where it differs
     hard: bool = False  #: of hard ground alone
+    soft: bool = False  #: of soil alone
+    tolerated: bool = False  #: a number that is stated to a tolerance, where the log does not call it exact
     unknown: str = ""  #: what the log must call unknown
     unit: str = ""  #: of what the log calls unknown; lengths [m] are fitted in wheelbases
     pitching: bool = False  #: is observable by the pitching alone, which springs and torques make

@@ -40,7 +40,7 @@ TABLE = (
         source="definition: shift of c in the Mohr-Coulomb criterion",
         look_alikes=("friction_angle", "grouser_thrust"),
         separated_by="a shear box, or trials at several loads",
-        models=("rig",),
+        models=_EVERYWHERE,
         change=lambda setup, stress: setup.with_soil(c=max(setup.plant.soil.c + stress, 0.0)),
     ),
     _row(

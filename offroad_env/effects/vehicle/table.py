@@ -27,7 +27,31 @@ def _heavier(setup: Setup, share: float) -> Setup:
     return setup.with_vehicle(m=factor * v.m, I_z=factor * v.I_z, I_y=factor * v.I_y)
 
 
+def _turning(setup: Setup, share: float) -> Setup:
+    v, factor = setup.plant.vehicle, 1.0 + share
+    return setup.with_vehicle(I_z=factor * v.I_z, I_y=factor * v.I_y)
+
+
+def _higher(setup: Setup, share: float) -> Setup:
+    return setup.with_vehicle(h_cg=(1.0 + share) * setup.plant.vehicle.h_cg)
+
+
+def _stiffer(setup: Setup, share: float) -> Setup:
+    v, factor = setup.plant.vehicle, 1.0 + share
+    return setup.with_vehicle(k_f=factor * v.k_f, k_r=factor * v.k_r)
+
+
 TABLE = (
+    _row(
+        id="cg_height",
+        size=Parameter(name="share", unit="-", low=-0.8, high=2.0),
+        plausible=lambda vehicle: 0.4,
+        sentence="the centre of gravity lies {size} of its height higher than stated",
+        source="definition: scale factor of h_cg",
+        look_alikes=("spring_rate",),
+        separated_by="weighing the vehicle on a slope",
+        change=_higher,
+    ),
     _row(
         id="cg_shift",
         size=Parameter(name="distance", unit="m", low=-2.0, high=2.0),
@@ -38,6 +62,16 @@ TABLE = (
         change=_further_back,
     ),
     _row(
+        id="inertia",
+        size=Parameter(name="share", unit="-", low=-0.8, high=4.0),
+        plausible=lambda vehicle: 0.5,
+        sentence="the moments of inertia are {size} of their value larger",
+        source="definition: scale factor of I_z and I_y",
+        look_alikes=("payload", "steer_lag"),
+        separated_by="swinging the vehicle on a bifilar suspension",
+        change=_turning,
+    ),
+    _row(
         id="payload",
         size=Parameter(name="share", unit="-", low=-0.5, high=2.0),
         plausible=lambda vehicle: 0.4,
@@ -46,5 +80,16 @@ TABLE = (
         look_alikes=("torque_scale",),
         separated_by="a weighbridge, or braking and driving with known torque",
         change=_heavier,
+    ),
+    _row(
+        id="spring_rate",
+        family="suspension",
+        size=Parameter(name="share", unit="-", low=-0.8, high=4.0),
+        plausible=lambda vehicle: 0.6,
+        sentence="the springs are {size} of their rate stiffer",
+        source="definition: scale factor of k_f and k_r",
+        look_alikes=("cg_height", "damper_nonlinear"),
+        separated_by="pressing down one axle with a known load",
+        change=_stiffer,
     ),
 )

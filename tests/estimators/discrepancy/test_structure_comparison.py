@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from estimators.discrepancy import structure_comparison
+from estimators.discrepancy.diagnosis import diagnose
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
 from estimators.discrepancy.physical_ranges import is_physical
@@ -75,6 +76,25 @@ def test_a_structure_whose_n_lies_at_the_end_of_the_range_is_not_named(sand, mon
     assert compared.p_value < 1e-3
     assert compared.n == pytest.approx(least)
     assert not compared.found
+
+
+@pytest.mark.parametrize(
+    ("gain", "found_then", "tied"),
+    [(None, True, False), (0.3, True, False), (0.0, True, True), (-0.3, False, False)],
+)
+def test_a_structure_is_certain_only_where_effects_predict_worse(found, gain, found_then, tied):
+    compared = replace(found, gain_over_effects=gain)
+    assert compared.found is found_then
+    assert compared.tied is tied
+
+
+@pytest.mark.check
+def test_effects_that_explain_a_straight_drive_are_not_named_for_certain(sand):
+    diagnosis = diagnose(sand[:1])
+    assert diagnosis.restructured is not None
+    assert diagnosis.verdict in ("NAMED", "ONE OF")
+    assert not diagnosis.causes
+    assert diagnosis.stand_ins
 
 
 def test_every_structural_cause_has_its_sentence(found):

@@ -1,0 +1,116 @@
+"""``offroad reproduce natural_faults``: faults in a natural world, one step outside the library's own.
+
+Soil scatters, the road is unknown, and no number is exactly as stated. Faults have the library's form, or
+another form of the same cause, or are a wrong number of the description; causes are judged by their family.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated
+
+from tyro.conf import arg
+
+from agents.commands.options import Jobs
+from agents.reports.output import Results, console, table
+from agents.studies.fault_detection.one_log import Numbers, limits_of, run_unit
+from agents.studies.fault_detection.results import QUIET, share_of
+from agents.studies.fault_detection.study import share_text
+from agents.studies.runner import Key, run_units, stamp_of
+from estimators.discrepancy.faults.other_forms import FAMILIES, OTHER_FORMS, WRONG_NUMBERS
+
+__all__ = ["NaturalFaults", "counted_naturally"]
+
+#: Multiple of the limit of a large fault.
+_LARGE = 7.0
+
+
+@dataclass(kw_only=True)
+class NaturalFaults(Results):
+    """Faults in logs of a natural world: false alarms, families of causes, wrong numbers.
+
+    Writes natural.jsonl with the result of every log (a log that is there is not repeated) and natural.json.
+    """
+
+    nulls: int = 300  #: logs without a fault
+    seeds: int = 16  #: logs for each cause in each form, at twice its limit
+    large: int = 7  #: logs for each cause at seven times its limit
+    wrong: int = 17  #: logs for each wrong number
+    first_seed: Annotated[int, arg(help="of the logs: others are a fresh sample")] = 5000  #: of the logs
+    n_jobs: Jobs = 2  #: local processes
+
+    def run(self) -> None:
+        """Run what is missing, then count and print."""
+        path = self.out / "natural.jsonl"
+        stamp = stamp_of("agents.studies.fault_detection.one_log")
+        seeds = [self.first_seed + i for i in range(max(self.seeds, self.large))]
+        keys: list[Key] = [("limits", seed) for seed in seeds]
+        stamps = dict.fromkeys(keys, stamp)
+        limits = run_units(path, _limits, stamps, label="limits", n_jobs=self.n_jobs)
+        known = {key[1]: found for key, found in limits.items() if "failed" not in found}
+        work = partial(run_unit, known=known)
+        stamps = dict.fromkeys(self._keys(known), stamp)
+        results = run_units(path, work, stamps, label="logs", n_jobs=self.n_jobs)
+        numbers = counted_naturally(results)
+        rows = [(name, *(share_text(numbers[name][what]) for what in _COUNTS)) for name in numbers]
+        console().print(table("faults in a natural world", ("logs", *_COUNTS), rows))
+        self.save_numbers(numbers)
+
+    def _keys(self, known: Mapping[int, Numbers]) -> list[Key]:
+        first = self.first_seed
+        keys: list[Key] = [("natural", "", 0.0, first + i) for i in range(self.nulls)]
+        keys += [("wrong", name, 1.0, first + i) for i in range(self.wrong) for name in WRONG_NUMBERS]
+        for kind, multiple, count in (
+            ("other", 2.0, self.seeds), ("library", 2.0, self.seeds), ("large", _LARGE, self.large),
+        ):  # fmt: skip
+            keys += [
+                (kind, name, multiple, seed)
+                for seed in sorted(known)[:count]
+                for name in OTHER_FORMS
+                if name in known[seed]["limits"]
+            ]
+        return keys
+
+
+#: What is counted of every kind of log.
+_COUNTS = ("detected", "family in the sets", "another cause for certain")
+
+
+def _limits(_kind: str, seed: int) -> Numbers:
+    return limits_of(seed, natural=True)
+
+
+def counted_naturally(results: Mapping[Key, Numbers]) -> dict[str, Numbers]:
+    """Shares by kind of log, and of each wrong number and each cause of another form."""
+    done = [(key, result) for key, result in results.items() if "failed" not in result]
+    groups: dict[str, list[tuple[str, Numbers]]] = {}
+    for key, result in done:
+        kind, name = str(key[0]), str(key[1])
+        groups.setdefault(kind, []).append((name, result))
+    for key, result in done:
+        if key[0] in ("wrong", "other"):
+            groups.setdefault(f"{key[0]}: {key[1]}", []).append((str(key[1]), result))
+    return {kind: _shares(own) for kind, own in groups.items()}
+
+
+def _shares(own: Sequence[tuple[str, Numbers]]) -> Numbers:
+    return {
+        "detected": share_of(sum(r["verdict"] not in QUIET for _, r in own), len(own)),
+        "family in the sets": share_of(sum(_family_in(name, r) for name, r in own), len(own)),
+        "another cause for certain": share_of(sum(_wrong(name, r) for name, r in own), len(own)),
+    }
+
+
+def _family_in(name: str, result: Numbers) -> bool:
+    members = {effect for found in result["sets"] for effect in found}
+    return bool(members & set(FAMILIES.get(name, ())))
+
+
+def _wrong(name: str, result: Numbers) -> bool:
+    """Whether a cause is named for certain, and no effect of its set is of the family."""
+    if result["verdict"] not in ("NAMED", "NAMED + UNEXPLAINED REST"):
+        return False
+    sets = [found for found in result["sets"] if found[0] in result["named"]]
+    return bool(result["structure"]) or any(not set(found) & set(FAMILIES.get(name, ())) for found in sets)

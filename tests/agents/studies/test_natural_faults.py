@@ -1,0 +1,38 @@
+"""Counts of the study in a natural world."""
+
+from __future__ import annotations
+
+from agents.studies.natural_faults.study import NaturalFaults, counted_naturally
+from estimators.discrepancy.faults.other_forms import OTHER_FORMS, WRONG_NUMBERS
+
+
+def _result(verdict: str, *sets: list[str], structure: bool = False) -> dict:
+    return {"verdict": verdict, "sets": list(sets), "named": [s[0] for s in sets], "structure": structure}
+
+
+def test_a_cause_counts_by_its_family_and_a_set_with_it_is_no_wrong_name():
+    results = {
+        ("natural", "", 0.0, 1): _result("NO EFFECT"),
+        ("natural", "", 0.0, 2): _result("NAMED", ["n_step"]),
+        ("wrong", "c x 1.5", 1.0, 1): _result("NAMED", ["friction_angle", "cohesion"]),
+        ("wrong", "c x 1.5", 1.0, 2): _result("NAMED", ["friction_angle"]),
+        ("wrong", "c x 1.5", 1.0, 3): _result("ONE OF", ["friction_angle"]),
+        ("wrong", "c x 1.5", 1.0, 4): _result("NO EFFECT"),
+        ("other", "steer_lag", 2.0, 1): _result("NAMED", ["steer_delay"]),
+        ("other", "steer_lag", 2.0, 2): _result("NAMED", structure=True),
+        ("other", "steer_lag", 2.0, 3): {"failed": "the vehicle drowned"},
+    }
+    numbers = counted_naturally(results)
+    assert numbers["natural"]["detected"]["hits"] == 1
+    wrong, other = numbers["wrong: c x 1.5"], numbers["other"]
+    assert (wrong["family in the sets"]["hits"], wrong["another cause for certain"]["hits"]) == (1, 1)
+    assert (other["detected"]["hits"], other["family in the sets"]["hits"]) == (2, 1)
+    assert other["another cause for certain"]["hits"] == 1
+    assert other["detected"]["count"] == 2
+
+
+def test_every_log_is_a_unit_and_a_cause_without_a_limit_has_none(tmp_path):
+    study = NaturalFaults(nulls=3, seeds=1, large=1, wrong=2, out=tmp_path)
+    keys = study._keys({5000: {"limits": dict.fromkeys(OTHER_FORMS, 1.0) | {}}})
+    assert len(keys) == len(set(keys)) == 3 + 2 * len(WRONG_NUMBERS) + 3 * len(OTHER_FORMS)
+    assert len(study._keys({5000: {"limits": {"payload": 0.1}}})) == 3 + 2 * len(WRONG_NUMBERS) + 3
