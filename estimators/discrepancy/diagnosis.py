@@ -34,9 +34,24 @@ _NOT_JUDGED = {
     "imu.position": ("lever_arm_x", "lever_arm_z"),
     "gnss.position": ("antenna_x",),
     # A payload also acts by the springs: on hard ground, where tyres hold by load, by nothing else.
-    "suspension": ("bump_stop", "coulomb_friction", "damper_nonlinear", "payload"),
+    "suspension": (
+        "bump_stop",
+        "cg_height",
+        "coulomb_friction",
+        "damper_nonlinear",
+        "payload",
+        "spring_rate",
+    ),
     # Where wheels turn as measured, the noise of their sensors shakes the simulated body.
-    "torque": ("bump_stop", "coulomb_friction", "damper_nonlinear", "payload", "lever_arm_z"),
+    "torque": (
+        "bump_stop",
+        "cg_height",
+        "coulomb_friction",
+        "damper_nonlinear",
+        "lever_arm_z",
+        "payload",
+        "spring_rate",
+    ),
 }
 
 
