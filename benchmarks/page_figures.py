@@ -3,38 +3,30 @@
 python benchmarks/page_figures.py                      # writes into docs/images
 python benchmarks/page_figures.py --only mismatch --out /tmp
 
-Tables of a page are read from the page itself, so that picture and table cannot differ; what no table has
-lies in benchmarks/results/page_figures.yaml.
+Tables are read from the page itself, so that picture and table cannot differ.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
 
-import yaml
 from matplotlib.figure import Figure
 
 from agents.benchmark.statistics import Interval
 from agents.benchmark.summary import Benchmark
 from agents.controllers.protocol import ArmResult, EpisodeResult
-from agents.studies.fault_detection.figure import diagnosis_figure
-from agents.studies.fault_detection.results import share_of
 from agents.studies.model_mismatch.figure import mismatch_figure
 from agents.studies.model_mismatch.study import BARS
-from agents.studies.paper_table.figure import sweep_figure
 from agents.studies.value_of_n.figure import headroom_figure
-from estimators.discrepancy.search.score_test import DETECTABLE
 from estimators.experiments.mismatch_comparison import MismatchSummary
 from estimators.experiments.model_mismatch import MISMATCHES
 from estimators.filters.registry import FILTERS
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-KEPT = ROOT / "benchmarks" / "results" / "page_figures.yaml"
 #: Rows of the tables of model mismatch, in the order of `MISMATCHES`.
 MISMATCH_ROWS = (
     "none (matched model)", "mass ±10 %", "map height error 1 cm", "map shift 0.5 m", "k_phi ±20 %",
@@ -85,7 +77,7 @@ def summaries_of(page: Path) -> list[MismatchSummary]:
     return found
 
 
-def mismatch(_: Mapping[str, Any]) -> Figure:
+def mismatch() -> Figure:
     return mismatch_figure(
         summaries_of(DOCS / "mismatch.md"), summaries_of(DOCS / "details" / "mismatch_filters.md"), BARS
     )
@@ -119,53 +111,12 @@ def result_of(cells: list[str]) -> Benchmark:
     )
 
 
-def benchmark(_: Mapping[str, Any]) -> Figure:
+def benchmark() -> Figure:
     rows = table_of(DOCS / "benchmark.md", "task, form")
     return headroom_figure([result_of(row) for row in rows if row[0] != "task, form"])
 
 
-class Point(NamedTuple):
-    """One setting of the sweep."""
-
-    model: str
-    alpha: float
-    drift: float
-    reached: int
-    median_log_mse: float
-
-
-def table1_sweep(kept: Mapping[str, Any]) -> Figure:
-    sweep, points, chosen = kept["table1_sweep"], [], {}
-    for model in ("half_car", "bicycle"):
-        own = sweep[model]
-        for alpha, reached, values in zip(sweep["alphas"], own["reached"], own["values"], strict=True):
-            for drift, rows, value in zip(sweep["drifts"], reached, values, strict=True):
-                points.append(Point(model, alpha, drift, rows, value))
-                if [alpha, drift] == own["chosen"]:
-                    chosen[model] = points[-1]
-    return sweep_figure(points, chosen)
-
-
-def diagnosis_rates(kept: Mapping[str, Any]) -> Figure:
-    study = kept["fault_detection"]
-    bars = [
-        {"what": what, "least": least, "most": most} | share_of(hits, logs)
-        for what, (hits, logs, least, most) in study["bars"].items()
-    ]
-    points = [
-        {"size": multiple * DETECTABLE} | share_of(hits, logs)
-        for multiple, (hits, logs) in study["power"]["points"].items()
-    ]
-    ratio, low, high = study["power"]["ratio"]
-    power = {
-        "ratio": ratio, "low": low, "high": high, "threshold": study["power"]["threshold"], "points": points
-    }  # fmt: skip
-    return diagnosis_figure({"confusion": study["confusion"], "bars": bars, "power": power})
-
-
-FIGURES: dict[str, Callable[[Mapping[str, Any]], Figure]] = {
-    figure.__name__: figure for figure in (benchmark, mismatch, table1_sweep, diagnosis_rates)
-}
+FIGURES: dict[str, Callable[[], Figure]] = {"benchmark": benchmark, "mismatch": mismatch}
 
 
 def main() -> None:
@@ -173,10 +124,9 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", choices=list(FIGURES), default=list(FIGURES))
     parser.add_argument("--out", type=Path, default=DOCS / "images")
     arguments = parser.parse_args()
-    kept = yaml.safe_load(KEPT.read_text(encoding="utf-8"))
     for name in arguments.only:
         path = arguments.out / f"{name}.png"
-        FIGURES[name](kept).savefig(path, dpi=130, pil_kwargs={"optimize": True})
+        FIGURES[name]().savefig(path, dpi=130, pil_kwargs={"optimize": True})
         print(path)
 
 
