@@ -87,7 +87,7 @@ class SoilBelief:
     def valid_share(self) -> float:
         """Share of the windows that the structures predict, each by its weight."""
         shares = [part.weight * float((part.fit.unexplained < ADEQUATE).mean()) for part in self.parts]
-        return float(sum(shares))
+        return min(float(sum(shares)), 1.0)  # the weights add up to one but for rounding
 
     @property
     def valid(self) -> bool:

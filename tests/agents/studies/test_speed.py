@@ -163,6 +163,7 @@ def test_a_first_compilation_is_announced_once(monkeypatch, tmp_path, caplog, co
         (tmp_path / "module/period_full-1.py311.nbi").touch()
     monkeypatch.setattr(period, "cache_folder", lambda _: tmp_path)
     period.announce_compilation.cache_clear()
+    period.say_once.cache_clear()
     for _ in range(2):
         period.announce_compilation()
     assert len(caplog.records) == (0 if compiled else 1)
