@@ -21,11 +21,13 @@ from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+ROOT = Path(__file__).resolve().parents[1]
+# The packages before the folders of tests that have the same names.
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
-from fuzz_corpus import READERS, File, crafted, mutations
+from fuzz_corpus import READERS, File, crafted, mutations  # noqa: E402 - found by the line above
 
-from offroad_env.errors import OffroadError
+from offroad_env.errors import OffroadError  # noqa: E402 - as above
 
 TIME, ROOM = 5.0, 1_000_000.0  # [s], [kB]
 

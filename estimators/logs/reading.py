@@ -21,6 +21,7 @@ from estimators.logs.parquet import read_parquet
 from estimators.logs.raw import derived
 from estimators.logs.row_order import blanked, check_time, named_columns, ordered, shortened
 from estimators.logs.schema import (
+    DATA_ENDINGS,
     DRIVE,
     RAW_COLUMNS,
     REFERENCE,
@@ -47,7 +48,6 @@ __all__ = [
     "read_table",
 ]
 
-_FORMATS = (".csv", ".parquet", ".bag", ".mcap")
 _ABOUT = "vehicle, soil, terrain, IMU and start"
 _RIG_RESULTS = ("drawbar", "side_force", "torque", "sinkage")
 #: A drive is commanded by a steering angle, or shows it in the speeds of its sides.
@@ -173,7 +173,7 @@ def check_path(path: Path) -> None:
     """
     if not path.exists():
         folder = path.parent
-        others = [p.name for p in folder.iterdir() if p.suffix in _FORMATS] if folder.is_dir() else []
+        others = [p.name for p in folder.iterdir() if p.suffix in DATA_ENDINGS] if folder.is_dir() else []
         near = nearest(path.name, others)
         hint = f" - did you mean {near!r}?" if near else ""
         raise DataError(f"{path}: there is no such file{hint}")
@@ -184,7 +184,7 @@ def check_path(path: Path) -> None:
     suffix = path.suffix.lower()
     if suffix in (".yaml", ".yml"):
         raise DataError(f"{path}: is the description of a log: give the CSV, Parquet or bag file beside it")
-    if suffix not in _FORMATS:
+    if suffix not in DATA_ENDINGS:
         raise DataError(
             f"{path}: a log is named .csv, .parquet, .bag or .mcap, got {suffix or 'no ending'!r}"
         )

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 __all__ = [
     "ALL_COLUMNS",
+    "DATA_ENDINGS",
     "DRIVE",
     "IMU",
     "RAW_COLUMNS",
@@ -25,6 +26,8 @@ __all__ = [
     "unit_factor",
 ]
 
+#: Endings of the files that hold a log's samples; a description stands beside them.
+DATA_ENDINGS = (".csv", ".parquet", ".bag", ".mcap")
 REFERENCE = "ref_"  #: columns of this prefix are for people; no filter and no diagnosis uses them
 
 

@@ -16,6 +16,7 @@ from estimators.logs.csv_tables import csv_text
 from estimators.logs.log import Log
 from estimators.logs.mcap import mcap_bytes, mcap_topics
 from estimators.logs.parquet import parquet_bytes
+from estimators.logs.schema import DATA_ENDINGS
 from offroad_env.errors import DataError
 from offroad_env.world.files import is_stream
 
@@ -29,7 +30,9 @@ def write_log(path: str | PathLike[str], log: Log) -> Path:
     Parameters
     ----------
     path
-        ``run.csv``, ``run.parquet`` or ``run.mcap``; ``run.yaml`` comes beside it. Files are replaced.
+        ``run.csv``, ``run.parquet`` or ``run.mcap``; ``run.yaml`` comes beside it. Files are replaced, but
+        never the description of another data file: ``run.mcap`` beside ``run.csv`` would need a
+        ``run.yaml`` of its own.
 
     Returns
     -------
@@ -38,21 +41,46 @@ def write_log(path: str | PathLike[str], log: Log) -> Path:
     Raises
     ------
     DataError
-        If the name has another ending, or the folder cannot be written. Nothing is left half.
+        If the name has another ending, the description is another file's as well and would change, or the
+        folder cannot be written. Nothing is left half.
     """
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in (".csv", ".parquet", ".mcap"):
         raise DataError(f"{path}: a log is written as .csv, .parquet or .mcap, got {suffix or 'no ending'!r}")
+    text = config_yaml(log.config)
     if suffix == ".mcap":
-        text = config_yaml(log.config) + yaml.safe_dump({"topics": mcap_topics(log)}, sort_keys=False)
-        _replace_both(((path.with_suffix(".yaml"), text.encode()), (path, mcap_bytes(log))))
-        return path
-    columns = _columns(log)
-    content = parquet_bytes(columns) if suffix == ".parquet" else csv_text(columns).encode()
+        text += yaml.safe_dump({"topics": mcap_topics(log)}, sort_keys=False)
+    description = path.with_suffix(".yaml")
+    _refuse_description_of_another(path, description, text.encode())
+    if suffix == ".mcap":
+        content = mcap_bytes(log)
+    else:
+        content = (parquet_bytes if suffix == ".parquet" else _csv_bytes)(_columns(log))
     # The description first: whoever sees the data file sees a whole log.
-    _replace_both(((path.with_suffix(".yaml"), config_yaml(log.config).encode()), (path, content)))
+    _replace_both(((description, text.encode()), (path, content)))
     return path
+
+
+def _csv_bytes(columns: dict[str, np.ndarray]) -> bytes:
+    return csv_text(columns).encode()
+
+
+def _refuse_description_of_another(path: Path, description: Path, text: bytes) -> None:
+    """A log is two files; a third that shares the description would no longer be read as it was written."""
+    if (second := path.with_suffix(".yml")).is_file():
+        raise DataError(
+            f"{path}: {second.name} stands there already, and with {description.name} a log would have two "
+            f"descriptions: give the log another name than {path.stem}"
+        )
+    others = [path.with_suffix(ending) for ending in DATA_ENDINGS if ending != path.suffix.lower()]
+    taken = next((other for other in others if other.exists()), None)
+    if taken is None or not description.is_file() or description.read_bytes() == text:
+        return
+    raise DataError(
+        f"{path}: {description.name} describes {taken.name}, and would no longer after this: give the log "
+        f"another name than {path.stem}, or move {taken.name} and {description.name} away"
+    )
 
 
 def content_hash(log: Log) -> str:

@@ -136,6 +136,29 @@ def test_a_hash_tells_logs_apart_by_data_and_by_description(log, tmp_path):
     assert len(hashes) == 3
 
 
+def test_a_description_of_another_file_is_never_replaced(log, tmp_path):
+    write_log(tmp_path / "run.csv", log)
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    heavier = replace(log.config, vehicle=log.config.vehicle._replace(m=1400.0))
+    for name, other in (("run.mcap", log), ("run.parquet", replace(log, config=heavier))):
+        with pytest.raises(DataError, match=rf"{name}: run\.yaml describes run\.csv.* another name than run"):
+            write_log(tmp_path / name, other)
+    (tmp_path / "drive.yml").write_text("vehicle: mrzr")
+    with pytest.raises(DataError, match=r"drive\.csv: drive\.yml stands there already"):
+        write_log(tmp_path / "drive.csv", log)
+    (tmp_path / "drive.yml").unlink()
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+    write_log(tmp_path / "run.csv", replace(log, config=heavier))
+    assert read_log(tmp_path / "run.csv").config.vehicle.m == 1400.0
+
+
+def test_two_formats_of_one_log_share_their_description(log, tmp_path):
+    pytest.importorskip("pyarrow")
+    paths = [write_log(tmp_path / name, log) for name in ("run.csv", "run.parquet")]
+    first, second = (read_log(path) for path in paths)
+    assert same_columns(first.channels, second.channels)
+
+
 def test_writing_that_fails_leaves_the_old_files_whole(log, tmp_path, monkeypatch):
     path = write_log(tmp_path / "run.csv", log)
     before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
