@@ -33,6 +33,7 @@ CHOSEN = (
 FILES = ("test_wheel_soil", "test_contact", "test_numerics", "test_paper_vehicle", "test_full_vehicle")
 
 
+@pytest.mark.check
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled in this process either")
 def test_the_physics_is_the_same_without_the_compiler():
     files = [f"tests/physics/{name}.py" for name in FILES]

@@ -130,6 +130,7 @@ print(np.abs(plain.states - there.states).max() > 1e-4)
 )
 
 
+@pytest.mark.check
 def test_a_thread_drives_a_vehicle_as_the_processor_does_to_the_last_bit():
     sunk, refused, stopped, single, strided = run_fresh(SIMULATED_DRIVE).splitlines()
     # A vehicle is lost on the way, and its command, if not finite, takes no other along.

@@ -43,9 +43,9 @@ def test_a_delay_counts_from_the_edge_to_an_estimate_near_the_new_soil():
 
 def test_a_delay_costs_time_and_a_filter_that_expects_changes_answers_sooner():
     keys = [("late", 0.0), ("late", 2.0), ("filter", "constant n"), ("filter", "changing n")]
-    results = {(*key, i, 4, 0): run_unit(*key, i, 4, 0) for key in keys for i in range(4)}
+    results = {(*key, i, 4, 0): run_unit(*key, i, 4, 0) for key in keys for i in range(2)}
     prompt, late = driven_lines(results)
-    assert (prompt.failures, prompt.episodes) == (0, 4)
+    assert (prompt.failures, prompt.episodes) == (0, 2)
     assert late.score.value > prompt.score.value
     constant, changing = filter_lines(results)
     assert changing.delay < 0.5 * constant.delay

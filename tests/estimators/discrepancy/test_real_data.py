@@ -138,7 +138,11 @@ def test_a_step_leaves_what_is_at_its_limit_and_goes_on_with_the_rest():
 
 
 @pytest.mark.parametrize(
-    "drive", ["DS1", *(pytest.param(name, marks=pytest.mark.study) for name in ("DS2", "DS3"))]
+    "drive",
+    [
+        pytest.param("DS1", marks=pytest.mark.check),
+        *(pytest.param(name, marks=pytest.mark.study) for name in ("DS2", "DS3")),
+    ],
 )
 def test_the_slow_steering_of_the_measured_car_is_named_with_one_size_for_every_drive(drive):
     log = f1tenth_log(measured_data("f1tenth_indoor") / f"{drive}.csv", corrected=True)
@@ -147,6 +151,7 @@ def test_the_slow_steering_of_the_measured_car_is_named_with_one_size_for_every_
     assert named["steer_lag"].size == pytest.approx(0.05, abs=2.0 * named["steer_lag"].deviation)
 
 
+@pytest.mark.check
 def test_causes_that_make_up_together_for_a_wrong_law_of_the_wheels_are_not_named(monkeypatch):
     """Wheels on a grid of soil follow no effect of the library: what mends them is another structure."""
     log = read_log(measured_data("chrono_scm") / "clay_0.05_sin02_R0.csv")
