@@ -9,10 +9,15 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from offroad_env.physics._jit import exact_kernel
 from offroad_env.physics.records import FloatArray
 
-__all__ = ["BREAKS", "RoadLimits", "directions_along", "draw_bends", "place_nodes"]
+__all__ = ["BREAKS", "RoadLimits", "directions_along", "draw_bends", "place_nodes", "spread"]
+
+IntArray = NDArray[np.int32]
 
 #: Breaks that a bend adds: after its first clothoid, its arc, its second clothoid and the straight.
 BREAKS = 4
@@ -73,13 +78,26 @@ def _turn(share: float, heading: float, limit: float) -> float:
 @exact_kernel
 def directions_along(
     breaks: FloatArray, values: FloatArray, s: FloatArray, inner: FloatArray, found: FloatArray
-) -> FloatArray:
-    """Yaw [rad] at the arc lengths ``inner`` (N, 6) [m]; yaw and curvature [1/m] at the N + 1 nodes ``s``.
+) -> tuple[FloatArray, IntArray]:
+    """Yaw and curvature of a road at given arc lengths; on straights the yaw is said only once.
 
-    The latter are written to the columns 2 and 3 of ``found`` (N + 1, 4). The curvature is linear between
-    ``breaks`` [m], with ``values`` [1/m] there; both arc lengths rise, and the yaw starts from 0.
+    The curvature is linear between ``breaks`` [m], with ``values`` [1/m] there; both arc lengths rise,
+    and the yaw starts from 0.
+
+    Parameters
+    ----------
+    s : (N + 1,) arc length at the nodes [m]
+    inner : (N, 6) arc lengths between the nodes [m]
+    found : (N + 1, 4), whose columns 2 and 3 become yaw [rad] and curvature [1/m] at the nodes
+
+    Returns
+    -------
+    Distinct yaws (M,) [rad] in the order in which ``inner`` meets them, and which of them each of its
+    places has (N, 6).
     """
-    yaw = inner.copy()
+    yaw = np.empty(inner.size)
+    place_of = np.empty(inner.shape, np.int32)
+    known = 0
     last = len(breaks) - 2
     piece, reached = -1, 0.0
     start, end, half_slope, first, at = 0.0, breaks[0], 0.0, 0.0, 0.0
@@ -97,9 +115,20 @@ def directions_along(
             turned = (first + half) * travelled + at
             if j < 0:
                 found[i, 2], found[i, 3] = turned, first + 2.0 * half
-            else:
-                yaw[i, j] = turned
-    return yaw
+                continue
+            if known == 0 or yaw[known - 1] != turned:
+                yaw[known] = turned
+                known += 1
+            place_of[i, j] = known - 1
+    return yaw[:known], place_of
+
+
+@exact_kernel
+def spread(values: FloatArray, place_of: IntArray, out: FloatArray) -> None:
+    """Write to ``out`` (N, 6) the one of ``values`` (M,) that each place has."""
+    for i in range(place_of.shape[0]):
+        for j in range(place_of.shape[1]):
+            out[i, j] = values[place_of[i, j]]
 
 
 @exact_kernel

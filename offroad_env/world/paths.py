@@ -13,7 +13,14 @@ from numpy.typing import ArrayLike
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.path_geometry import PathTable
 from offroad_env.world.catalogue import Quantity
-from offroad_env.world.clothoids import BREAKS, RoadLimits, directions_along, draw_bends, place_nodes
+from offroad_env.world.clothoids import (
+    BREAKS,
+    RoadLimits,
+    directions_along,
+    draw_bends,
+    place_nodes,
+    spread,
+)
 from offroad_env.world.yaml_text import shown
 
 __all__ = [
@@ -230,9 +237,12 @@ def _integrate(breaks: np.ndarray, values: np.ndarray, length: float) -> PathTab
     """
     s, inner, steps = _nodes_within(length)
     nodes = np.zeros((len(s), 4))
-    direction = directions_along(breaks, values, s, inner, nodes)
-    forward = np.cos(direction) @ _WEIGHT
-    place_nodes(steps, forward, np.sin(direction, out=direction) @ _WEIGHT, nodes)
+    direction, place_of = directions_along(breaks, values, s, inner, nodes)
+    part = np.empty(inner.shape)
+    spread(np.cos(direction), place_of, part)
+    forward = part @ _WEIGHT
+    spread(np.sin(direction), place_of, part)
+    place_nodes(steps, forward, part @ _WEIGHT, nodes)
     return PathTable(length / (len(nodes) - 1), nodes)
 
 

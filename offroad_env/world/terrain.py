@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -162,9 +163,18 @@ def _variance_beyond(frequency: np.ndarray, high: float) -> np.ndarray:
     return variance
 
 
+class _Bins(NamedTuple):
+    """M bins of the spectrum, each of which a wave stands for."""
+
+    edges: np.ndarray  #: (M + 1,) rising frequencies [cycles/m]
+    beyond: np.ndarray  #: (M + 1,) `_variance_beyond` the edges
+    minus_variance: np.ndarray  #: (M,) of the bins, negative
+    turns: np.ndarray  #: (M,) of the waves' directions from one to the next, in half turns
+
+
 @lru_cache(maxsize=64)
-def _bin_edges(low: float, high: float, count: int) -> np.ndarray:
-    """Rising frequencies [cycles/m], ``low`` ... ``high``, that share the spectrum out evenly.
+def _bins(low: float, high: float, count: int) -> _Bins:
+    """Frequencies ``low`` ... ``high`` [cycles/m] that share the spectrum out evenly.
 
     Steps of equal ratio alone would put most of the shortest waves into the last bin, where the
     variance grows with the angle arccos(k / high): the steps are equal in the sum of both.
@@ -172,9 +182,13 @@ def _bin_edges(low: float, high: float, count: int) -> np.ndarray:
     angle = np.linspace(math.acos(low / high), 0.0, 4001)
     progress = np.log(np.cos(angle)) - 2.0 * angle
     chosen = np.interp(np.linspace(progress[0], progress[-1], count + 1), progress, angle)
-    edges: np.ndarray = high * np.cos(chosen)
-    edges.flags.writeable = False  # kept for the next ground
-    return edges
+    edges = high * np.cos(chosen)
+    beyond = _variance_beyond(edges, edges[-1])
+    golden = 0.5 * (math.sqrt(5.0) - 1.0)
+    found = _Bins(edges, beyond, np.diff(beyond), golden * np.arange(count))
+    for array in found:
+        array.flags.writeable = False  # kept for the next ground
+    return found
 
 
 def _narrow(rows: np.ndarray, top: float) -> None:
@@ -218,10 +232,11 @@ def _halved(low: float, high: float, top: float, wanted: float) -> tuple[float, 
     return low, high
 
 
-def _draw_frequencies(edges: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _draw_frequencies(bins: _Bins, rng: np.random.Generator) -> np.ndarray:
     """One frequency [cycles/m] from each bin, with probability in proportion to the variance density."""
+    edges, beyond = bins.edges, bins.beyond
     top, rows = float(edges[-1]), np.empty((5, len(edges) - 1))
-    share, beyond = rng.random(rows.shape[1]), _variance_beyond(edges, top)
+    share = rng.random(rows.shape[1])
     rows[WANTED] = (1.0 - share) * beyond[:-1] + share * beyond[1:]
     rows[LOW], rows[HIGH] = edges[:-1], edges[1:]
     _narrow(rows, top)
@@ -297,16 +312,15 @@ def rough_terrain(
     low, high = _checked_band(waves, band)
     if not isinstance(rng, np.random.Generator):
         raise InvalidParameter(f"rng must be a numpy Generator, got {rng!r} - default_rng(seed)?")
-    return Ground(0.0, 0.0, 0.0, _drawn_waves(C, _bin_edges(low, high, waves), rng))
+    return Ground(0.0, 0.0, 0.0, _drawn_waves(C, _bins(low, high, waves), rng))
 
 
-def _drawn_waves(C: float, edges: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _drawn_waves(C: float, bins: _Bins, rng: np.random.Generator) -> np.ndarray:
     """(M, 4) waves as in `Ground`, one from each of M bins of the spectrum; ``C`` as in `rough_terrain`."""
-    count = len(edges) - 1
-    amplitude = np.sqrt(-2.0 * C * np.diff(_variance_beyond(edges, edges[-1])))
-    wavenumber = 2.0 * math.pi * _draw_frequencies(edges, rng)
-    golden = 0.5 * (math.sqrt(5.0) - 1.0)
-    angle = math.pi * ((rng.random() + golden * np.arange(count)) % 1.0)  # half a turn: waves have no front
+    count = len(bins.minus_variance)
+    amplitude = np.sqrt(-2.0 * C * bins.minus_variance)
+    wavenumber = 2.0 * math.pi * _draw_frequencies(bins, rng)
+    angle = math.pi * ((rng.random() + bins.turns) % 1.0)  # half a turn: waves have no front
     phase = 2.0 * math.pi * rng.random(count)
     waves = np.empty((count, 4))
     waves[:, 0], waves[:, 3] = amplitude, phase

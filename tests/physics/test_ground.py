@@ -165,7 +165,8 @@ def test_the_same_seed_gives_the_same_ground_and_any_class_uses_as_many_draws():
 
 def test_frequencies_are_those_of_plain_bisection_to_the_last_bit():
     low, high = 0.05, 1.5
-    edges = terrain._bin_edges(low, high, 64)
+    bins = terrain._bins(low, high, 64)
+    edges = bins.edges
     for seed in range(20):
         waves = rough_terrain("C", np.random.default_rng(seed)).waves
         share = np.random.default_rng(seed).random(64)
@@ -177,7 +178,7 @@ def test_frequencies_are_those_of_plain_bisection_to_the_last_bit():
             middle = 0.5 * (below + above)
             beyond = terrain._variance_beyond(middle, high) > variance
             below, above = np.where(beyond, middle, below), np.where(beyond, above, middle)
-        found = terrain._draw_frequencies(edges, np.random.default_rng(seed))
+        found = terrain._draw_frequencies(bins, np.random.default_rng(seed))
         np.testing.assert_array_equal(found, 0.5 * (below + above))
         np.testing.assert_allclose(np.hypot(waves[:, 1], waves[:, 2]), 2.0 * math.pi * found, rtol=1e-12)
 
