@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -75,17 +76,33 @@ def read_mutants() -> list[Mutant]:
     return found
 
 
+def run_tests(tests: tuple[str, ...], tree: Path) -> subprocess.CompletedProcess[str]:
+    """The tests in a copy of the tree, up to the first that fails."""
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
+    environment = {**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
+    return subprocess.run(
+        command, cwd=tree, env=environment, capture_output=True, text=True, timeout=LONGEST, check=False
+    )
+
+
+@cache
+def passes_unchanged(tests: tuple[str, ...], tree: Path) -> None:
+    """Refuses tests that fail without a change: they would notice everything."""
+    done = run_tests(tests, tree)
+    if done.returncode != 0:
+        sys.exit(
+            f"{' '.join(tests)} fail before anything is changed: {done.stdout[-2000:]}{done.stderr[-2000:]}"
+        )
+
+
 def survives(mutant: Mutant, tree: Path) -> bool:
     """Whether the tests pass with the change in a copy of the tree."""
+    passes_unchanged(mutant.tests, tree)
     path = tree / mutant.file
     text = path.read_text(encoding="utf-8")
     path.write_text(text.replace(mutant.old, mutant.new), encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *mutant.tests]
-    environment = {**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
-        done = subprocess.run(
-            command, cwd=tree, env=environment, capture_output=True, text=True, timeout=LONGEST, check=False
-        )
+        done = run_tests(mutant.tests, tree)
     except subprocess.TimeoutExpired:
         return False
     finally:

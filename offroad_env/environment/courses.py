@@ -10,14 +10,13 @@ from types import MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator
 
 from offroad_env.environment.scenarios import Course
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.path_geometry import PathTable
 from offroad_env.world.catalogue import Quantity
 from offroad_env.world.paths import circle, from_waypoints, sine_path, straight, winding_corridor
-from offroad_env.world.schema import SectionSchema
+from offroad_env.world.schema import CheckedBy, SectionSchema
 from offroad_env.world.terrain import ISO_8608_CLASSES, add, flat, grade, paper_terrain, rough_terrain
 from offroad_env.world.yaml_text import shown
 
@@ -119,7 +118,7 @@ def _number_or_pair(key: str, quantity: Quantity, value: Any) -> Span:
 
 def _span(key: str, quantity: Quantity) -> Any:
     """Type of a key with a number or a pair."""
-    return Annotated[Span | None, BeforeValidator(partial(_number_or_pair, key, quantity))]
+    return Annotated[Span | None, CheckedBy(partial(_number_or_pair, key, quantity))]
 
 
 def _radius(value: Any) -> tuple[float, float]:
@@ -136,8 +135,8 @@ def _points(value: Any) -> tuple[tuple[float, float], ...]:
 
 _OTHERS: dict[str, tuple[Any, str]] = {
     **{key: (_span(key, quantity), f"{quantity.allowed}, or a pair") for key, quantity in _SPANS.items()},
-    "radius": (Annotated[Any, BeforeValidator(_radius)], f"{_RADIUS.allowed}, or a pair"),
-    "waypoints": (Annotated[Any, BeforeValidator(_points)], "list of [x, y]"),
+    "radius": (Annotated[Any, CheckedBy(_radius)], f"{_RADIUS.allowed}, or a pair"),
+    "waypoints": (Annotated[Any, CheckedBy(_points)], "list of [x, y]"),
 }
 
 COURSE = SectionSchema(

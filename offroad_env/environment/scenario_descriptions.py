@@ -11,7 +11,6 @@ from dataclasses import asdict, fields, replace
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator
 
 from offroad_env.environment.courses import CourseRecipe, course_mapping, read_course
 from offroad_env.environment.rewards import RewardWeights
@@ -29,7 +28,7 @@ from offroad_env.world.descriptions import (
     vehicle_mapping,
 )
 from offroad_env.world.documents import Document, is_name, open_document, recalled, remember
-from offroad_env.world.schema import SectionSchema
+from offroad_env.world.schema import CheckedBy, SectionSchema
 from offroad_env.world.yaml_text import shown
 
 __all__ = [
@@ -70,7 +69,7 @@ _SCENARIO_RANGES = {
     "stop_zone": Quantity("in [0, 100] m", 0.0, 100.0),
     "shake_limit": Quantity("in [0.1, 1e9] m/s^2", 0.1, 1e9),
 }
-_TEXT = Annotated[str | None, BeforeValidator(lambda value: str(value))]
+_TEXT = Annotated[str | None, CheckedBy(lambda value: str(value))]
 SCENARIO = SectionSchema(
     name="scenario",
     about="A task: what is driven, on what, and when it is over.",
@@ -81,7 +80,7 @@ SCENARIO = SectionSchema(
     others={
         "name": (_TEXT, "text"),
         "reason": (_TEXT, "text"),
-        "n_range": (Annotated[Any, BeforeValidator(_pair)], "pair, each in (0.05, 2.5]"),
+        "n_range": (Annotated[Any, CheckedBy(_pair)], "pair, each in (0.05, 2.5]"),
         "soil": (Any, "name, file, description"),
         "vehicle": (Any, "name, file, description"),
         "weights": (Any, "description"),

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.special import fdtr
 
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics.records import Soil, Vehicle, Wheel
@@ -105,6 +104,8 @@ def surprise(prior: SoilPrior, soil: Soil) -> float:
     quarter of its square has the F distribution with 4 and nu (S. Kotz & S. Nadarajah, Multivariate t
     Distributions and Their Applications, 2004, section 1.7).
     """
+    from scipy.special import fdtr  # loads as long as the whole environment
+
     numbers = np.array([math.log(reference_pressure(soil)), soil.n, math.log(soil.c), soil.phi])
     apart = numbers - prior.mean[:_DECISIVE]
     squared = apart @ np.linalg.solve(prior.scale[:_DECISIVE, :_DECISIVE], apart)

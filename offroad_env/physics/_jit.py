@@ -40,6 +40,7 @@ LATE = "LATE_IMPORTS"
 LATE_IMPORTS = ("offroad_env.physics._staged",)
 
 
+@cache
 def _source(module: str) -> Path | None:
     """File of one of our modules, or None for a name that is none."""
     if module.split(".")[0] not in _PACKAGES:
@@ -57,21 +58,45 @@ def _text(module: str) -> bytes:
 
 
 @cache
+def _own_hash(module: str) -> bytes:
+    """Of the source of one of our modules."""
+    return hashlib.sha256(_text(module)).digest()
+
+
+@cache
 def _imports(module: str) -> frozenset[str]:
     """Our modules whose code ``module`` may call: imported at its top level, or named in `LATE`."""
     found: set[str] = set()
-    for node in ast.parse(_text(module)).body:
-        if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-            found.update((node.module, *(f"{node.module}.{alias.name}" for alias in node.names)))
-        elif isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == LATE:
-            for package in ast.literal_eval(node.value):
-                files = _ROOT.joinpath(*package.split(".")).rglob("*.py")
-                found.update(
-                    (package, *(".".join(f.relative_to(_ROOT).with_suffix("").parts) for f in files))
-                )
+    for statement in _STATEMENT.findall(_text(module).decode()):
+        if any(package in statement for package in _PACKAGES):
+            found.update(_imported(statement))
     return frozenset(name for name in found if _source(name))
+
+
+#: A statement that imports, or names what is imported late, at the top level of a module: from the first
+#: column to the end of its line or to the bracket that closes. To parse all modules takes as long as the rest
+#: of the start.
+_STATEMENT = re.compile(
+    rf"^(?:from[ \t]|import[ \t]|{LATE}\b[^=\n]*=)(?:[^(\n]*\([^)]*\)|(?:[^\n\\]|\\\n)*)", re.MULTILINE
+)
+
+
+def _imported(statement: str) -> set[str]:
+    """What one statement of a module's top level names; in a text, it may be no statement at all."""
+    try:
+        (node,) = ast.parse(statement).body
+    except (SyntaxError, ValueError):
+        return set()
+    if isinstance(node, ast.Import):
+        return {alias.name for alias in node.names}
+    if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+        return {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    found: set[str] = set()
+    if isinstance(node, ast.Assign):
+        for package in ast.literal_eval(node.value):
+            files = _ROOT.joinpath(*package.split(".")).rglob("*.py")
+            found.update((package, *(".".join(f.relative_to(_ROOT).with_suffix("").parts) for f in files)))
+    return found
 
 
 @cache
@@ -84,7 +109,7 @@ def _digest(module: str) -> str:
     text = hashlib.sha256(numba.__version__.encode())
     for name in sorted(reached):
         text.update(name.encode())
-        text.update(_text(name))
+        text.update(_own_hash(name))
     return text.hexdigest()[:16]
 
 

@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import MISSING, asdict, fields, replace
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator
-
 from offroad_env.errors import InvalidParameter
 from offroad_env.simulation.sensor_configs import (
     GNSS_RANGES,
@@ -24,7 +22,7 @@ from offroad_env.simulation.sensors import SensorSuite
 from offroad_env.world.catalogue import Quantity
 from offroad_env.world.descriptions import Description
 from offroad_env.world.documents import Document, is_name, open_document
-from offroad_env.world.schema import SectionSchema
+from offroad_env.world.schema import CheckedBy, SectionSchema
 from offroad_env.world.yaml_text import shown
 
 __all__ = [
@@ -55,7 +53,7 @@ def _triple(key: str, quantity: Quantity) -> Any:
             raise InvalidParameter(f"{key} must be a list of 3 numbers, got {shown(value)}")
         return tuple(quantity.check(f"{key}[{i}]", number) for i, number in enumerate(value))
 
-    return Annotated[tuple[float, ...] | None, BeforeValidator(check)]
+    return Annotated[tuple[float, ...] | None, CheckedBy(check)]
 
 
 IMU_KEYS = SectionSchema(

@@ -13,15 +13,16 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import cache, cached_property, partial
-from typing import Annotated, Any, NamedTuple
-
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, create_model
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from offroad_env.errors import InvalidParameter
 from offroad_env.world.catalogue import Quantity
 from offroad_env.world.yaml_text import shown
 
-__all__ = ["KeyRow", "Problem", "SchemaError", "SectionSchema", "field_comments"]
+if TYPE_CHECKING:  # it takes a fifth of the time in which an environment starts, and few read a description
+    from pydantic import BaseModel
+
+__all__ = ["CheckedBy", "KeyRow", "Problem", "SchemaError", "SectionSchema", "field_comments"]
 
 #: ``m: float  #: total mass [kg]`` at a field of a record.
 _COMMENT = re.compile(r"^    (\w+): [^#\n]*#: (.*)$", re.MULTILINE)
@@ -57,6 +58,12 @@ class KeyRow(NamedTuple):
     meaning: str
 
 
+class CheckedBy(NamedTuple):
+    """``Annotated[type, CheckedBy(function)]``: the function checks and converts what is given."""
+
+    check: Callable[[Any], Any]
+
+
 @cache
 def field_comments(record: type) -> dict[str, str]:
     """Field of a record -> the comment that stands beside it in its source."""
@@ -88,6 +95,8 @@ class SectionSchema:
     @cached_property
     def model(self) -> type[BaseModel]:
         """The pydantic model; every key may be left out."""
+        from pydantic import BeforeValidator, ConfigDict, create_model
+
         fields: dict[str, Any] = {} if self.bases is None else {"base": (Any, None)}
         for key, words in self.choices.items():
             fields[key] = (Annotated[str | None, BeforeValidator(partial(_one_of, key, words))], None)
@@ -96,6 +105,8 @@ class SectionSchema:
         for key in self.flags:
             fields[key] = (Annotated[bool | None, BeforeValidator(partial(_flag, key))], None)
         for key, (kind, _) in self.others.items():
+            if checks := [mark for mark in getattr(kind, "__metadata__", ()) if isinstance(mark, CheckedBy)]:
+                kind = Annotated[kind.__origin__, *(BeforeValidator(mark.check) for mark in checks)]
             fields[key] = (kind, None)
         return create_model(self.name, __config__=ConfigDict(extra="forbid"), **fields)
 
@@ -111,6 +122,8 @@ class SectionSchema:
         SchemaError
             With everything that is wrong, not only the first.
         """
+        from pydantic import ValidationError
+
         if not isinstance(given, Mapping):
             raise InvalidParameter(f"{where or self.name} must hold keys with values, got {shown(given)}")
         try:

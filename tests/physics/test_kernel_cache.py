@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import pickle
 import subprocess
@@ -11,6 +12,7 @@ import numba
 import pytest
 
 from helpers import REPOSITORY
+from offroad_env.physics import _jit
 from offroad_env.physics._kernel_cache import DurableCache
 from offroad_env.physics._kernel_folder import own_folder
 
@@ -48,6 +50,33 @@ def doubled(folder, **environment):
 
 def files(folder, ending):
     return [path for path in (folder / "cache").rglob(f"*{ending}") if "doubled" in path.name]
+
+
+def parsed_imports(module):
+    """What `_jit._imports` finds, from the whole syntax tree of the module."""
+    names = set()
+    for node in ast.parse(_jit._text(module)).body:
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return {name for name in names if _jit._source(name)}
+
+
+def test_the_quick_search_for_imports_misses_none_of_ours():
+    """A kernel of a module that it missed could be changed and the old machine code be taken."""
+    found = 0
+    for package in ("offroad_env", "estimators"):
+        for file in (REPOSITORY / package).rglob("*.py"):
+            module = ".".join(file.relative_to(REPOSITORY).with_suffix("").parts)
+            parsed = parsed_imports(module)
+            assert parsed <= _jit._imports(module), module
+            found += len(parsed)
+    assert found > 1000
+
+
+def test_what_is_imported_late_counts():
+    assert "offroad_env.effects.library" in _jit._imports("offroad_env.physics.hooks")
 
 
 @pytest.mark.check
