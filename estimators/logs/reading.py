@@ -14,6 +14,7 @@ from estimators.logs import bags
 from estimators.logs.config import LogConfig, StartSpec
 from estimators.logs.config_parsing import parse_config
 from estimators.logs.csv_tables import numbers_of, parse_csv
+from estimators.logs.description_files import find_description
 from estimators.logs.file_keys import FileKeys, parse_file_keys
 from estimators.logs.log import Log
 from estimators.logs.mounting import IMU_CHANNELS, at_even_rate, turned
@@ -40,7 +41,6 @@ from offroad_env.world.yaml_text import parse_yaml
 __all__ = [
     "assemble",
     "check_path",
-    "find_description",
     "parse_description",
     "read_described",
     "read_log",
@@ -188,27 +188,6 @@ def check_path(path: Path) -> None:
         raise DataError(
             f"{path}: a log is named .csv, .parquet, .bag or .mcap, got {suffix or 'no ending'!r}"
         )
-
-
-def find_description(path: Path) -> Path:
-    """The YAML beside the data.
-
-    Raises
-    ------
-    DataError
-        If there is none, or two.
-    """
-    base = path if path.is_dir() else path.with_suffix("")
-    candidates = [base.with_name(base.name + ending) for ending in (".yaml", ".yml")]
-    present = [candidate for candidate in candidates if candidate.is_file()]
-    if len(present) == 2:
-        raise DataError(f"{path}: has two descriptions, {present[0].name} and {present[1].name}: keep one")
-    if not present:
-        raise DataError(
-            f"{path}: its description {candidates[0].name} is missing: a log needs a YAML of the same name "
-            "(vehicle, soil, terrain, imu, start): offroad log template VEHICLE writes one"
-        )
-    return present[0]
 
 
 # ------------------------------------------------------------------ columns

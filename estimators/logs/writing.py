@@ -13,10 +13,10 @@ import yaml
 
 from estimators.logs.config_writing import config_yaml
 from estimators.logs.csv_tables import csv_text
+from estimators.logs.description_files import description_to_write
 from estimators.logs.log import Log
 from estimators.logs.mcap import mcap_bytes, mcap_topics
 from estimators.logs.parquet import parquet_bytes
-from estimators.logs.schema import DATA_ENDINGS
 from offroad_env.errors import DataError
 from offroad_env.world.files import is_stream
 
@@ -31,8 +31,8 @@ def write_log(path: str | PathLike[str], log: Log) -> Path:
     ----------
     path
         ``run.csv``, ``run.parquet`` or ``run.mcap``; ``run.yaml`` comes beside it. Files are replaced, but
-        never the description of another data file: ``run.mcap`` beside ``run.csv`` would need a
-        ``run.yaml`` of its own.
+        never the description of another data file: where ``run.yaml`` is that of ``run.csv`` and another
+        would be needed, the one of ``run.mcap`` is ``run.mcap.yaml``.
 
     Returns
     -------
@@ -41,8 +41,7 @@ def write_log(path: str | PathLike[str], log: Log) -> Path:
     Raises
     ------
     DataError
-        If the name has another ending, the description is another file's as well and would change, or the
-        folder cannot be written. Nothing is left half.
+        If the name has another ending, or the folder cannot be written. Nothing is left half.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -51,36 +50,18 @@ def write_log(path: str | PathLike[str], log: Log) -> Path:
     text = config_yaml(log.config)
     if suffix == ".mcap":
         text += yaml.safe_dump({"topics": mcap_topics(log)}, sort_keys=False)
-    description = path.with_suffix(".yaml")
-    _refuse_description_of_another(path, description, text.encode())
     if suffix == ".mcap":
         content = mcap_bytes(log)
     else:
         content = (parquet_bytes if suffix == ".parquet" else _csv_bytes)(_columns(log))
     # The description first: whoever sees the data file sees a whole log.
+    description = description_to_write(path, text.encode())
     _replace_both(((description, text.encode()), (path, content)))
     return path
 
 
 def _csv_bytes(columns: dict[str, np.ndarray]) -> bytes:
     return csv_text(columns).encode()
-
-
-def _refuse_description_of_another(path: Path, description: Path, text: bytes) -> None:
-    """A log is two files; a third that shares the description would no longer be read as it was written."""
-    if (second := path.with_suffix(".yml")).is_file():
-        raise DataError(
-            f"{path}: {second.name} stands there already, and with {description.name} a log would have two "
-            f"descriptions: give the log another name than {path.stem}"
-        )
-    others = [path.with_suffix(ending) for ending in DATA_ENDINGS if ending != path.suffix.lower()]
-    taken = next((other for other in others if other.exists()), None)
-    if taken is None or not description.is_file() or description.read_bytes() == text:
-        return
-    raise DataError(
-        f"{path}: {description.name} describes {taken.name}, and would no longer after this: give the log "
-        f"another name than {path.stem}, or move {taken.name} and {description.name} away"
-    )
 
 
 def content_hash(log: Log) -> str:

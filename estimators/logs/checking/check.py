@@ -17,9 +17,10 @@ from estimators.logs.checking.fitness import fitness, uneven, unjudged
 from estimators.logs.checking.from_quality import quality_remarks
 from estimators.logs.checking.mends import Line, Remark, last_lines
 from estimators.logs.checking.names import file_names, log_columns, name_remarks
+from estimators.logs.description_files import find_description, shared_description
 from estimators.logs.log import Log
 from estimators.logs.quality import QualityReport, quality
-from estimators.logs.reading import check_path, find_description, read_described
+from estimators.logs.reading import check_path, read_described
 from offroad_env.errors import DataError
 from offroad_env.world.files import MOST_TEXT, read_file
 
@@ -147,8 +148,7 @@ def _session(path: Path) -> _Session:
     try:
         description = find_description(path)
     except DataError as error:
-        base = path if path.is_dir() else path.with_suffix("")
-        session = _Session(path, base.with_name(base.name + ".yaml"), stand_in())
+        session = _Session(path, shared_description(path), stand_in())
         session.fail(f"{error} - here the vehicle is a stand-in, so that the rest can be checked")
         return session
     return _Session(path, description, read_file(description, most=MOST_TEXT).decode("utf-8-sig", "replace"))

@@ -246,6 +246,7 @@ def test_what_mimics_a_force_that_no_library_holds_is_not_named():
     assert diagnosis.verdict == "UNEXPLAINED"
 
 
+@pytest.mark.check
 def test_a_library_of_one_effect_is_enough_for_a_log_that_shows_it(delayed):
     """Nothing is left to ask for once it is taken."""
     found = diagnose(delayed[1].logs, library=("steer_delay",))

@@ -97,6 +97,7 @@ def test_a_late_pose_and_late_wheel_speeds_are_no_slow_steering():
     assert any("a diagnosis corrects the pose for it" in line for line in terminal_lines(summarise(found)))
 
 
+@pytest.mark.check
 def test_what_a_log_calls_unknown_is_fitted_and_not_judged():
     car = with_an_unknown_car(drive(lag=0.05, seed=3, imu=-0.1), ahead=0.1, lean=0.1)
     library = (*TIMING, "lever_arm_x", "lever_arm_z", "damper_nonlinear", "accel_scale")
@@ -113,6 +114,7 @@ def test_what_a_log_calls_unknown_is_fitted_and_not_judged():
     assert "fitted instead: imu_x -0." in printed
 
 
+@pytest.mark.check
 def test_a_description_that_is_sure_of_the_same_places_is_contradicted():
     car = with_an_unknown_car(drive(lag=0.0, seed=3, imu=-0.1), ahead=0.1, lean=0.0)
     sure = replace(car, config=replace(car.config, unknown=()))

@@ -140,16 +140,37 @@ def test_a_description_of_another_file_is_never_replaced(log, tmp_path):
     write_log(tmp_path / "run.csv", log)
     before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
     heavier = replace(log.config, vehicle=log.config.vehicle._replace(m=1400.0))
-    for name, other in (("run.mcap", log), ("run.parquet", replace(log, config=heavier))):
-        with pytest.raises(DataError, match=rf"{name}: run\.yaml describes run\.csv.* another name than run"):
-            write_log(tmp_path / name, other)
+    write_log(tmp_path / "run.mcap", replace(log, config=heavier))
+    assert {name: (tmp_path / name).read_bytes() for name in before} == before
+    assert (tmp_path / "run.mcap.yaml").is_file()
+    assert read_log(tmp_path / "run.csv").config.vehicle.m == log.config.vehicle.m
+    assert read_log(tmp_path / "run.mcap").config.vehicle.m == 1400.0
+
+
+def test_a_log_that_is_written_again_is_described_anew(log, tmp_path):
+    for name in ("run.csv", "run.mcap"):
+        write_log(tmp_path / name, log)
+    for m in (1400.0, 1500.0):
+        heavier = replace(log.config, vehicle=log.config.vehicle._replace(m=m))
+        for name in ("run.csv", "run.mcap"):
+            write_log(tmp_path / name, replace(log, config=heavier))
+            assert read_log(tmp_path / name).config.vehicle.m == m
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["run.csv", "run.mcap", "run.mcap.yaml", "run.yaml"]
+
+
+def test_beside_a_description_that_ends_in_yml_a_log_has_its_own(log, tmp_path):
     (tmp_path / "drive.yml").write_text("vehicle: mrzr")
-    with pytest.raises(DataError, match=r"drive\.csv: drive\.yml stands there already"):
-        write_log(tmp_path / "drive.csv", log)
-    (tmp_path / "drive.yml").unlink()
-    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
-    write_log(tmp_path / "run.csv", replace(log, config=heavier))
-    assert read_log(tmp_path / "run.csv").config.vehicle.m == 1400.0
+    write_log(tmp_path / "drive.csv", log)
+    assert (tmp_path / "drive.yml").read_text() == "vehicle: mrzr"
+    assert read_log(tmp_path / "drive.csv").config == read_log(write_log(tmp_path / "other.csv", log)).config
+
+
+def test_two_descriptions_of_its_own_are_refused(log, tmp_path):
+    path = write_log(tmp_path / "run.csv", log)
+    for ending in (".yaml", ".yml"):
+        (tmp_path / f"run.csv{ending}").write_text("vehicle: mrzr")
+    with pytest.raises(DataError, match=r"two descriptions, run\.csv\.yaml and run\.csv\.yml: keep one"):
+        read_log(path)
 
 
 def test_two_formats_of_one_log_share_their_description(log, tmp_path):
