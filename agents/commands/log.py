@@ -126,7 +126,10 @@ def _refuse(path: Path, remarks: Iterable[Remark]) -> None:
 
     left = [remark for remark in remarks if remark.severity == "problem" and not remark.lines]
     if left:
-        raise DataError(f"{path}: {len(left)} problems that no line mends, the first: {left[0].sentence}")
+        count = (
+            "one problem that no line mends" if len(left) == 1 else f"{len(left)} problems that no line mends"
+        )
+        raise DataError(f"{path}: {count}{', the first' if len(left) > 1 else ''}: {left[0].sentence}")
 
 
 def _numbers(report: CheckReport) -> dict[str, object]:

@@ -179,7 +179,7 @@ def agent_file(name: str) -> Path:
     Raises
     ------
     InvalidParameter
-        If there is no such module.
+        If there is no such module, or it has no file: a part of Python itself is no agent.
     """
     module = _importable(name)
     try:
@@ -191,7 +191,13 @@ def agent_file(name: str) -> Path:
             f"no module {module!r} in {os.getcwd()} or among the installed packages, asked for by {name!r} - "
             "module:Class names an agent of your own"
         )
-    return Path(found.origin)
+    file = Path(found.origin)
+    if not file.is_file():
+        raise InvalidParameter(
+            f"module {module!r} is a part of Python and has no file, asked for by {name!r} - "
+            "module:Class names an agent of your own"
+        )
+    return file
 
 
 def _own_agent(name: str) -> Agent:

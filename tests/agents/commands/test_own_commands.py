@@ -80,6 +80,17 @@ def test_own_scenario_and_world_reach_the_benchmark_and_its_results_are_kept(lan
     assert sum("1450" in str(key) for key in keys) == 2
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("os:system", "part of Python"), ("sys:exit", "part of Python"), ("no_such:Agent", "no module")],
+)
+def test_a_name_that_cannot_be_an_agent_is_refused_in_a_sentence(name, words, tmp_path, capsys):
+    assert offroad("compare", name, "--scenario", "brake", "--out", tmp_path) == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert words in said
+    assert name in said
+
+
 def test_compare_shows_the_own_agent_against_every_other_one(tmp_path):
     agents = ("pure_pursuit", "conservative")
     args = BenchmarkArgs(tasks=("brake",), agents=agents, forms=("matched",), episodes=2, n_jobs=1)
