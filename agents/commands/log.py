@@ -126,10 +126,10 @@ def _refuse(path: Path, remarks: Iterable[Remark]) -> None:
 
     left = [remark for remark in remarks if remark.severity == "problem" and not remark.lines]
     if left:
-        count = (
-            "one problem that no line mends" if len(left) == 1 else f"{len(left)} problems that no line mends"
-        )
-        raise DataError(f"{path}: {count}{', the first' if len(left) > 1 else ''}: {left[0].sentence}")
+        count = f"{len(left)} problems that no line mends, the first"
+        if len(left) == 1:
+            count = "one problem that no line mends"
+        raise DataError(f"{path}: {count}: {left[0].sentence}")
 
 
 def _numbers(report: CheckReport) -> dict[str, object]:

@@ -63,40 +63,41 @@ def _own_hash(module: str) -> bytes:
     return hashlib.sha256(_text(module)).digest()
 
 
-@cache
-def _imports(module: str) -> frozenset[str]:
-    """Our modules whose code ``module`` may call: imported at its top level, or named in `LATE`."""
-    found: set[str] = set()
-    for statement in _STATEMENT.findall(_text(module).decode()):
-        if any(package in statement for package in _PACKAGES):
-            found.update(_imported(statement))
-    return frozenset(name for name in found if _source(name))
-
-
 #: A statement that imports, or names what is imported late, at the top level of a module: from the first
-#: column to the end of its line or to the bracket that closes. To parse all modules takes as long as the rest
-#: of the start.
+#: column to the end of its line or to the bracket that closes.
 _STATEMENT = re.compile(
     rf"^(?:from[ \t]|import[ \t]|{LATE}\b[^=\n]*=)(?:[^(\n]*\([^)]*\)|(?:[^\n\\]|\\\n)*)", re.MULTILINE
 )
 
 
-def _imported(statement: str) -> set[str]:
-    """What one statement of a module's top level names; in a text, it may be no statement at all."""
+def _importing(text: str) -> list[ast.stmt]:
+    """Top-level statements of a module, at least those that import ours: to parse it all takes far longer.
+
+    Where a comment or a text deceives the search, the whole module is parsed.
+    """
+    ours = (found for found in _STATEMENT.findall(text) if any(package in found for package in _PACKAGES))
     try:
-        (node,) = ast.parse(statement).body
-    except (SyntaxError, ValueError):
-        return set()
-    if isinstance(node, ast.Import):
-        return {alias.name for alias in node.names}
-    if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-        return {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        return [node for statement in ours for node in ast.parse(statement).body]
+    except SyntaxError:
+        return ast.parse(text).body
+
+
+@cache
+def _imports(module: str) -> frozenset[str]:
+    """Our modules whose code ``module`` may call: imported at its top level, or named in `LATE`."""
     found: set[str] = set()
-    if isinstance(node, ast.Assign):
-        for package in ast.literal_eval(node.value):
-            files = _ROOT.joinpath(*package.split(".")).rglob("*.py")
-            found.update((package, *(".".join(f.relative_to(_ROOT).with_suffix("").parts) for f in files)))
-    return found
+    for node in _importing(_text(module).decode()):
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            found.update((node.module, *(f"{node.module}.{alias.name}" for alias in node.names)))
+        elif isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == LATE:
+            for package in ast.literal_eval(node.value):
+                files = _ROOT.joinpath(*package.split(".")).rglob("*.py")
+                found.update(
+                    (package, *(".".join(f.relative_to(_ROOT).with_suffix("").parts) for f in files))
+                )
+    return frozenset(name for name in found if _source(name))
 
 
 @cache

@@ -66,13 +66,30 @@ def parsed_imports(module):
 def test_the_quick_search_for_imports_misses_none_of_ours():
     """A kernel of a module that it missed could be changed and the old machine code be taken."""
     found = 0
-    for package in ("offroad_env", "estimators"):
+    for package in _jit._PACKAGES:
         for file in (REPOSITORY / package).rglob("*.py"):
             module = ".".join(file.relative_to(REPOSITORY).with_suffix("").parts)
             parsed = parsed_imports(module)
             assert parsed <= _jit._imports(module), module
             found += len(parsed)
     assert found > 1000
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "from offroad_env.a import b  # (of c",
+        "from offroad_env.a import (\n    c,  # (of d)\n    b,\n)",
+        "from offroad_env.a import c, \\\n    b",
+        "from offroad_env.a import (c as d, b)",
+        '"""\nfrom offroad_env to estimators\n"""\nfrom offroad_env.a import b',
+    ],
+    ids=["open bracket", "closed bracket", "line goes on", "brackets", "text"],
+)
+def test_no_comment_and_no_text_hides_an_import(text):
+    nodes = [node for node in _jit._importing(f"{text}\n\nx = (1)\n") if isinstance(node, ast.ImportFrom)]
+    assert [node.module for node in nodes] == ["offroad_env.a"]
+    assert "b" in {alias.name for alias in nodes[0].names}
 
 
 def test_what_is_imported_late_counts():
