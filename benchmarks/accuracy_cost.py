@@ -211,7 +211,7 @@ def draw(results: dict[str, list[dict]], path: Path) -> None:
         axis.set_xticks([100, 200, 400, 800], ["100", "200", "400", "800"])
         axis.minorticks_off()
         axis.grid(alpha=0.3)
-    axes[0].set_ylabel("largest error of the forces / load")
+    axes[0].set_ylabel("largest error of the forces / load [-]")
     axes[0].annotate("promise", (0.98, LIMIT), xycoords=("axes fraction", "data"), ha="right", va="bottom")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=9)
     figure.savefig(path, dpi=150)

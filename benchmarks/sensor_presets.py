@@ -24,7 +24,7 @@ from offroad_env.world.terrain import rough_terrain
 from offroad_env.world.vehicles import VEHICLES
 
 NAMES = ("ideal", "automotive", "consumer")
-COLOURS = {"ideal": "#1a9850", "automotive": "#2166ac", "consumer": "#d6604d"}
+COLOURS = {"ideal": "#009E73", "automotive": "#0072B2", "consumer": "#D55E00"}  # Okabe & Ito
 SEED, DURATION = 3, 40.0
 
 
@@ -62,10 +62,10 @@ def draw(runs: dict[str, DriveRecord], file: Path) -> None:
     place.axhline(0.0, **dark)
     vertical.plot(t[window], truth.readings[window, at.A_Z], **dark)
     for axis, title, label in (
-        (speed, "rear wheel speed", "r omega [m/s]"),
-        (yaw, "yaw rate", "[degrees/s]"),
-        (vertical, "vertical specific force less g", "[m/s$^2$]"),
-        (place, "GNSS fixes of the whole drive: error of Y, with latency", "[m]"),
+        (speed, "speed of the rear rims", "r omega [m/s]"),
+        (yaw, "yaw rate", "yaw rate [degrees/s]"),
+        (vertical, "vertical specific force", "a_z - g [m/s$^2$]"),
+        (place, "GNSS fixes of the whole drive, with latency", "error of Y [m]"),
     ):
         axis.set(title=title, xlabel="time [s]", ylabel=label)
     speed.legend(loc="upper right", framealpha=0.9, markerscale=2.0)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
-from helpers import data_root, measured_data
+from helpers import data_root, measured_data, unlabelled
 
 # Tests open no window, whatever the machine has. Set before anything imports pygame or matplotlib.
 os.environ["MPLBACKEND"] = "Agg"
@@ -30,3 +30,19 @@ settings.load_profile("offroad")
 def offroad_data() -> Callable[[str], Path]:
     """``offroad_data(name)`` is the folder of a measured data set, or skips the test."""
     return measured_data
+
+
+@pytest.fixture(scope="session", autouse=True)
+def every_figure_is_labelled() -> Iterator[None]:
+    """No test writes a figure with an axis that lacks its quantity or unit."""
+    from matplotlib.figure import Figure
+
+    write = Figure.savefig
+
+    def checked(figure: Figure, *arguments: object, **options: object) -> None:
+        assert unlabelled(figure) == []
+        write(figure, *arguments, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", checked)
+        yield

@@ -48,13 +48,16 @@ def arms_figure(benchmark: Benchmark, *, title: str | None = None) -> Figure:
     names = [summary.name for summary in benchmark.summaries]
     _draw_rows(score, benchmark.summaries, [summary.score for summary in benchmark.summaries])
     score.set_yticks(range(len(names)), names)
-    score.set_title(_broken(f"Mean score [{benchmark.unit}]: {benchmark.measure}"), loc="left", fontsize=9)
+    score.set_title(_broken(f"Score: {benchmark.measure}"), loc="left", fontsize=9)
+    score.set_xlabel(f"mean score [{benchmark.unit}]")
     _draw_rows(time, benchmark.summaries, [summary.paired_time for summary in benchmark.summaries])
-    paired = f"Mean time [s] of the {benchmark.finished_by_all} episodes that all arms finished"
+    paired = f"The {benchmark.finished_by_all} episodes that all arms finished"
     time.set_title(_broken(paired), loc="left", fontsize=9)
+    time.set_xlabel("mean time [s]")
     shares = [_failure_share(summary.success) for summary in benchmark.summaries]
     _draw_rows(failed, benchmark.summaries, shares, percent=True)
-    failed.set_title("Failed episodes [%]", loc="left", fontsize=9)
+    failed.set_title("Failures", loc="left", fontsize=9)
+    failed.set_xlabel("failed episodes [%]")
     figure.suptitle(title or _headline(benchmark), fontsize=12, x=0.01, ha="left")
     return figure
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from agents.benchmark.figure import arms_figure
 from agents.benchmark.learned import LearnedArm, learned_verdict
@@ -70,13 +70,26 @@ def page_verdict(results: Mapping[tuple[str, str], Benchmark]) -> PageVerdict:
     if not compared:
         return PageVerdict(light="neutral", sentence="No arms were compared: the page lists scores only.")
     pays = [result for result in compared if result.headroom is not None and result.headroom.low > 0.0]
+    if len(compared) == 1:
+        light = "good" if pays else "neutral"
+        sentence = f"{verdict(compared[0])[:-1]}, over {_paired(compared)}"
+        return PageVerdict(light=light, sentence=f"{sentence}.")  # type: ignore[arg-type]
     sentence = f"Knowing the soil pays in {len(pays)} of {len(compared)} comparisons"
     shares = [result.recovered.value for result in pays if result.recovered is not None]
     if shares:
         ends = dict.fromkeys(f"{100.0 * share:.0f}" for share in (min(shares), max(shares)))
         sentence += f"; there the estimate recovers {' to '.join(ends)} % of it"
+    sentence += f" ({_paired(compared)})"
     light = "good" if len(pays) == len(compared) else "caution" if pays else "neutral"
     return PageVerdict(light=light, sentence=f"{sentence}.")  # type: ignore[arg-type]
+
+
+def _paired(results: Sequence[Benchmark]) -> str:
+    """How many episodes each agent has driven."""
+    counts = sorted({result.episodes for result in results})
+    ends = dict.fromkeys((counts[0], counts[-1]))
+    plural = "" if counts == [1] else "s"
+    return f"{' to '.join(map(str, ends))} paired episode{plural}"
 
 
 def benchmark_sections(
@@ -151,7 +164,9 @@ def _overview(results: Mapping[tuple[str, str], Benchmark], command: str, second
         pictures=(
             figure_picture(
                 headroom_figure(compared),
-                "Headroom in per cent of the better uninformed score; share of it that aware recovers.",
+                "Left: headroom in per cent of the better uninformed score, green where its interval "
+                "excludes zero. "
+                "Right: share of it that aware recovers; 100 % is the oracle, dotted 80 %.",
             ),
         )
         if compared

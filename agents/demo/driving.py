@@ -24,8 +24,8 @@ def drive_section(run: Run) -> Section:
     info, log = driven.drive.info, driven.drive.log
     speed = log.columns()["speed"]
     sees = (
-        f"The vehicle, without an estimate of the soil, {_ending(info)} at {speed.mean():.1f} m/s on average "
-        f"and {speed.max():.1f} m/s at most; the true exponent is {info['n']:.2f}."
+        f"The vehicle, whose speed is planned by the estimated soil, {_ending(info)} at {speed.mean():.1f} "
+        f"m/s on average and {speed.max():.1f} m/s at most; the true exponent is {info['n']:.2f}."
     )
     caption = (
         "Half way, as --window and --video show it: from above with path and corridor, from the side with "

@@ -52,9 +52,7 @@ def drive_figure(log: EpisodeLog, *, title: str | None = None) -> Figure:
     for axes, draw in zip(panels, draws, strict=True):
         draw(axes, log, columns)
         _tidy(axes)
-        axes.set_xlim(0.0, max(float(columns["time"][-1]), 1e-3))
-    for axes in panels[3:]:
-        axes.set_xlabel("time [s]")
+        axes.set(xlabel="time [s]", xlim=(0.0, max(float(columns["time"][-1]), 1e-3)))
     figure.suptitle(title or _headline(log, columns), fontsize=13, x=0.01, ha="left")
     return figure
 
@@ -116,16 +114,12 @@ def _draw_course(figure: Figure, axes: Axes, log: EpisodeLog, columns: dict[str,
     figure.colorbar(driven, ax=axes, label="speed [m/s]", pad=0.01, aspect=14)
 
 
-def _title(axes: Axes, text: str) -> None:
-    axes.set_title(text, loc="left", fontsize=10)
-
-
 def _draw_speed(axes: Axes, log: EpisodeLog, columns: dict[str, np.ndarray]) -> None:
     if log.target_speed > 0.0:
         axes.axhline(log.target_speed, color=_GREY, ls="--", lw=1.2, label="target")
     axes.plot(columns["time"], columns["speed"], color="black", lw=1.4, label="vehicle")
     axes.set_ylim(bottom=0.0)
-    _title(axes, "Speed [m/s]")
+    axes.set_ylabel("speed [m/s]")
     _legend(axes)
 
 
@@ -134,7 +128,7 @@ def _draw_error(axes: Axes, log: EpisodeLog, columns: dict[str, np.ndarray]) -> 
     for side in (-log.corridor, log.corridor):
         axes.axhline(side, color=_EDGE, ls="--", lw=1.2, label="corridor" if side > 0.0 else None)
     axes.plot(columns["time"], columns["cross_track_error"], color="black", lw=1.4, label="vehicle")
-    _title(axes, "Left of the path [m]")
+    axes.set_ylabel("left of the path [m]")
     _legend(axes)
 
 
@@ -145,7 +139,7 @@ def _draw_commands(axes: Axes, log: EpisodeLog, columns: dict[str, np.ndarray]) 
     )
     axes.plot(columns["time"], columns["drive"], color="black", lw=1.2, label="drive, brake \u2212")
     axes.set_ylim(-1.06, 1.06)
-    _title(axes, "Commands [-]")
+    axes.set_ylabel("commands [-]")
     _legend(axes)
 
 
@@ -158,13 +152,13 @@ def _draw_axles(axes: Axes, columns: dict[str, np.ndarray], name: str, scale: fl
 def _draw_slip(axes: Axes, log: EpisodeLog, columns: dict[str, np.ndarray]) -> None:
     axes.axhline(0.0, color=_GREY, lw=0.8)
     _draw_axles(axes, columns, "slip", 1.0)
-    _title(axes, "Slip [-]")
+    axes.set_ylabel("slip [-]")
 
 
 def _draw_sinkage(axes: Axes, log: EpisodeLog, columns: dict[str, np.ndarray]) -> None:
     _draw_axles(axes, columns, "sinkage", 1e3)
     axes.set_ylim(bottom=0.0)
-    _title(axes, "Sinkage [mm]")
+    axes.set_ylabel("sinkage [mm]")
 
 
 def _draw_exponent(axes: Axes, log: EpisodeLog, columns: dict[str, np.ndarray]) -> None:
@@ -178,5 +172,5 @@ def _draw_exponent(axes: Axes, log: EpisodeLog, columns: dict[str, np.ndarray]) 
     axes.plot(time, columns["n_front"], color="black", lw=1.4, ls=(0, (4, 3)), label="true")
     margin = max(0.12 * (high - low), 0.05)
     axes.set_ylim(low - margin, high + margin)
-    _title(axes, "Exponent n [-]")
+    axes.set_ylabel("sinkage exponent n [-]")
     _legend(axes)

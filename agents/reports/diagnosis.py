@@ -183,7 +183,7 @@ def _misfit(summary: DiagnosisSummary, evidence: Evidence) -> Section:
         figure_picture(
             figures.misfit_figure(misfit, extended=extended),
             "Error by channel and driving regime, relative to the error that remains in that channel over "
-            "the whole run. 1 is noise; a moment may belong to several regimes.",
+            "the whole run. 1 is noise, empty: too few samples; a moment may belong to several regimes.",
         )
     ]
     if misfit.worst:

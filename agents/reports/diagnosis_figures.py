@@ -116,12 +116,11 @@ def worst_figure(misfit: Misfit, *, extended: bool) -> Figure:
         if extended:
             axes.plot(*_broken(stretch, stretch.extended), color=_EXTENDED, lw=1.6, label="extended")
         axes.set_ylabel(f"{stretch.channel} [{UNITS[stretch.channel]}]")
+        axes.set_xlabel("time [s]")
         axes.tick_params(labelbottom=True)
         _tidy(axes)
     for axes in panels[len(misfit.worst) :]:
         axes.set_visible(False)
-    for axes in panels[: len(misfit.worst)][-2:]:
-        axes.set_xlabel("time [s]")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=3, frameon=False)
     return figure
 
@@ -314,10 +313,10 @@ def profile_figure(profiles: Sequence[Profile]) -> Figure:
             axes.axvspan(profile.low, profile.high, color=_EXTENDED, alpha=0.12, label="95 %")
         unit = f" [{profile.unit}]"
         axes.set_xlabel(raised(f"{profile.effect}{unit}"))
+        axes.set_ylabel("loss of twice the\nlog-likelihood [-]")
         axes.set_ylim(-0.3, 10.0)
         axes.locator_params(axis="x", nbins=5)
         _tidy(axes)
-    figure.axes[0].set_ylabel("loss of twice the\nlog-likelihood [-]")
     figure.axes[0].legend(frameon=False, fontsize=8)
     return figure
 

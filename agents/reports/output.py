@@ -54,7 +54,7 @@ class Record:
 
     lines: list[str] = field(default_factory=list)
     tables: list[tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...], int]] = field(default_factory=list)
-    figures: list[tuple[str, bytes]] = field(default_factory=list)  #: name, PNG
+    figures: list[tuple[str, bytes, str]] = field(default_factory=list)  #: name, PNG, caption
 
 
 _RECORD: ContextVar[Record | None] = ContextVar("record", default=None)
@@ -211,14 +211,14 @@ class Results:
     out: Path = Path("out")  #: folder for what the command writes
     json: Path | None = None  #: also write the numbers to this file
 
-    def save_figure(self, figure: Figure, name: str) -> Path:
-        """Write a figure as ``<out>/<name>.png`` and say so."""
+    def save_figure(self, figure: Figure, name: str, caption: str = "") -> Path:
+        """Write a figure as ``<out>/<name>.png`` and say so; a study's page shows it with the caption."""
         import io
 
         buffer = io.BytesIO()
         figure.savefig(buffer, format="png", dpi=130)
         if (record := _RECORD.get()) is not None:
-            record.figures.append((name, buffer.getvalue()))
+            record.figures.append((name, buffer.getvalue(), caption))
         path = write_bytes(self.out / f"{name}.png", buffer.getvalue())
         say(f"figure: {path}")
         return path

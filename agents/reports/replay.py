@@ -65,11 +65,11 @@ def _verdict(groups: Sequence[Replay], window: float) -> PageVerdict:
     known.sort(key=lambda group: group.rms["position"])
     best, worst = known[0], known[-1]
     sentence = (
-        f"{title_of(best.structure)} ({best.vehicle_model.replace('_', ' ')}) predicts the position best: "
-        f"{best.rms['position']:.2g} m of error over windows of {window:g} s"
+        f"The position is predicted best by {title_of(best.structure)} with the vehicle model "
+        f"{best.vehicle_model}: an error of {best.rms['position']:.2g} m over windows of {window:g} s"
     )
     if worst is not best:
-        sentence += f", against {worst.rms['position']:.2g} m of {title_of(worst.structure)}"
+        sentence += f", against {worst.rms['position']:.2g} m by {title_of(worst.structure)}"
     failed = sum(group.failed for group in groups)
     if failed:
         sentence += f"; {failed} windows could not be predicted"

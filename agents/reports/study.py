@@ -32,7 +32,8 @@ def render_study(study: str, what: str, record: Record, *, command: str, footer:
     )
     titles = "; ".join(title for title, *_ in record.tables if title)
     pictures = tuple(
-        Picture(png=png, caption=f"{_raised(name.replace('_', ' '))}.") for name, png in record.figures
+        Picture(png=png, caption=caption or f"{_raised(name.replace('_', ' '))}.")
+        for name, png, caption in record.figures
     )
     sections = [
         Section(name="figures", title="Result", sees=f"{_raised(what)}.", pictures=pictures, command=command)

@@ -309,7 +309,7 @@ def pooled(replays: Sequence[Replay]) -> Replay:
         return rows
 
     return Replay(
-        log=f"{len(replays)} logs",
+        log="1 log" if len(replays) == 1 else f"{len(replays)} logs",
         structure=first.structure,
         vehicle_model=first.vehicle_model,
         window_s=first.window_s,

@@ -26,10 +26,10 @@ def field_figure(field: SoilField, base: Soil, *, title: str, width: float, heig
     Y = np.linspace(-0.5 * height, 0.5 * height, max(round(_POINTS * height / width), 2))
     here = soil_maps(field, base, X[None, :], Y[:, None])
     panels = (
-        ("Pressure at 5 cm [kPa]", 1e-3 * here.pressure),
-        ("Sinkage exponent n [-]", here.n),
-        ("Cohesion c [kPa]", 1e-3 * here.c),
-        ("Angle of shearing resistance phi [°]", np.degrees(here.phi)),
+        ("pressure at 5 cm [kPa]", 1e-3 * here.pressure),
+        ("sinkage exponent n [-]", here.n),
+        ("cohesion c [kPa]", 1e-3 * here.c),
+        ("friction angle phi [°]", np.degrees(here.phi)),
     )
     figure = Figure(figsize=(11.0, 1.2 + 9.6 * height / width), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True, sharey=True)
@@ -37,8 +37,7 @@ def field_figure(field: SoilField, base: Soil, *, title: str, width: float, heig
         image = panel.imshow(
             values, origin="lower", extent=(X[0], X[-1], Y[0], Y[-1]), cmap="viridis", interpolation="nearest"
         )
-        figure.colorbar(image, ax=panel, shrink=0.9, pad=0.02)
-        panel.set_title(heading, loc="left", fontsize=10.5)
+        figure.colorbar(image, ax=panel, shrink=0.9, pad=0.02, label=heading)
     for panel in axes[-1]:
         panel.set_xlabel("X [m]")
     for panel in axes[:, 0]:
@@ -58,13 +57,13 @@ def prior_figure(prior: SoilPrior, left_out: dict[str, LeaveOneOut], *, seed: in
     axes[0].set_ylim(4.0, 6e3)
     axes[0].set_xlim(0.0, 2.0)
     axes[0].set_xlabel("sinkage exponent n [-]")
-    axes[0].set_title("Pressure at 5 cm, 0.2 m wide [kPa]", loc="left", fontsize=10.5)
+    axes[0].set_ylabel("pressure at 5 cm, 0.2 m wide [kPa]")
     _draw_soils(axes[1], prior, drawn, _strength)
     axes[1].set_xscale("log")
     axes[1].set_xlim(0.1, 300.0)
     axes[1].set_ylim(0.0, 55.0)
     axes[1].set_xlabel("cohesion c [kPa]")
-    axes[1].set_title("Angle of shearing resistance phi [°]", loc="left", fontsize=10.5)
+    axes[1].set_ylabel("angle of shearing resistance phi [°]")
     axes[0].legend(frameon=True, fontsize=8.5, loc="lower right")
     _draw_coverage(axes[2], left_out)
     for panel in axes:
@@ -106,5 +105,6 @@ def _draw_coverage(panel: Axes, left_out: dict[str, LeaveOneOut]) -> None:
     panel.set_xlim(0.0, 1.0)
     panel.set_ylim(0.0, 1.02)
     panel.set_xlabel("nominal probability of the region [-]")
-    panel.set_title(f"Share of left-out soils inside ({', '.join(PRIOR_NAMES[:4])})", loc="left", fontsize=9)
+    panel.set_ylabel("left-out soils inside [-]")
+    panel.set_title(f"Regions of {', '.join(PRIOR_NAMES[:4])}", loc="left", fontsize=9)
     panel.legend(frameon=False, fontsize=8.5, loc="upper left")

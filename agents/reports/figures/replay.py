@@ -82,6 +82,7 @@ def _draw_bars(axes: Axes, groups: Sequence[Replay], name: str, best: int) -> No
     errors = np.array([group.rms[name] for group in groups])
     finite = errors[np.isfinite(errors)]
     axes.set_title(_PANELS[name], fontsize=10, loc="left")
+    axes.set_xlabel(f"error [{CHANNELS[name]}]", fontsize=9)
     axes.set_xticks([])
     for side in ("top", "right", "bottom"):
         axes.spines[side].set_visible(False)
@@ -118,7 +119,7 @@ def _draw_growth(axes: Axes, groups: Sequence[Replay], name: str) -> None:
     values = values[values > 0.0]
     if len(values):
         axes.set_ylim(0.6 * values.min(), 1.5 * values.max())
-    axes.set_title(f"error [{CHANNELS[name]}]", fontsize=9, loc="left")
+    axes.set_ylabel(f"error [{CHANNELS[name]}]", fontsize=9)
     axes.set_xlabel("time in window [s]", fontsize=9)
     axes.margins(x=0.0)
     axes.grid(alpha=0.25)

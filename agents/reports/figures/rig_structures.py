@@ -52,7 +52,8 @@ def rig_structures_figure(comparisons: Mapping[str, RigComparison]) -> Figure:
                 _draw_curve(panel, comparison, angle, column, scale, styles[name])
             _draw_points(panel, first, angle, column, scale)
             quantity = f"{channel.title[0].upper()}{channel.title[1:]} [{unit}]"
-            panel.set_title(f"{quantity}, slip angle {math.degrees(angle):.0f}°", loc="left", fontsize=10)
+            panel.set_ylabel(quantity)
+            panel.set_title(f"Slip angle {math.degrees(angle):.0f}°", loc="left", fontsize=10)
             _tidy(panel)
     for panel in axes[1]:
         panel.set_xlabel("longitudinal slip [-]  (-1 locked, 1 spinning)")

@@ -35,9 +35,9 @@ def soil_figure(curves: SoilCurves, *, title: str) -> Figure:
     angle = f"{math.degrees(curves.slip_angle):.0f}° slip angle"
     unit, force = ("kN", 1e-3) if curves.loads.max() >= 1000.0 else ("N", 1.0)
     columns = (
-        ("sinkage", 1e3, "Sinkage [mm]"),
-        ("drawbar", force, f"Drawbar pull $F_x$ [{unit}]"),
-        ("side_force", force, f"Side force at {angle} [{unit}]"),
+        ("sinkage", 1e3, "sinkage [mm]"),
+        ("drawbar", force, f"drawbar pull $F_x$ [{unit}]"),
+        ("side_force", force, f"side force at {angle} [{unit}]"),
     )
     rows = (
         (curves.slip_axis, curves.over_slip, "slip [-]  (-1 locked, 1 spinning)"),
@@ -51,8 +51,7 @@ def soil_figure(curves: SoilCurves, *, title: str) -> Figure:
         for column, (name, scale, heading) in enumerate(columns):
             panel = axes[row, column]
             _draw(panel, x, scale * values[name], labels[row])
-            panel.set_title(heading, loc="left", fontsize=10.5)
-            panel.set_xlabel(label)
+            panel.set(xlabel=label, ylabel=heading)
         # On hard ground the sinkage is zero throughout: an axis of 1 mm instead of rounding errors.
         axes[row, 0].set_ylim(0.0, None if np.nanmax(values["sinkage"], initial=0.0) > 0.0 else 1.0)
         axes[row, 2].set_ylim(bottom=0.0)

@@ -42,11 +42,11 @@ def wheel_rig_figure(comparison: RigComparison, *, title: str | None = None) -> 
     for column, channel in enumerate(CHANNELS):
         unit, scale = _SHOWN_IN[channel.unit]
         _draw_forces(axes[0, column], comparison, column, scale, colours)
-        axes[0, column].set_title(f"{channel.title[0].upper()}{channel.title[1:]} [{unit}]", loc="left")
+        axes[0, column].set_ylabel(f"{channel.title} [{unit}]")
         _draw_residuals(axes[1, column], comparison, column, scale, colours)
         axes[1, column].set_title(_score_line(comparison, channel.name, unit, scale), loc="left", fontsize=9)
+        axes[1, column].set_ylabel(f"measured - predicted [{unit}]")
         axes[1, column].set_xlabel("longitudinal slip [-]  (-1 locked, 1 spinning)")
-    axes[1, 0].set_ylabel("measured - predicted")
     axes[0, 0].set_ylim(bottom=0.0)
     figure.suptitle(title or _default_title(comparison), fontsize=13, x=0.01, ha="left")
     figure.legend(handles=_legend(colours), loc="outside lower center", ncols=len(colours) + 2, frameon=False)

@@ -164,7 +164,11 @@ class Adaptation(Results):
                 learned[soils] = (*learned.get(soils, ()), name)
         lines, ratios = method_lines(errors), comparisons(errors, learned)
         _show(lines, ratios, chosen)
-        self.save_figure(adaptation_figure(lines, self.soils, tuple(LEARNED.values())), "adaptation")
+        self.save_figure(
+            adaptation_figure(lines, self.soils, tuple(LEARNED.values())),
+            "adaptation",
+            "Errors 3 s ahead with 95 % intervals over the drives, logarithmic: lower is better.",
+        )
         self.save_numbers({"methods": lines, "comparisons": ratios, "chosen": chosen, "drives": self.test})
 
     def _run(self, units: dict[Key, str]) -> dict[Key, dict[str, Any]]:

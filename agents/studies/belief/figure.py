@@ -43,7 +43,7 @@ def _draw(axes: Axes, name: str, groups: Mapping[str, Sequence[Mapping[str, Any]
         ends += [truth.min(), truth.max()]
     line = [min(ends) - 0.03, max(ends) + 0.03]
     axes.plot(line, line, color="0.2", lw=0.9, ls="--", label="truth")
-    axes.set(xlabel=f"true {_LABELS[name]}", ylabel="estimate and 95 % interval")
+    axes.set(xlabel=f"true {_LABELS[name]}", ylabel=f"estimated {_LABELS[name]}")
     axes.grid(alpha=0.25)
     axes.legend(frameon=False, fontsize=9, loc="upper left")
     for side in ("top", "right"):

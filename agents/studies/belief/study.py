@@ -102,7 +102,9 @@ class BeliefStudy(Results):
         both = [row for row in drives if not row["straight"]]
         if both:
             scores["both halves"] = score(both)
-        self.save_figure(belief_figure(groups), "belief")
+        self.save_figure(
+            belief_figure(groups), "belief", "A point is one drive; on the dashed line the estimate is right."
+        )
         self.save_numbers({"scores": scores, "drives": list(found.values())})
         _show(groups, scores)
 

@@ -45,9 +45,8 @@ def changing_figure(results: Mapping[tuple[str, str], Mapping[str, Any]], *, ste
         axes.grid(alpha=0.25)
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
+    for axes in panels.flat:
+        axes.set(xlabel="time [s]", ylabel="sinkage exponent n [-]")
     for row in panels:
-        row[0].set_ylabel("sinkage exponent n [-]")
         row[0].legend(frameon=False, fontsize=8, loc="upper left")
-    for axes in panels[-1]:
-        axes.set_xlabel("time [s]")
     return figure

@@ -277,7 +277,11 @@ class Changing(Results):
         lines = change_lines(results)
         _show(lines)
         first = {key[:2]: result for key, result in results.items() if key[2] == REPORT_SEEDS[0]}
-        self.save_figure(changing_figure(first, step=PERIOD * _EVERY), "changing")
+        self.save_figure(
+            changing_figure(first, step=PERIOD * _EVERY),
+            "changing",
+            "Dashed: the truth; bands: two standard deviations. Filters with a drift of n follow it.",
+        )
         self.save_numbers({"lines": lines, "seeds": self.seeds})
 
 

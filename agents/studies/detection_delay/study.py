@@ -218,7 +218,11 @@ class DetectionDelay(Results):
         results = run_units(path, run_unit, units, label="detection delay", n_jobs=self.n_jobs)
         driven, filters = driven_lines(results), filter_lines(results)
         _show(driven, filters)
-        self.save_figure(delay_figure(driven, filters), "detection_delay")
+        self.save_figure(
+            delay_figure(driven, filters),
+            "detection_delay",
+            "Numbers: failed episodes. Where the lines leave the level on the left, n is known too late.",
+        )
         self.save_numbers({"driven": driven, "filters": filters, "seed": self.seed})
 
 

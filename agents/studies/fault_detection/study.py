@@ -72,7 +72,12 @@ class FaultDetection(Results):
         results = self._done(path, partial(run_unit, known=known), self._keys(known), "faults")
         numbers = counted(results)
         _show(numbers)
-        self.save_figure(diagnosis_figure(numbers), "diagnosis")
+        self.save_figure(
+            diagnosis_figure(numbers),
+            "diagnosis",
+            "On the diagonal the true cause is named; rates lie in the green ranges where the "
+            "requirement is met.",
+        )
         self.save_numbers(numbers)
 
     def _done(

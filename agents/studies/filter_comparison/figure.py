@@ -78,17 +78,17 @@ def filters_figure(lines: Sequence[_Line], totals: Sequence[_Total]) -> Figure:
         ratio.plot(place, [line.ratio for line in own], label=total.title, **style)
         covers.plot(place, [100.0 * line.coverage for line in own], **style)
         cost.plot(total.microseconds, total.ratio, **style)
-    _finish(ratio, "RMSE of n after 20 s over the Cramér-Rao bound [-]")
+    _finish(ratio, "Error over the bound", "RMSE of n after 20 s over the Cramér-Rao bound [-]")
     ratio.axhline(1.0, color="0.1", lw=1.2, ls="--")
     ratio.set_yscale("log")
-    _finish(covers, "Truth inside the 95 % interval [% of the time]")
+    _finish(covers, "Coverage", "truth inside the 95 % interval [% of the time]")
     covers.axhspan(90.0, 98.0, color="0.9", zorder=0)
     covers.axhline(95.0, color="0.1", lw=1.2, ls="--")
     covers.set_ylim(-3.0, 103.0)
     for axes in (ratio, covers):
         axes.set_xticks(sorted({line.row for line in lines}))
         axes.set_xlabel("row of the table")
-    _finish(cost, "Ratio (all rows) and cost")
+    _finish(cost, "Error and cost", "RMSE over the bound, all rows [-]")
     cost.set(xscale="log", yscale="log", xlabel="processor time of an update [µs]")
     cost.axhline(1.0, color="0.1", lw=1.2, ls="--")
     cost.axvline(1e4, color="0.5", lw=1.0, ls=":")
@@ -99,8 +99,9 @@ def filters_figure(lines: Sequence[_Line], totals: Sequence[_Total]) -> Figure:
     return figure
 
 
-def _finish(axes: Axes, title: str) -> None:
+def _finish(axes: Axes, title: str, label: str) -> None:
     axes.set_title(title, loc="left", fontsize=10)
+    axes.set_ylabel(label)
     axes.grid(alpha=0.25)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)

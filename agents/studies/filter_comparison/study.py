@@ -220,7 +220,12 @@ class Filters(Results):
         lines = lines_of(results)
         totals = totals_of(results, lines, 0.01)
         _show(lines, totals)
-        self.save_figure(filters_figure(lines, totals), "filters")
+        self.save_figure(
+            filters_figure(lines, totals),
+            "filters",
+            "At 1 on the left an estimate is as good as the bound allows; in the grey band an "
+            "interval covers as stated.",
+        )
         self.save_numbers({"rows": lines, "filters": totals, "duration": self.duration})
 
     def _units(self) -> dict[Key, str]:

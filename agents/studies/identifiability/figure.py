@@ -32,8 +32,7 @@ def identify_figure(findings: Sequence[Finding]) -> Figure:
         _draw(panels[i, j], finding, _COLOURS[i % len(_COLOURS)])
         if j == 0:
             panels[i, j].set_title(f"{finding.title}, {finding.duration:g} s", loc="left", fontsize=10)
-        if i == len(sources) - 1:
-            panels[i, j].set_xlabel("error of n [-]")
+        panels[i, j].set_xlabel("error of n [-]")
     handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, frameon=False, fontsize=9, loc="outside upper right", ncols=3)
     return figure

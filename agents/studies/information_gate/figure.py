@@ -39,7 +39,6 @@ def gate_figure(
     units = [result for key, result in results.items() if key[0] == "online"]
     _draw(panels[-1], units, online_phases)
     panels[-1].set_title("Full model, online filters", loc="left", fontsize=10)
-    panels[0].set_ylabel("standard deviation of n [-]")
     return figure
 
 
@@ -67,7 +66,7 @@ def _draw(axes: Axes, units: Sequence[Mapping[str, Any]], phases: Sequence[tuple
             place = (0.5 * (begin + end), 0.97)
             axes.annotate(name, place, xycoords=("data", "axes fraction"), ha="center", va="top", fontsize=9)
         begin = end
-    axes.set(yscale="log", xlabel="time [s]")
+    axes.set(yscale="log", xlabel="time [s]", ylabel="standard deviation of n [-]")
     axes.margins(x=0.0)
     axes.grid(alpha=0.25, which="both")
     for side in ("top", "right"):

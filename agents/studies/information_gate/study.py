@@ -225,7 +225,12 @@ class Gate(Results):
         results = run_units(self.out / "gate.jsonl", run_unit, units, label="gate", n_jobs=self.n_jobs)
         lines = phase_lines(results)
         _show(lines)
-        self.save_figure(gate_figure(results, MAP_PHASES, ONLINE_PHASES), "gate")
+        self.save_figure(
+            gate_figure(results, MAP_PHASES, ONLINE_PHASES),
+            "gate",
+            "Grey: the motion carries no information about n. A constant n keeps its deviation there, "
+            "a drifting one loses it.",
+        )
         self.save_numbers({"phases": lines, "seeds": self.seeds})
 
 

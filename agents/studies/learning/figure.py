@@ -55,7 +55,7 @@ def learning_figure(arms: Sequence[LearnedArm], curves: Sequence[Mapping[str, An
         _draw_plain(left, here)
         left.set_title(task, loc="left", fontsize=10)
         left.set_ylabel(f"score while learning [{unit}]")
-        left.set_xlabel("thousands of environment steps (a thousand is 20 s of driving)")
+        left.set_xlabel("environment steps of 0.02 s [thousands]")
         _draw_scores(right, here)
         right.set_title(f"{task}: test score of each training seed", loc="left", fontsize=10)
         right.set_xlabel(f"{measure} [{unit}]")

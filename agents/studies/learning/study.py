@@ -168,7 +168,12 @@ class Learning(Results):
             say(f"A single observation on {task} gives n to {error:.3f} (prior {prior:.3f}).")
         rates = [unit["periods_per_second"] for unit in done.values() if "periods_per_second" in unit]
         say(f"training: {min(rates):.0f} to {max(rates):.0f} environment steps a second in one process")
-        self.save_figure(learning_figure(arms, self._curves(done)), "learning")
+        self.save_figure(
+            learning_figure(arms, self._curves(done)),
+            "learning",
+            "Left: score while learning, thin lines single trainings. Right: test score of each "
+            "training, diamonds their mean.",
+        )
         if self.ship is not None:
             self._copy(self.ship)
         numbers = {

@@ -176,7 +176,12 @@ class Mismatches(Results):
         say("silent: runs with the flag up for 2 s or more at an error above 20 %, outside of their interval")
         _show_worst(summaries)
         _show_bounds(bounds)
-        self.save_figure(mismatch_figure(summaries, stated, BARS), "mismatch")
+        self.save_figure(
+            mismatch_figure(summaries, stated, BARS),
+            "mismatch",
+            "Bars: robust to model errors; ticks: as stated by the filter, given its model; dashed: "
+            "required.",
+        )
         runs = [result for key, result in results.items() if key[0] != _BOUND]
         self.save_numbers(
             {

@@ -109,8 +109,9 @@ def sensitivity_figure(soils: Sequence[Sensitivity]) -> Figure:
             axes.set_ylim(1e-3, 10.0)
             axes.set_title(name, loc="left", fontsize=10)
             _tidy(axes)
-        line[1].set_ylabel("rms difference from the truth\n[sd of a sample's noise]")
-    for axes in panels[-1]:
+        for axes in line[1:]:
+            axes.set_ylabel("rms difference from the truth\n[sd of a sample's noise]")
+    for axes in panels.flat:
         axes.set_xlabel("sinkage exponent n [-]")
     handles, labels = panels[0, 1].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)

@@ -46,7 +46,7 @@ def learning_curve_figure(curves: Sequence[Curve], reference: float) -> Figure:
         axes.set_ylim(40.0, 123.0)
         axes.set_title(f"action interface {interface}", loc="left", fontsize=10)
         axes.set_ylabel("mean time on the tuning episodes [s]")
-        axes.set_xlabel("thousands of environment steps")
+        axes.set_xlabel("environment steps [thousands]")
         axes.grid(alpha=0.25)
         axes.spines[["top", "right"]].set_visible(False)
         handles, names = axes.get_legend_handles_labels()

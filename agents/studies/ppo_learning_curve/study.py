@@ -127,7 +127,11 @@ class PPOLearningCurve(Results):
         self._print_curves(curves, rates)
         self._print_scores(arms)
         say(learned_verdict(arms, "s"))
-        self.save_figure(learning_curve_figure(curves, reference), "ppo_learning_curve")
+        self.save_figure(
+            learning_curve_figure(curves, reference),
+            "ppo_learning_curve",
+            "A line is one training; a ring shows from where on it stays below pure pursuit (dashed).",
+        )
         if self.ship is not None:
             for arm, seed, *_ in trained:
                 copy_policy(arguments(arm, seed, self.out).out, self.ship / TASK / arm / str(seed))

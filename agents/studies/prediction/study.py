@@ -179,7 +179,11 @@ class Prediction(Results):
         )
         lines = prediction_lines(results)
         _show(lines)
-        self.save_figure(prediction_figure(lines), "prediction")
+        self.save_figure(
+            prediction_figure(lines),
+            "prediction",
+            "Median and 95 % of the runs; the nearer to the true n (grey) the better.",
+        )
         self.save_numbers({"lines": lines, "horizon": HORIZON, "seeds": self.seeds})
 
 

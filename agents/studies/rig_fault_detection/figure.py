@@ -49,10 +49,10 @@ def rig_figure(diagnosis: Diagnosis) -> Figure:
         unit, scale = _SHOWN.get(channel.name, ("N", 1.0))
         means = _means(run, channel, residuals)
         _draw(axes[:, column], means, scale, shades)
-        axes[0, column].set_title(f"{_TITLES[channel.name]} [{unit}]", loc="left")
+        axes[0, column].set_ylabel(f"{_TITLES[channel.name]} [{unit}]")
+        axes[1, column].set_ylabel(f"measured - model [{unit}]")
         axes[1, column].set_title(_scores(means, unit, scale), loc="left", fontsize=9)
         axes[1, column].set_xlabel("slip [-]  (-1 locked, 1 spinning)")
-    axes[1, 0].set_ylabel("measured - model")
     angles = [float(np.degrees(np.abs(trials.slip_angle[levels == i]).mean())) for i in range(len(shades))]
     figure.legend(
         handles=_legend(angles, shades), loc="outside lower center", ncols=5, frameon=False, fontsize=9

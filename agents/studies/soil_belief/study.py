@@ -230,7 +230,12 @@ class SoilBelief(Results):
         _show(limits, cases)
         _show_risks(risks)
         if limits:
-            self.save_figure(soil_belief_figure(limits, widths_over_time(results), AT, BARS), "soil_belief")
+            self.save_figure(
+                soil_belief_figure(limits, widths_over_time(results), AT, BARS),
+                "soil_belief",
+                "Left: intervals should hold the truth as often as the grey range demands. Right: how "
+                "they shrink with time.",
+            )
         self.save_numbers({"limits": limits, "cases": cases, "stuck": risks, "bars": BARS, "at": AT})
 
     def _drives(self, case: str) -> int:

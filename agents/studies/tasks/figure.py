@@ -32,7 +32,7 @@ def tasks_figure(curves: TaskCurves) -> Figure:
     n = curves.n
     for angles, label, colour in zip(curves.slip_angle, ("front", "rear"), (_BLUE, _RED), strict=True):
         track.plot(n, np.degrees(angles), color=colour, lw=2, label=label)
-    _finish(track, "track: slip angle in a bend of 12 m radius at 4 m/s", "[deg]", legend=True)
+    _finish(track, "track: in a bend of 12 m radius at 4 m/s", "slip angle [deg]", legend=True)
     speed.plot(n, curves.corner_speed, color=_BLUE, lw=2)
     _finish(speed, "speed: what a bend of 20 m radius holds at 17 deg", "corner speed [m/s]")
     climb.plot(n, curves.best_pull, color="k", lw=2.5, label="best slip for each n")
@@ -43,7 +43,12 @@ def tasks_figure(curves: TaskCurves) -> Figure:
             f"{curves.best_slip[i]:.2f}", (n[i], curves.best_pull[i]), (0, 5), textcoords="offset points"
         )
     climb.set_ylim(0.0, 1.2 * float(curves.best_pull.max()))
-    _finish(climb, "climb: pull, with the best slip", "drawbar pull over weight [-]", legend=True)
+    _finish(
+        climb,
+        "climb: largest pull; numbers: its slip",
+        "drawbar pull over weight [-]",
+        legend=True,
+    )
     brake.plot(n, curves.stopping, color=_BLUE, lw=2)
     brake.set_ylim(bottom=0.0)
     _finish(brake, "brake: from 10 m/s under full brakes", "stopping distance [m]")
@@ -60,7 +65,7 @@ def _draw_patches(axes: Axes, drive: dict[str, np.ndarray]) -> None:
     axes.fill_between(s, mean - sd, mean + sd, color=_GREEN, alpha=0.25, lw=0, label="estimate, one sd")
     axes.plot(s, mean, color=_GREEN, lw=1.6)
     axes.plot(s, drive["n"], color="k", lw=1.6, label="n under the front wheels")
-    _finish(axes, "patches: the estimate on changing soil, at 4 m/s", "n [-]", legend=True)
+    _finish(axes, "patches: the estimate on changing soil, at 4 m/s", "sinkage exponent n [-]", legend=True)
     axes.set_xlabel("way along the course [m]")
 
 

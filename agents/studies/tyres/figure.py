@@ -113,7 +113,12 @@ def _draw_side_force(axes: Axes, forces: Mapping[str, np.ndarray]) -> None:
         axes.semilogx(pressure, forces[name], "--" if name == "rigid rim" else "-", color=colour, label=name)
     axes.set_ylim(bottom=0.0)
     _plain_ticks(axes.xaxis, (30, 100, 300, 1000))
-    _finish(axes, "Side force at 10 degrees, sand, 3.4 kN", "soil's pressure at 5 cm [kPa]", "F_y / load [-]")
+    _finish(
+        axes,
+        "Side force at 10 degrees, sand, 3.4 kN",
+        "soil's pressure at 5 cm [kPa]",
+        "side force / load [-]",
+    )
 
 
 def _draw_effects(axes: Axes, effects: Sequence[Comparison]) -> None:
@@ -153,4 +158,4 @@ def _draw_brush(axes: Axes) -> None:
             soil, wheel, load=_LOAD, slip=0.0, slip_angle=np.radians(degrees), structure=STRUCTURE, tyre=tyre
         )
         axes.plot(degrees, -found.F_y / _LOAD, color=colour, label=f"soil, {pressure / 1e6:.0f} MPa at 5 cm")
-    _finish(axes, "Firm ground, MRZR tyre, 3.4 kN", "slip angle [deg]", "F_y / load [-]")
+    _finish(axes, "Firm ground, MRZR tyre, 3.4 kN", "slip angle [deg]", "side force / load [-]")

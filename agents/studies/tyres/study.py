@@ -69,7 +69,11 @@ class TyreStudy(Results):
         heading = ("check", "published", "model", "")
         console().print(table("trend checks", heading, checks, texts=4))
         forces = _side_forces()
-        self.save_figure(tyres_figure(curves, effects, snowy, forces), "tyres")
+        self.save_figure(
+            tyres_figure(curves, effects, snowy, forces),
+            "tyres",
+            "Lines: the model; points: published measurements.",
+        )
         self.save_numbers(
             {
                 "load_deflection": curves,

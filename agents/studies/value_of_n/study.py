@@ -104,7 +104,11 @@ class ValueOfN(Results):
         missing = len(list(self._cells())) - len(cells)
         if missing:
             say(f"{missing} combinations left out: the soil drowns the vehicle somewhere in the prior")
-        self.save_figure(value_figure(cells), "headroom")
+        self.save_figure(
+            value_figure(cells),
+            "headroom",
+            "Full circles: the 95 % interval lies above zero, so the episodes show that knowing n pays.",
+        )
         self.save_numbers({"cells": [asdict(cell) for cell in cells]})
 
     def _cells(self) -> list[tuple[str, str, float]]:
