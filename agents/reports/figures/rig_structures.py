@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -17,6 +16,8 @@ from estimators.rig.structures import ladder_title
 __all__ = ["rig_structures_figure"]
 
 _SHOWN_IN = {"m": ("mm", 1e3), "N": ("N", 1.0)}
+#: Okabe & Ito, grey and brown in place of black and yellow: black is measured.
+_COLOURS = ("#7F7F7F", "#D55E00", "#E69F00", "#009E73", "#56B4E9", "#0072B2", "#CC79A7", "#8C6D31")
 #: Slip angles that are drawn: straight ahead, and the one nearest to this [rad].
 _OBLIQUE = math.radians(45.0)
 
@@ -40,7 +41,7 @@ def rig_structures_figure(comparisons: Mapping[str, RigComparison]) -> Figure:
     sizes = sorted({round(abs(curve.slip_angle), 9) for curve in first.curves})
     angles = [sizes[0], min(sizes, key=lambda angle: abs(angle - _OBLIQUE))]
     axes = figure.subplots(2, len(CHANNELS), sharex=True)
-    styles = {name: colormaps["tab10"](i % 10) for i, name in enumerate(comparisons)}
+    styles = {name: _COLOURS[i % len(_COLOURS)] for i, name in enumerate(comparisons)}
     for row, angle in enumerate(angles):
         for column, channel in enumerate(CHANNELS):
             unit, scale = _SHOWN_IN[channel.unit]
@@ -62,7 +63,7 @@ def rig_structures_figure(comparisons: Mapping[str, RigComparison]) -> Figure:
     return figure
 
 
-def _draw_legend(panel: Axes, styles: Mapping[str, tuple[float, float, float, float]]) -> None:
+def _draw_legend(panel: Axes, styles: Mapping[str, str]) -> None:
     handles = [Line2D([], [], color="black", marker="o", ls="", label="measured, sd of repeats")]
     handles += [Line2D([], [], color=styles[name], lw=2.2, label=ladder_title(name)) for name in styles]
     panel.legend(handles=handles, loc="center", frameon=False, fontsize=11)
@@ -75,7 +76,7 @@ def _draw_curve(
     angle: float,
     column: int,
     scale: float,
-    colour: tuple[float, float, float, float],
+    colour: str,
 ) -> None:
     for curve in comparison.curves:
         if math.isclose(abs(curve.slip_angle), angle, abs_tol=1e-6):
