@@ -105,13 +105,13 @@ def _from_markdown(app: Any, what: str, name: str, obj: Any, options: Any, lines
     lines[:] = found
 
 
-_NUMBERS = re.compile(r"[-+.\d][-+.,e\d %\[\]/±×]{0,30}")
+_NUMBER = re.compile(r"[-+.\d].{0,23}")
 
 
 def _mark_numbers(_: Any, document: nodes.document) -> None:
-    """Cells of nothing but numbers are not broken: see ``site.css``."""
+    """Short cells that begin with a number are not broken: see ``site.css``."""
     for entry in document.findall(nodes.entry):
-        if _NUMBERS.fullmatch(entry.astext()):
+        if _NUMBER.fullmatch(entry.astext()):
             entry["classes"].append("number")
 
 

@@ -101,6 +101,7 @@ def _draw_soils(
     axes.set_xticks([], minor=True)
     axes.xaxis.set_major_formatter("{x:g}")
     axes.set(
-        xlabel="soils that the learned models were trained on", ylabel="mean error of position 3 s ahead [m]"
+        xlabel="soils that the learned models were trained on [-]",
+        ylabel="mean error of position 3 s ahead [m]",
     )
     axes.set_title("position after 5 s, by training data")
