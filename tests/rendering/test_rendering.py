@@ -392,10 +392,10 @@ def test_the_figure_draws_what_was_logged(terrain_info):
     _, log, _ = logged(terrain_info=terrain_info)
     figure = drive_figure(log)
     columns = log.columns()
-    by_title = {axes.get_title(loc="left"): axes for axes in figure.axes}
-    speed = by_title["Speed [m/s]"].get_lines()[-1]
+    by_label = {axes.get_ylabel(): axes for axes in figure.axes}
+    speed = by_label["speed [m/s]"].get_lines()[-1]
     assert np.array_equal(speed.get_ydata(), columns["speed"])
-    labels = {line.get_label() for line in by_title["Exponent n [-]"].get_lines()}
+    labels = {line.get_label() for line in by_label["sinkage exponent n [-]"].get_lines()}
     assert ("estimate \u00b1 2 sd" in labels) == (terrain_info == "estimate")
     assert "n = 0.60" in figure.get_suptitle()
     image = io.BytesIO()

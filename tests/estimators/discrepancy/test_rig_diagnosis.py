@@ -223,7 +223,7 @@ def test_the_numbers_of_a_rig_are_those_of_a_vehicle_and_plain():
     extension = Extension(model=summary.model, effects=summary.extension)
     assert json.loads(json.dumps(extension.to_dict()))["model"] == "rig"
     figure = rig_figure(diagnosis)
-    assert [axes.get_title(loc="left") for axes in figure.axes[:2]] == ["sinkage [mm]", "drawbar pull [N]"]
+    assert [axes.get_ylabel() for axes in figure.axes[:2]] == ["sinkage [mm]", "drawbar pull [N]"]
 
 
 def test_sinkage_in_millimetres_ends_in_a_data_problem(trials):

@@ -316,10 +316,10 @@ def test_what_the_model_cannot_speak_of_is_reported(measured):
 # --- figure ---------------------------------------------------------------------------------------------
 
 
-def test_figure_shows_three_channels_with_units_above_their_residuals(tmp_path):
+def test_figure_shows_three_channels_with_units_and_their_residuals(tmp_path):
     figure = wheel_rig_figure(compare(_perfect_trials(), SAND, CMU_WHEEL, resamples=100))
-    top = [axes.get_title(loc="left") for axes in figure.axes[:3]]
-    assert top == ["Sinkage [mm]", "Drawbar pull [N]", "Side force [N]"]
+    top = [axes.get_ylabel() for axes in figure.axes[:3]]
+    assert top == ["sinkage [mm]", "drawbar pull [N]", "side force [N]"]
     assert all("RMSE" in axes.get_title(loc="left") for axes in figure.axes[3:])
     # Sinkage is drawn in mm: three model lines at the model's own depth.
     drawn = figure.axes[0].get_lines()[0].get_ydata()
