@@ -78,6 +78,7 @@ class Diagnose(Results):
             After all is written, where the data must be corrected first.
         """
         from agents.reports.diagnosis import made_by, render_diagnosis
+        from estimators.discrepancy.sections import attempt
         from estimators.discrepancy.verdict import Verdict
         from estimators.discrepancy.wording import terminal_lines
 
@@ -90,8 +91,12 @@ class Diagnose(Results):
         if self.check and not bad:
             numbers |= self._transferred(diagnosis) if self.rig else self._checked(diagnosis)
         if summary.evidence is not None:
-            page = render_diagnosis(summary, command, log).encode()
-            say(f"report: {write_bytes(self.out / 'diagnosis.html', page)}")
+            failed: dict[str, str] = {}
+            page = attempt("page", lambda: render_diagnosis(summary, command, log), None, failed)
+            if page is None:
+                say(f"missing: page: {failed['page']}")
+            else:
+                say(f"report: {write_bytes(self.out / 'diagnosis.html', page.encode())}")
         say(f"numbers: {write_json(self.out / 'diagnosis.json', numbers)}")
         if summary.extended_model is not None:
             content = summary.extended_model.to_dict()

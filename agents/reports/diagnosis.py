@@ -23,6 +23,8 @@ __all__ = ["made_by", "percent", "render_diagnosis"]
 
 #: Pairs of effects that are listed.
 _PAIRS = 12
+#: Rests by channel and regime that are noted.
+_RESTS = 2
 #: |cosine| from which two effects can hardly be distinguished.
 _SAME = 0.99
 #: Names of the uses of the data.
@@ -98,9 +100,15 @@ def _unreached(summary: DiagnosisSummary) -> str:
 
 def _verdict(summary: DiagnosisSummary) -> Section:
     rows = [row for number, cause in enumerate(summary.causes, 1) for row in _cause_rows(number, cause)]
-    heading = ("cause", "effect", "size", "95 % interval", "log-likelihood gained", "p-value")
+    heading = ("cause", "family", "effect", "size", "95 % interval", "log-likelihood gained", "p-value")
     notes = [f"Finding: {finding}." for finding in summary.findings]
     notes += [figures.sentence(line) for line in summary.limitations]
+    notes += [
+        f"Not noise: what the causes leave of {rest.channel} ({rest.regime}), {abs(rest.z):.1f} standard "
+        "deviations."
+        for rest in summary.rests[:_RESTS]
+    ]
+    notes += [f"Missing: {section} ({why})." for section, why in summary.failed.items()]
     if summary.comparison is not None and summary.comparison.found:
         return _structure(summary, summary.comparison, notes)
     if not summary.causes and summary.limits:
@@ -109,7 +117,7 @@ def _verdict(summary: DiagnosisSummary) -> Section:
         name="verdict",
         title="Verdict",
         sees=figures.raised(summary.sentence),
-        tables=(Table(heading=heading, rows=tuple(rows), texts=2),) if rows else (),
+        tables=(Table(heading=heading, rows=tuple(rows), texts=3),) if rows else (),
         notes=tuple(notes),
     )
 
@@ -156,6 +164,7 @@ def _cause_rows(number: int, cause: CauseSummary) -> list[tuple[str, ...]]:
         rows.append(
             (
                 place if first else "or",
+                " or ".join(cause.families) if first else "",
                 member.effect,
                 figures.amount(member.effect, member.size),
                 f"{member.low:.3g} to {figures.amount(member.effect, member.high)}",
@@ -274,7 +283,7 @@ def _isolability(summary: DiagnosisSummary) -> Section:
 
 def _gain(summary: DiagnosisSummary, evidence: Evidence) -> Section:
     title = "Error on test data"
-    if not summary.gains:
+    if not summary.gains or not evidence.likelihood:
         return Section(name="gain", title=title, sees=_unreached(summary))
     best = max(summary.gains, key=lambda gain: gain.low)
     channels = {gain.channel for gain in summary.gains}

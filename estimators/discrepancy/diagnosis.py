@@ -5,22 +5,27 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from estimators.discrepancy.checks.holdout_gain import channel_gains, held_out
+from estimators.discrepancy.checks.regime_rest import regime_rests
 from estimators.discrepancy.checks.unmodelled_forces import sizes_with_unknown_inputs, unmodelled_forces
 from estimators.discrepancy.model.fit import fit_runs
 from estimators.discrepancy.model.fit_result import FitResult
+from estimators.discrepancy.model.nuisances import nuisances_of
 from estimators.discrepancy.model.run_model import RunModel
-from estimators.discrepancy.model.windows import FIT, REPORT, SELECT
+from estimators.discrepancy.model.windows import FIT, REPORT, SELECT, SHORTEST
 from estimators.discrepancy.search.result import Cause, SearchResult
-from estimators.discrepancy.search.stepwise import search
+from estimators.discrepancy.search.stepwise import scored_only, search
+from estimators.discrepancy.sections import attempt
 from estimators.discrepancy.structure_comparison import StructureComparison, compare_structures
-from estimators.discrepancy.verdict import VehicleChecks, VehicleDiagnosis
+from estimators.discrepancy.verdict import JOINT_SIZES, NOMINAL, SEARCH, VehicleChecks, VehicleDiagnosis
 from estimators.logs.clocks import pose_age
 from estimators.logs.log import Log
 from estimators.logs.quality import QualityReport, quality
 from estimators.logs.units import Finding
 from offroad_env.effects import EFFECTS, Setup
-from offroad_env.errors import OffroadError
+from offroad_env.errors import SolverFailure
 
 __all__ = ["SCREEN_RATE", "diagnose", "overlap_of", "split_runs"]
 
@@ -40,6 +45,7 @@ _NOT_JUDGED = {
         "coulomb_friction",
         "damper_nonlinear",
         "payload",
+        "placed_payload",
         "spring_rate",
     ),
     # Where wheels turn as measured, the noise of their sensors shakes the simulated body.
@@ -50,6 +56,7 @@ _NOT_JUDGED = {
         "damper_nonlinear",
         "lever_arm_z",
         "payload",
+        "placed_payload",
         "spring_rate",
     ),
 }
@@ -77,8 +84,6 @@ def diagnose(
     ------
     DataError
         If a log cannot be used at all.
-    SolverFailure
-        If the nominal model cannot be run.
     """
     # Neither the order of files and effects nor the name of a file may matter.
     ordered = tuple(sorted(logs, key=lambda log: log.hash))
@@ -89,15 +94,18 @@ def diagnose(
         return VehicleDiagnosis(logs=ordered, quality=reports, findings=problems)
     splits = split_runs(ordered)
     progress("nominal model")
-    nominal = fit_runs(splits[FIT], white=white)
+    try:
+        nominal = fit_runs(splits[FIT], white=white)
+    except (SolverFailure, ArithmeticError, np.linalg.LinAlgError) as error:
+        return _without_nominal(ordered, reports, error, progress)
     not_judged = _not_judged(nominal)
     allowed = [name for name in EFFECTS if (library is None or name in library) and name not in not_judged]
+    failed: dict[str, str] = {}
     progress("search")
-    found = search(nominal, allowed, SCREEN_RATE, splits[SELECT])
+    found = _search(nominal, allowed, splits[SELECT], failed)
     progress("solver")
     solver_error = found.solver_error()
     progress("unknown inputs")
-    unknown_inputs = unmodelled_forces(found.extended)
     limits = found.first.limits()
     result = VehicleDiagnosis(
         logs=ordered,
@@ -105,22 +113,50 @@ def diagnose(
         findings=_pose_findings(reports),
         search=found,
         causes=found.causes,
-        unknown_inputs=unknown_inputs,
+        unknown_inputs=attempt("unknown inputs", lambda: unmodelled_forces(found.extended), (), failed),
+        rests=attempt("rest by regime", lambda: regime_rests(found.extended), (), failed),
         limits=limits,
         not_testable=_not_testable(nominal, limits, found.causes),
         missing=_missing(nominal, allowed),
         not_judged=not_judged,
         checks=_checks(found, solver_error, ordered),
+        failed=failed,
     )
     if result.causes or result.incomplete or result.inaccurate:
         progress("structures")
-        result = _with_structure(result, compare_structures(ordered, _setups_with(found, ordered)))
+        setups = _setups_with(found, ordered)
+        compared = attempt("structures", lambda: compare_structures(ordered, setups), None, failed)
+        result = _with_structure(result, compared)
     if result.restructured is not None:
         return result
     if result.causes and result.incomplete:
-        result = replace(result, joint=sizes_with_unknown_inputs(found.extended))
+        joint = attempt(JOINT_SIZES, lambda: sizes_with_unknown_inputs(found.extended), None, failed)
+        result = replace(result, joint=joint)
     progress("test data")
-    return _on_test_data(result, found, splits[REPORT])
+    return attempt("test data", lambda: _on_test_data(result, found, splits[REPORT]), result, failed)
+
+
+def _without_nominal(
+    logs: tuple[Log, ...],
+    reports: tuple[QualityReport, ...],
+    error: Exception,
+    progress: Callable[[str], None],
+) -> VehicleDiagnosis:
+    """The result where the nominal model cannot be driven through the runs: other structures may."""
+    failed = {NOMINAL: f"{type(error).__name__}: {error}"}
+    progress("structures")
+    compared = attempt("structures", lambda: compare_structures(logs), None, failed)
+    return VehicleDiagnosis(
+        logs=logs, quality=reports, findings=_pose_findings(reports), structure=compared, failed=failed
+    )
+
+
+def _search(
+    nominal: FitResult, library: Sequence[str], apart: Sequence[RunModel], failed: dict[str, str]
+) -> SearchResult:
+    """The search for effects; where it breaks down, the scores alone."""
+    found = attempt(SEARCH, lambda: search(nominal, library, SCREEN_RATE, apart), None, failed)
+    return scored_only(nominal, library, SCREEN_RATE) if found is None else found
 
 
 def _setups_with(found: SearchResult, logs: Sequence[Log]) -> tuple[Setup, ...] | None:
@@ -128,7 +164,7 @@ def _setups_with(found: SearchResult, logs: Sequence[Log]) -> tuple[Setup, ...] 
     fit = found.extended
     if not found.causes or not fit.converged:
         return None
-    return tuple(fit.problem.setup(RunModel(log), fit.point) for log in logs)
+    return tuple(fit.problem.setup(RunModel(log, nuisances=fit.problem.nuisances), fit.point) for log in logs)
 
 
 def _with_structure(result: VehicleDiagnosis, compared: StructureComparison | None) -> VehicleDiagnosis:
@@ -166,13 +202,18 @@ def _checks(found: SearchResult, solver_error: float, logs: Sequence[Log]) -> Ve
 
 
 def split_runs(logs: Sequence[Log]) -> dict[int, list[RunModel]]:
-    """Windows by their use: by run where there are three runs or more, else by time."""
-    if len(logs) < 3:
-        return {use: _with_windows([RunModel(log, use=use) for log in logs]) for use in (FIT, SELECT, REPORT)}
+    """Windows by their use: every run by time; several runs that are too short for that, one by one."""
+    own = nuisances_of(logs)
+    if len(logs) < 3 or min(log.duration for log in logs) >= SHORTEST:
+        return {
+            use: _with_windows([RunModel(log, use=use, nuisances=own) for log in logs])
+            for use in (FIT, SELECT, REPORT)
+        }
+    # What only one run has cannot be known in another.
     first, second = round(0.6 * len(logs)), round(0.8 * len(logs))
     parts = {FIT: logs[:first], SELECT: logs[first : max(second, first + 1)]}
     parts[REPORT] = logs[max(second, first + 1) :]
-    return {use: [RunModel(log, whole=use) for log in own] for use, own in parts.items()}
+    return {use: [RunModel(log, whole=use) for log in runs] for use, runs in parts.items()}
 
 
 def _with_windows(runs: list[RunModel]) -> list[RunModel]:
@@ -212,9 +253,6 @@ def _on_test_data(
     """The result with both models on the test data: used once, after everything is decided."""
     if not found.causes or not runs:
         return result
-    try:
-        nominal = held_out(found.nominal, runs)
-        extended = held_out(found.extended, runs, nominal)
-    except OffroadError:
-        return result
+    nominal = held_out(found.nominal, runs)
+    extended = held_out(found.extended, runs, nominal)
     return replace(result, on_test_data=(nominal, extended), gains=channel_gains(nominal, extended))

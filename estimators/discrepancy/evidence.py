@@ -15,6 +15,7 @@ from estimators.discrepancy.checks.whiteness import LikelihoodGain, Whiteness, l
 from estimators.discrepancy.diagnosis import split_runs
 from estimators.discrepancy.model.windows import FIT, REPORT, SELECT
 from estimators.discrepancy.next_experiment import Advice, advise
+from estimators.discrepancy.sections import attempt
 from estimators.discrepancy.verdict import VehicleDiagnosis
 from estimators.logs.quality import QualityReport
 
@@ -36,6 +37,7 @@ class Evidence:
     predictions: tuple[Prediction, ...] = ()
     profiles: tuple[Profile, ...] = ()
     advice: Advice | None = None
+    failed: Mapping[str, str] = field(default_factory=dict)  #: section that broke down -> why
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON takes it; the advice is part of the summary."""
@@ -70,12 +72,15 @@ def gather(diagnosis: VehicleDiagnosis, progress: Callable[[str], None] = lambda
         return Evidence(quality=diagnosis.quality)
     nominal = diagnosis.search.nominal
     parts = split_runs(diagnosis.logs)
+    failed: dict[str, str] = {}
     progress("forecasts")
-    forecasts = predictions(nominal, extended, parts[REPORT], seed=SEED)
+    forecasts: tuple[Prediction, ...] = attempt(
+        "forecasts", lambda: predictions(nominal, extended, parts[REPORT], seed=SEED), (), failed
+    )
     progress("profiles")
-    profiles = profiles_of(extended)
+    profiles: tuple[Profile, ...] = attempt("profiles", lambda: profiles_of(extended), (), failed)
     progress("next experiment")
-    advice = advise(diagnosis)
+    advice = attempt("next experiment", lambda: advise(diagnosis), None, failed)
     pair = diagnosis.on_test_data
     return Evidence(
         quality=diagnosis.quality,
@@ -83,10 +88,13 @@ def gather(diagnosis: VehicleDiagnosis, progress: Callable[[str], None] = lambda
             name: sum(float(run.windows.count.sum()) * run.step for run in parts[use])
             for name, use in (("search", FIT), ("gate", SELECT), ("report", REPORT))
         },
-        misfit=misfit_of(nominal, extended),
-        whiteness=whiteness_of(extended),
-        likelihood=() if pair is None else likelihood_gains(*pair, seed=SEED),
+        misfit=attempt("errors by regime", lambda: misfit_of(nominal, extended), None, failed),
+        whiteness=attempt("whiteness", lambda: whiteness_of(extended), (), failed),
+        likelihood=()
+        if pair is None
+        else attempt("likelihood on test data", lambda: likelihood_gains(*pair, seed=SEED), (), failed),
         predictions=forecasts,
         profiles=profiles,
         advice=advice,
+        failed=failed,
     )

@@ -168,9 +168,9 @@ def driven(fit: FitResult, manoeuvre: Manoeuvre, *, usual: float) -> FitResult:
         hold="zoh",
     )
     blank = replace(source.log, config=config)
-    setup = fit.problem.setup(RunModel(blank, whole=FIT), fit.point)
+    setup = fit.problem.setup(RunModel(blank, whole=FIT, nuisances=fit.problem.nuisances), fit.point)
     drive = _controlled(setup, source, manoeuvre, usual)
-    run = RunModel(_planned(blank, source, drive), whole=FIT)
+    run = RunModel(_planned(blank, source, drive), whole=FIT, nuisances=fit.problem.nuisances)
     problem = LeastSquaresProblem([run])
     starts = (drive.states[run.windows.first],)
     warm = (np.repeat(drive.warm[None], len(run.windows), axis=0),)

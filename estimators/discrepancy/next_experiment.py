@@ -18,7 +18,6 @@ from estimators.discrepancy.manoeuvres import MENU, Manoeuvre, driven
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.linearisation import Jacobian
 from estimators.discrepancy.model.normal_equations import projected
-from estimators.discrepancy.model.nuisances import NUISANCES
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.search.result import EQUIVALENT, Cause, SearchResult
 from estimators.discrepancy.search.score_test import DETECTABLE
@@ -33,8 +32,6 @@ __all__ = ["Advice", "Trial", "advise"]
 _ASKED = 6
 #: Usual speeds that a menu can be driven at [m/s].
 _SLOWEST, _FASTEST = 1.0, 12.0
-_OWN = tuple(i for i, nuisance in enumerate(NUISANCES) if nuisance.name.startswith("bias"))
-_COMMON = tuple(i for i in range(len(NUISANCES)) if i not in _OWN)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,13 +100,13 @@ def advise(diagnosis: Diagnosis) -> Advice | None:
         own = _information(question.fit, question.asked)
     except OffroadError:
         return None
-    trials = []
+    trials, spreads = [], _common_spreads(question.fit)
     for manoeuvre in MENU:
         try:
             more = _information(driven(question.fit, manoeuvre, usual=usual), question.asked)
         except (OffroadError, np.linalg.LinAlgError):
             continue
-        trials.append(_trial(question, manoeuvre, own, _added(own, more)))
+        trials.append(_trial(question, manoeuvre, own, _added(own, more, spreads)))
     return _best(question, own, trials) if trials else None
 
 
@@ -187,23 +184,34 @@ def _information(fit: FitResult, asked: Sequence[Candidate]) -> np.ndarray:
         columns.append(np.zeros(fit.problem.rows) if column is None else column)
     shared = fit.noise.whiten(np.column_stack([fit.jacobian.shared(fit.candidates), *columns]))
     equations = fit.reduced(np.zeros(fit.problem.rows), shared)
-    others = [i for i in range(len(equations.normal)) if i not in _OWN]
-    order = [*_OWN, *others]
-    normal, _ = projected(equations.normal[np.ix_(order, order)], np.zeros(len(order)), len(_OWN))
+    own = _own(fit)
+    order = [*own, *(i for i in range(len(equations.normal)) if i not in own)]
+    normal, _ = projected(equations.normal[np.ix_(order, order)], np.zeros(len(order)), len(own))
     return normal
 
 
-def _added(own: np.ndarray, more: np.ndarray) -> np.ndarray:
+def _own(fit: FitResult) -> list[int]:
+    """Nuisances that every run has for itself, by their place in a fit."""
+    nuisances = fit.problem.nuisances
+    return [i for i, one in enumerate(nuisances) if one.log or one.name.startswith("bias")]
+
+
+def _common_spreads(fit: FitResult) -> np.ndarray:
+    """Standard deviations of the priors of all other nuisances."""
+    return np.delete(fit.problem.nuisance_spread, _own(fit))
+
+
+def _added(own: np.ndarray, more: np.ndarray, spreads: np.ndarray) -> np.ndarray:
     """Both runs together; the prior of the common nuisances counts once."""
     both: np.ndarray = own + more
-    for place, i in enumerate(_COMMON):
-        both[place, place] -= 1.0 / NUISANCES[i].spread ** 2
+    places = np.arange(len(spreads))
+    both[places, places] -= 1.0 / spreads**2
     return both
 
 
-def _sizes(information: np.ndarray) -> np.ndarray:
-    """Information of the sizes alone."""
-    normal, _ = projected(information, np.zeros(len(information)), len(_COMMON))
+def _sizes(information: np.ndarray, common: int) -> np.ndarray:
+    """Information of the sizes alone, after that of the ``common`` nuisances."""
+    normal, _ = projected(information, np.zeros(len(information)), common)
     return np.asarray(0.5 * (normal + normal.T))
 
 
@@ -220,10 +228,10 @@ def _trial(question: _Question, manoeuvre: Manoeuvre, own: np.ndarray, both: np.
 
 def _limits(question: _Question, own: np.ndarray, both: np.ndarray) -> dict[str, float]:
     """Detection limit of every effect asked for, with the causes in the model."""
-    inside = len(question.fit.sizes)
+    inside, common = len(question.fit.sizes), len(_common_spreads(question.fit))
     limits = {}
     for k, candidate in enumerate(question.asked, inside):
-        before, after = (_alone(_sizes(information), k, inside) for information in (own, both))
+        before, after = (_alone(_sizes(information, common), k, inside) for information in (own, both))
         limit = DETECTABLE / math.sqrt(max(after, 1e-300))
         stated = question.stated.get(candidate.effect, math.inf)
         # On an unknown road scores scatter more than the information predicts; the log's own limit has
@@ -245,7 +253,7 @@ def _power(question: _Question, cause: Cause, information: np.ndarray) -> float:
     """Probability that the best alternative of a cause is preferred clearly to each of the others."""
     fit = question.fit
     names = [candidate.effect for candidate in (*fit.candidates, *question.asked)]
-    sizes = _sizes(information)
+    sizes = _sizes(information, len(_common_spreads(fit)))
     k = names.index(cause.best.candidate.effect)
     # On an unknown road sizes scatter more than the information predicts.
     wide = float(fit.size_inflation[k])

@@ -42,7 +42,7 @@ def gains_on(diagnosis: Diagnosis, logs: Sequence[Log]) -> dict[str, tuple[Chann
         raise ValueError("the diagnosis ended before a model was fitted: there is nothing to compare")
     found = {}
     for log in logs:
-        run = RunModel(log, whole=REPORT)
+        run = RunModel(log, whole=REPORT, nuisances=search.nominal.problem.nuisances)
         nominal, extended = (held_out(fit, [run]) for fit in (search.nominal, search.extended))
         found[log.name] = channel_gains(nominal, extended)
     return found

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from scipy.stats import f as fisher
@@ -24,6 +23,7 @@ from estimators.discrepancy.rig.structure_search import StructuralCause, search_
 from estimators.discrepancy.rig.trial_model import RigModel, trials_of
 from estimators.discrepancy.rig.trial_table import Trials
 from estimators.discrepancy.search.result import SearchResult
+from estimators.discrepancy.sections import attempt
 from estimators.discrepancy.verdict import REST_RATE, RigChecks, RigDiagnosis
 from estimators.logs.log import Log
 from estimators.logs.quality import quality
@@ -31,8 +31,6 @@ from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 
 __all__ = ["UNITS", "RigRest", "diagnose_rig", "rig_gains", "rig_library"]
-
-_Result = TypeVar("_Result")
 
 #: Least number of conditions beyond the terms of a surface that is fitted to their means.
 _SPARE = 4
@@ -97,7 +95,7 @@ def diagnose_rig(
     failed: dict[str, str] = {}
     found = _search(nominal, library, parts.get(SELECT), progress, failed)
     without: tuple[SearchResult, StructuralCause | None] = (found, None)
-    found, structure = _attempt(
+    found, structure = attempt(
         "laws of the wheel",
         lambda: _other_laws(without[0], library, parts.get(SELECT), progress),
         without,
@@ -110,7 +108,7 @@ def diagnose_rig(
         search=found,
         causes=found.causes,
         structure=structure,
-        unknown_inputs=_attempt("unknown inputs", lambda: lack_of_fit(found.extended), (), failed),
+        unknown_inputs=attempt("unknown inputs", lambda: lack_of_fit(found.extended), (), failed),
         nominal_excess=sum(rest.excess for rest in lack_of_fit(nominal)),
         limits=_limits(found),
         not_testable=_not_testable(parts[FIT], _limits(found)),
@@ -131,18 +129,9 @@ def _checks(found: SearchResult, trials: Trials, use: np.ndarray, failed: dict[s
         trials=len(trials),
         left_out=trials.left_out,
         conditions={name: len(np.unique(trials.condition[use == u])) for u, name in _USES.items()},
-        ground_by_blocks=_attempt("n by slip angle", lambda: ground_by_blocks(found.extended), (), failed),
+        ground_by_blocks=attempt("n by slip angle", lambda: ground_by_blocks(found.extended), (), failed),
         setting_errors=(float(trials.load_error.max()), float(trials.slip_error.max())),
     )
-
-
-def _attempt(part: str, work: Callable[[], _Result], otherwise: _Result, failed: dict[str, str]) -> _Result:
-    """What ``work`` returns; where it breaks down ``otherwise``, with the reason noted in ``failed``."""
-    try:
-        return work()
-    except (OffroadError, ArithmeticError, np.linalg.LinAlgError) as error:
-        failed[part] = f"{type(error).__name__}: {error}"
-        return otherwise
 
 
 def _search(
@@ -153,7 +142,7 @@ def _search(
     failed: dict[str, str],
 ) -> SearchResult:
     """The search for effects; where it breaks down, the scores alone."""
-    found = _attempt(
+    found = attempt(
         "search", lambda: search_rig(nominal, library, SCREEN_RATE, apart, progress), None, failed
     )
     return scored_only(nominal, library, SCREEN_RATE) if found is None else found

@@ -9,8 +9,8 @@ from scipy.stats import t as student
 
 from estimators.discrepancy.checks.unmodelled_forces import JointSizes, UnmodelledForce
 from estimators.discrepancy.evidence import Evidence
+from estimators.discrepancy.families import DRIVE_FAMILIES, RIG_FAMILIES, families_of
 from estimators.discrepancy.model.fit_result import FitResult
-from estimators.discrepancy.rig.families import families_of
 from estimators.discrepancy.rig.jackknife import jackknife_deviation
 from estimators.discrepancy.rig_diagnosis import RigRest
 from estimators.discrepancy.search.result import Alternative, Cause
@@ -88,16 +88,14 @@ def summarise(diagnosis: Diagnosis, evidence: Evidence | None = None) -> Diagnos
         scores=_scores(diagnosis),
         isolability=isolability,
         extension=_extension(diagnosis),
-        failed=diagnosis.failed,
+        failed={**diagnosis.failed, **({} if evidence is None else evidence.failed)},
         structures=_structures(diagnosis),
         structure=_structure_name(diagnosis),
-        families=tuple(families_of(cause.effects) for cause in causes)
-        if isinstance(diagnosis, RigDiagnosis)
-        else (),
         limitations=limitation_sentences(diagnosis),
         evidence=evidence,
         comparison=diagnosis.structure if isinstance(diagnosis, VehicleDiagnosis) else None,
         stand_ins=diagnosis.stand_ins if isinstance(diagnosis, VehicleDiagnosis) else (),
+        rests=diagnosis.significant_rests if isinstance(diagnosis, VehicleDiagnosis) else (),
     )
 
 
@@ -132,6 +130,7 @@ def _structural_causes(diagnosis: Diagnosis) -> tuple[CauseSummary, ...]:
                 named=diagnosis.explained,
                 joint=None,
                 structural=True,
+                families=families_of((member.effect for member in members), RIG_FAMILIES),
             )
         )
     return tuple(causes)
@@ -182,6 +181,11 @@ def _cause(diagnosis: Diagnosis, k: int) -> CauseSummary:
         delta_loglik=0.5 * cause.likelihood_ratio,
         named=diagnosis.identifiable[k],
         joint=None if diagnosis.joint is None else _joint(diagnosis.joint, k),
+        families=families_of(
+            (one.candidate.effect for one in cause.alternatives),
+            RIG_FAMILIES if isinstance(diagnosis, RigDiagnosis) else DRIVE_FAMILIES,
+        ),
+        adequate=not (isinstance(diagnosis, VehicleDiagnosis) and diagnosis.inadequate[k]),
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from estimators.discrepancy.checks.holdout_gain import ChannelGain
+from estimators.discrepancy.checks.regime_rest import RegimeRest
 from estimators.discrepancy.evidence import Evidence, rounded
 from estimators.discrepancy.next_experiment import Advice
 from estimators.discrepancy.structure_comparison import StructureComparison
@@ -31,6 +32,10 @@ __all__ = [
     "UnknownInput",
     "UnknownInputShape",
 ]
+
+
+#: Rests that are listed.
+_RESTS = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,6 +104,8 @@ class CauseSummary:
     named: bool  #: whether the verdict names it
     joint: JointEstimate | None  #: where unknown inputs are present
     structural: bool = False  #: whether the members are laws of the wheel, which have no sizes
+    families: tuple[str, ...] = ()  #: of the members; one: the family is certain, whichever variant is right
+    adequate: bool = True  #: whether the whitened residuals leave nothing that resembles it
 
     @property
     def best(self) -> CauseMember:
@@ -114,6 +121,8 @@ class CauseSummary:
         """As JSON takes it."""
         return {
             "set": self.effects,
+            "families": list(self.families),
+            "adequate": self.adequate,
             "structural": self.structural,
             "parameters": {
                 one.name: {"value": one.value, "low": one.low, "high": one.high, "unit": one.unit}
@@ -255,12 +264,17 @@ class DiagnosisSummary:
     extension: tuple[tuple[str, dict[str, float]], ...]  #: causes as `offroad_env.effects.apply` takes them
     structures: tuple[StructureRow, ...]  #: compared with each other, best first
     structure: str | None  #: of the extended model, where it is not the log's
-    families: tuple[tuple[str, ...], ...]  #: families of the members of every cause; empty where unknown
     failed: Mapping[str, str]  #: part of the diagnosis that could not be computed -> why
     limitations: tuple[str, ...]  #: effects that are not judged, and what was fitted in their place
     evidence: Evidence | None  #: None where none was asked for
     comparison: StructureComparison | None = None  #: of structures, where effects leave a discrepancy
     stand_ins: tuple[str, ...] = ()  #: effects that are not judged, because the structure is wrong
+    rests: tuple[RegimeRest, ...] = ()  #: what the causes leave in the whitened residuals beyond noise
+
+    @property
+    def families(self) -> list[list[str]]:
+        """Families of the members of every cause."""
+        return [list(cause.families) for cause in self.causes]
 
     @property
     def extended_model(self) -> Extension | None:
@@ -293,7 +307,11 @@ class DiagnosisSummary:
             "verdict": self.verdict.value,
             "sentence": self.sentence,
             "causes": [cause.to_dict() for cause in self.causes],
-            "families": [list(family) for family in self.families],
+            "families": self.families,
+            "rests": [
+                {"channel": one.channel, "regime": one.regime, "z": one.z, "p": one.p_value}
+                for one in self.rests[:_RESTS]
+            ],
             "structure": self.structure,
             "failed": dict(self.failed),
             "structures": [row.to_dict() for row in self.structures],

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from estimators.discrepancy.checks.holdout_gain import ChannelGain, Held
+from estimators.discrepancy.checks.regime_rest import RegimeRest
 from estimators.discrepancy.checks.unmodelled_forces import JointSizes, UnmodelledForce
 from estimators.discrepancy.model.fit_result import FitResult
-from estimators.discrepancy.physical_ranges import is_physical
+from estimators.discrepancy.physical_ranges import at_end
 from estimators.discrepancy.rig.structure_search import StructuralCause
 from estimators.discrepancy.search.result import Cause, SearchResult
 from estimators.discrepancy.structure_comparison import StructureComparison
@@ -23,8 +24,11 @@ from estimators.logs.quality import QualityReport
 from estimators.logs.units import Finding
 
 __all__ = [
+    "JOINT_SIZES",
+    "NOMINAL",
     "OVERLAP",
     "REST_RATE",
+    "SEARCH",
     "Diagnosis",
     "FitChecks",
     "RigChecks",
@@ -34,6 +38,8 @@ __all__ = [
     "Verdict",
 ]
 
+#: Sections without which a verdict is less certain, as `Diagnosis.failed` calls them.
+NOMINAL, SEARCH, JOINT_SIZES = "nominal model", "search", "sizes with unknown inputs"
 #: p-value below which an unknown input counts as present in one equation of motion.
 REST_RATE = 0.002
 #: Causes whose sizes are correlated by more than this may be one that the library lacks.
@@ -169,7 +175,8 @@ class Diagnosis(ABC):
     def identifiable(self) -> tuple[bool, ...]:
         """Of every cause, whether it may be named: of a possible size, also with unknown inputs fitted."""
         if self.joint is None:
-            return self.physical
+            # A section that broke down must not make a name certain.
+            return (False,) * len(self.causes) if JOINT_SIZES in self.failed else self.physical
         # Two that may be one missing cause make every name uncertain, also those of the others.
         certain = not any(self.confounded)
         pairs = zip(self._stable(self.joint), self.physical, strict=True)
@@ -177,18 +184,12 @@ class Diagnosis(ABC):
 
     @property
     def physical(self) -> tuple[bool, ...]:
-        """Of every cause, whether physics allows a size within its interval."""
+        """Of every cause, whether its size lies within its physical range, and not at an end of it."""
         if self.search is None or not self.logs or self.logs[0].rig:
             return (True,) * len(self.causes)
-        vehicle = self.logs[0].vehicle
+        best, run = [cause.best for cause in self.causes], self.search.nominal.runs[0]
         return tuple(
-            is_physical(
-                cause.best.candidate.effect,
-                cause.best.size - _Z * cause.best.deviation,
-                cause.best.size + _Z * cause.best.deviation,
-                vehicle,
-            )
-            for cause in self.causes
+            not at_end(one.candidate.effect, one.size, run.size_limits(one.candidate.effect)) for one in best
         )
 
     @property
@@ -240,7 +241,7 @@ class Diagnosis(ABC):
             return False
         strongest = float(np.abs(self.search.first.z).max(initial=0.0))
         limit = max(_SOLVER, _SOLVER_SHARE * strongest)
-        return self.checks.solver > limit or not self.checks.converged
+        return self.checks.solver > limit or not self.checks.converged or SEARCH in self.failed
 
     def _without_causes(self, asked: int) -> Verdict:
         """The verdict where nothing was found, by how many of the effects asked for were testable."""
@@ -260,6 +261,22 @@ class VehicleDiagnosis(Diagnosis):
     #: Effects that improve the nominal model where another structure is named; alternatives if both predict
     #: equally well.
     stand_ins: tuple[str, ...] = ()
+    #: Of the whitened residuals with all causes in the model, by channel and regime, largest first.
+    rests: tuple[RegimeRest, ...] = ()
+
+    @property
+    def significant_rests(self) -> tuple[RegimeRest, ...]:
+        """What the causes leave beyond noise; empty without causes, since there is no name to doubt."""
+        return tuple(rest for rest in self.rests if self.causes and rest.p_value < REST_RATE)
+
+    @property
+    def inadequate(self) -> tuple[bool, ...]:
+        """Of every cause, whether something is left that resembles it: its law may be another one.
+
+        Beside a discrepancy this is not asked: there, unknown inputs fitted jointly decide.
+        """
+        rests = () if self.incomplete else self.significant_rests
+        return tuple(any(rest.alike[k] > OVERLAP for rest in rests) for k in range(len(self.causes)))
 
     @property
     def restructured(self) -> StructureComparison | None:
@@ -274,17 +291,20 @@ class VehicleDiagnosis(Diagnosis):
     @property
     def verdict(self) -> Verdict:
         """Outcome; the data come first, then the numerics, then what remains unexplained."""
+        if self.restructured is not None:
+            return Verdict.ONE_OF if self.restructured.tied else Verdict.NAMED
+        if NOMINAL in self.failed:
+            return Verdict.NUMERICS
         if self.search is None:
             outside = bool(self.findings) and all(finding.kind == OUTSIDE for finding in self.findings)
             return Verdict.OUTSIDE if outside else Verdict.DATA_PROBLEM
-        if self.restructured is not None:
-            return Verdict.ONE_OF if self.restructured.tied else Verdict.NAMED
         if self.inaccurate:
             return Verdict.NUMERICS
         if self.incomplete:
             return Verdict.NAMED_WITH_REST if self.named else Verdict.UNEXPLAINED
         if self.causes:
-            return Verdict.ONE_OF if self._with_alternatives() or self.overlapping else Verdict.NAMED
+            several = self._with_alternatives() or self.overlapping or any(self.inadequate)
+            return Verdict.ONE_OF if several else Verdict.NAMED
         return self._without_causes(len(self.limits) + len(self.missing))
 
 

@@ -7,7 +7,15 @@ from collections.abc import Sequence
 from estimators.discrepancy.checks.forecast import Prediction
 from estimators.discrepancy.structure_comparison import StructureComparison
 from estimators.discrepancy.summary import CauseSummary, DiagnosisSummary, UnknownInput, UnknownInputShape
-from estimators.discrepancy.verdict import Diagnosis, RigDiagnosis, VehicleDiagnosis, Verdict
+from estimators.discrepancy.verdict import (
+    NOMINAL,
+    OVERLAP,
+    SEARCH,
+    Diagnosis,
+    RigDiagnosis,
+    VehicleDiagnosis,
+    Verdict,
+)
 from offroad_env.effects import EFFECTS
 from offroad_env.effects.protocol import Effect
 
@@ -79,8 +87,17 @@ def verdict_sentence(
             sentence += f"; and a discrepancy remains: {_discrepancy_phrase(diagnosis, causes, unexplained)}"
         elif isinstance(diagnosis, VehicleDiagnosis) and diagnosis.overlapping:
             sentence += "; or a single cause that the library lacks: their sizes are correlated"
+        if isinstance(diagnosis, VehicleDiagnosis) and any(diagnosis.inadequate):
+            sentence += f"; or another law of the same cause: {_rest_phrase(diagnosis)}"
         return sentence + "."
     return _sentence_without_causes(verdict, diagnosis)
+
+
+def _rest_phrase(diagnosis: VehicleDiagnosis) -> str:
+    """The largest rest that takes the certainty from a cause."""
+    wrong = [k for k, one in enumerate(diagnosis.inadequate) if one]
+    rest = next(r for r in diagnosis.significant_rests if any(r.alike[k] > OVERLAP for k in wrong))
+    return f"what remains of {rest.channel} ({rest.regime}) resembles it and is not noise"
 
 
 def _structure_sentence(found: StructureComparison, effects: Sequence[str]) -> str:
@@ -127,6 +144,9 @@ def _sentence_without_causes(verdict: Verdict, diagnosis: Diagnosis) -> str:
         sentence = diagnosis.findings[0].sentence
         return f"No model of this kind can be right: {sentence}"
     if verdict is Verdict.NUMERICS:
+        for section in (NOMINAL, SEARCH):
+            if section in diagnosis.failed:
+                return f"The {section} breaks down on these runs: {diagnosis.failed[section]}."
         if diagnosis.checks is not None and not diagnosis.checks.converged:
             return "The fit did not converge: drive faster, or log positions."
         return "The error of the solver is as large as the effects sought: refine the step first."
@@ -152,7 +172,11 @@ def _cause_phrase(cause: CauseSummary) -> str:
     if cause.joint is not None:
         interval = interval_text(EFFECTS[cause.best.effect], cause.joint.low, cause.joint.high)
         first += f", {interval} with unknown inputs fitted jointly"
-    return "one of: " + "; or ".join([first, *others]) if others else first
+    if not others:
+        return first
+    # One family: that is certain, and only the variant is not.
+    family = f"{cause.families[0]}, " if len(cause.families) == 1 else ""
+    return f"{family}one of: " + "; or ".join([first, *others])
 
 
 def _discrepancy_phrase(
@@ -244,10 +268,14 @@ def limitation_sentences(diagnosis: Diagnosis) -> tuple[str, ...]:
 def terminal_lines(summary: DiagnosisSummary) -> list[str]:
     """The summary for a terminal: with the names of the files that follow it, at most 25 lines."""
     lines = [f"{summary.verdict}: {summary.sentence}"]
+    lines += [f"missing: {section}: {why}" for section, why in summary.failed.items()]
     lines += structure_lines(summary)
     for cause in summary.causes:
         what = "cause" if cause.named else "candidate, confounded with a discrepancy that remains"
-        lines.append(f"{what}: log-likelihood gain {cause.delta_loglik:.0f}, p-value {cause.p_value:.1g}")
+        family = f" ({' or '.join(cause.families)})" if cause.families else ""
+        lines.append(
+            f"{what}{family}: log-likelihood gain {cause.delta_loglik:.0f}, p-value {cause.p_value:.1g}"
+        )
         lines += [f"  {member.effect}: {member.phrase}" for member in cause.members[:4]]
     lines += _exponent_lines(summary)
     lines += _gain_lines(summary)
@@ -257,7 +285,6 @@ def terminal_lines(summary: DiagnosisSummary) -> list[str]:
         lines.append(f"not testable with these data: {', '.join(summary.not_testable)}")
     if summary.missing_channels:
         lines.append(f"no channel for: {', '.join(summary.missing_channels)}")
-    lines += [f"missing: {part}: {why}" for part, why in summary.failed.items()]
     lines += summary.limitations
     advice = summary.next_experiment
     last = [] if advice is None else [f"next experiment: {advice.sentence}"]

@@ -141,7 +141,10 @@ def apply(setup: Setup, effects: Iterable[tuple[str, Values]]) -> Setup:
         _check(effect, setup, values)
         size = values[effect.size.name]
         if size != effect.size.off:
-            setup = _with_law(setup, effect, values) if effect.change is None else effect.change(setup, size)
+            if effect.change is None:
+                setup = _with_law(setup, effect, values)
+            else:
+                setup = effect.change(setup, size, *(values[other.name] for other in effect.others))
     return setup
 
 
@@ -157,6 +160,8 @@ def _check(effect: Effect, setup: Setup, values: Values) -> None:
         raise InvalidParameter(f"effect {effect.id} means nothing in the {setup.model} model")
     if effect.soil_only and setup.plant.soil.rigid > 0.5:
         raise InvalidParameter(f"effect {effect.id} means nothing on hard ground")
+    if effect.tyres_only and (setup.plant.structure is None or setup.plant.structure.tyre is None):
+        raise InvalidParameter(f"effect {effect.id} means nothing on rigid rims")
     if effect.hard_only and setup.plant.soil.rigid < 0.5:
         raise InvalidParameter(f"effect {effect.id} means nothing on soil")
 

@@ -123,8 +123,8 @@ class Parameter:
             raise InvalidParameter(f"{effect}: {self.name} must be in {allowed}, got {value:g}")
 
 
-#: Acts on a setup, with the size of the effect: its inputs, sensors or parameters.
-Change = Callable[[Setup, float], Setup]
+#: Acts on a setup, with the size of the effect and its other parameters: its inputs, sensors or parameters.
+Change = Callable[..., Setup]
 
 #: Laws at the hooks of `offroad_env.physics.hooks`: the quantity that the hook passes on, the row of the
 #: effect's parameters with the size first, and the further arguments of the hook.
@@ -142,7 +142,8 @@ _OPPOSITES = (
     ("further left", "further right"), ("older than", "newer than"), ("later than", "earlier than"),
     ("nose up", "nose down"), ("to the right", "to the left"), ("to the left", "to the right"),
     ("climbs", "falls"), ("grows by", "falls by"), ("more", "less"), ("further", "less far"),
-    ("pushes forward", "pushes back"),
+    ("pushes forward", "pushes back"), ("higher", "lower"), ("lag {size} behind", "run {size} ahead of"),
+    ("add {size} times", "lack {size} times"), ("turns the", "holds back the"),
 )  # fmt: skip
 #: Numbers without a unit that are no shares of anything.
 _PLAIN_NUMBERS = ("n_step", "n_trend", "slip_exponent", "slip_sinkage", "soil_loosening")
@@ -178,6 +179,7 @@ class Effect:
     models: tuple[str, ...] = ("full", "paper")  #: where it means something; "rig": on a wheel rig
     soil_only: bool = False  #: means nothing on hard ground
     hard_only: bool = False  #: means nothing on soil
+    tyres_only: bool = False  #: means nothing on rigid rims
     sensors_only: bool = False  #: changes sensors alone: the vehicle's motion stays
     searched: bool = True  #: a cause that a diagnosis may name; else a probe or a nuisance parameter
     change: Change | None = None
@@ -189,8 +191,6 @@ class Effect:
             raise InvalidParameter(f"effect {self.id}: unknown family {self.family!r} or hook {self.hook!r}")
         if (self.change is None) == (self.law is None):
             raise InvalidParameter(f"effect {self.id}: needs either a change or a law")
-        if self.others and self.law is None:
-            raise InvalidParameter(f"effect {self.id}: a change has a size alone; places need a law")
         if bool(self.others) != (self.places is not None) or len(self.others) > 2:
             raise InvalidParameter(f"effect {self.id}: up to two other parameters, with their places")
         if not all(math.isfinite(end) for p in self.parameters for end in (p.low, p.high)):

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimators.discrepancy.physical_ranges import NEVER_NEGATIVE
 from helpers import REPOSITORY
 from offroad_env.effects import EFFECTS, Extension, Inputs, Setup, apply, find_effect, read_extension
 from offroad_env.environment.extended import InputChain
@@ -28,7 +29,7 @@ _ROUTE = np.column_stack([np.linspace(0.0, 4.0, 50), np.linspace(0.0, 0.3, 50)])
 
 
 #: Effects of a wheel rig alone are tried on trials: tests/estimators/discrepancy/test_rig_diagnosis.py.
-_ON_VEHICLES = [name for name, effect in EFFECTS.items() if "full" in effect.models]
+_ON_VEHICLES = [name for name, effect in EFFECTS.items() if "full" in effect.models and not effect.tyres_only]
 #: Effects on a receiver, which the drive here lacks: see the tests of the environment.
 _RECEIVED = ("antenna_x", "pose_delay")
 
@@ -144,6 +145,28 @@ def test_air_drag_as_an_effect_is_the_air_drag_of_the_vehicles_record():
     assert np.allclose(_drive(effect), _drive(record), atol=1e-9)
 
 
+def test_a_load_at_one_place_moves_the_centre_and_the_inertias_as_two_bodies_do():
+    setup = _setup()
+    v = setup.plant.vehicle
+    load, arm = 0.2 * v.m, 0.4 * (v.l_f + v.l_r)
+    changed = apply(setup, [("placed_payload", {"share": 0.2, "place": 0.4})]).plant.vehicle
+    centre = load * arm / (v.m + load)
+    assert changed.m == pytest.approx(v.m + load)
+    assert (changed.l_f, changed.l_r) == pytest.approx((v.l_f - centre, v.l_r + centre))
+    steiner = v.m * centre**2 + load * (arm - centre) ** 2
+    assert (changed.I_z - v.I_z, changed.I_y - v.I_y) == pytest.approx((steiner, steiner))
+    at_the_centre = apply(setup, [("placed_payload", {"share": 0.2, "place": 0.0})]).plant.vehicle
+    assert at_the_centre == v._replace(m=1.2 * v.m)
+
+
+def test_another_pressure_of_the_tyres_is_that_of_their_record():
+    plant = make_plant(VEHICLES["mrzr"], SOILS["dry_sand"], paper_terrain(0.1), structure="grid", tyre="mrzr")
+    changed = apply(Setup(plant=plant, mount=_setup().mount), [("tyre_pressure", {"share": -0.3})]).plant
+    tyre = plant.structure.tyre
+    assert changed.structure.tyre == tyre._replace(inflation=0.7 * tyre.inflation)
+    assert changed._replace(structure=plant.structure) == plant
+
+
 def test_wrong_use_is_refused_with_the_reason():
     setup = _setup()
     hard = replace(setup, plant=make_plant(VEHICLES["mrzr"], SOILS["hard_ground"], paper_terrain(0.1)))
@@ -156,6 +179,7 @@ def test_wrong_use_is_refused_with_the_reason():
         (_setup("paper"), [("one_sided_brake", {"share": 0.1})], "means nothing in the paper model"),
         (hard, [("multi_pass", {"share": 0.1})], "means nothing on hard ground"),
         (setup, [("road_grip", {"share": 0.1})], "means nothing on soil"),
+        (setup, [("tyre_pressure", {"share": 0.1})], "means nothing on rigid rims"),
     ):
         with pytest.raises(InvalidParameter, match=message):
             apply(start, effects)
@@ -296,5 +320,7 @@ def test_a_negative_size_is_worded_as_less_and_a_share_in_per_cent():
     assert EFFECTS["n_step"].describe(-0.2).startswith("n is 0.2 smaller")
     for effect in EFFECTS.values():
         sentence = effect.describe(-0.1)
-        # What has no opposite, such as soil that pushes, keeps its sign.
-        assert "-" not in sentence.replace("exp(-", "") or effect.wording(-0.1)[1] == 1.0
+        # Only what can never be less than nothing, such as soil that pushes, has no opposite.
+        possible = effect.id not in (*NEVER_NEGATIVE, "soil_loosening")
+        assert not possible or (effect.wording(-0.1)[1] == -1.0 and "-" not in sentence), effect.id
+        assert sentence != effect.describe(0.1)

@@ -13,7 +13,9 @@ from estimators.discrepancy.model.protocol import Channel, Records
 from estimators.discrepancy.model.run_model import RunModel, drives
 from offroad_env.physics import state as at
 
-__all__ = ["Dependence", "Misfit", "Stretch", "misfit_of"]
+__all__ = [
+    "Dependence", "Misfit", "Stretch", "driving_regimes", "driving_states", "misfit_of", "rows_of_channel",
+]  # fmt: skip
 
 #: Length of the worst stretch, and of the blocks in which residuals count as one draw [s].
 WORST, BLOCK = 5.0, 1.0
@@ -69,12 +71,12 @@ def misfit_of(nominal: FitResult, extended: FitResult) -> Misfit:
     """Compare two fits of the same data; without causes both may be the same."""
     before, after = nominal.residual, extended.residual
     pairs = zip(drives(extended.runs), extended.records, strict=True)
-    states = [_states(run, records) for run, records in pairs]
-    regimes = _regimes(states)
+    states = [driving_states(run, records) for run, records in pairs]
+    regimes = driving_regimes(states)
     names = tuple(dict.fromkeys(channel.name for run in nominal.runs for channel in run.channels))
     tables = np.full((2, len(names), len(regimes)), np.nan)
     for i, name in enumerate(names):
-        rows = _rows_of(nominal, name)
+        rows = rows_of_channel(nominal, name)
         for j, inside in enumerate(regimes.values()):
             kept = np.concatenate([r[inside[k][c.record]] for k, c, r in rows])
             if len(kept) >= _LEAST:
@@ -111,7 +113,7 @@ class _Binned(NamedTuple):
     share: float  #: of the mean square that lies between the bins
 
 
-def _rows_of(fit: FitResult, name: str) -> list[_Rows]:
+def rows_of_channel(fit: FitResult, name: str) -> list[_Rows]:
     """Samples of a channel in all runs that have it."""
     return [
         _Rows(k, channel, np.arange(channel.rows.start, channel.rows.stop) + fit.problem.offsets[k])
@@ -121,7 +123,7 @@ def _rows_of(fit: FitResult, name: str) -> list[_Rows]:
     ]
 
 
-def _states(run: RunModel, records: Records) -> dict[str, np.ndarray]:
+def driving_states(run: RunModel, records: Records) -> dict[str, np.ndarray]:
     """Quantities on which a residual may depend, at every record (R,)."""
     x, r, windows = records.states, records.readings, run.windows
     instants = np.concatenate(
@@ -143,7 +145,7 @@ def _states(run: RunModel, records: Records) -> dict[str, np.ndarray]:
     }
 
 
-def _regimes(states: list[dict[str, np.ndarray]]) -> dict[str, list[np.ndarray]]:
+def driving_regimes(states: list[dict[str, np.ndarray]]) -> dict[str, list[np.ndarray]]:
     """Regime -> for every run which records (R,) belong to it; a moment may belong to several."""
     speeds = np.concatenate([table["speed [m/s]"] for table in states])
     slow, fast = np.quantile(speeds, (1.0 / 3.0, 2.0 / 3.0))
@@ -172,7 +174,7 @@ def _worst(
     nominal: FitResult, extended: FitResult, before: np.ndarray, after: np.ndarray
 ) -> tuple[str, tuple[Stretch, ...]]:
     """The seconds in which the nominal model is wrong most, by its squares in the extended one's units."""
-    scale = {name: _rms(after, _rows_of(nominal, name)) for name in nominal.noise.pieces}
+    scale = {name: _rms(after, rows_of_channel(nominal, name)) for name in nominal.noise.pieces}
     best: tuple[float, int, float] = (-1.0, 0, 0.0)
     for k, run in enumerate(drives(nominal.runs)):
         if len(run.windows) == 0:
@@ -233,7 +235,7 @@ def _dependences(
     """For every channel the quantity on which its nominal residual depends most; strongest first."""
     found = []
     for name in fit.noise.pieces:
-        rows = _rows_of(fit, name)
+        rows = rows_of_channel(fit, name)
         index = np.concatenate([r for _, _, r in rows])
         blocks = np.concatenate([k * 1_000_000 + (c.t // BLOCK).astype(int) for k, c, _ in rows])
         pairs = []

@@ -183,7 +183,7 @@ FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "steer_lag": ("steer_lag", "steer_delay"),
         "steer_gain": ("steer_gain",),
         "torque_scale": ("torque_scale",),
-        "payload": ("payload", "cg_shift", "inertia"),
+        "payload": ("payload", "placed_payload", "cg_shift", "inertia"),
         "rolling_resistance": ("rolling_resistance", "aero_drag", "rut_drag"),
         "aero_drag": ("aero_drag", "rolling_resistance"),
         "bulldozing": ("bulldozing",),

@@ -163,9 +163,13 @@ class FitResult:
         return self.deviations()[len(self.nuisances) :]
 
     def nuisance_values(self) -> dict[str, float]:
-        """Fitted value of every nuisance of the first run, in the nuisance's own unit."""
+        """Fitted value of every nuisance of the runs, in the nuisance's own unit."""
         pairs = zip(self.problem.nuisances, self.nuisances, strict=True)
-        return {nuisance.name: float(value) for nuisance, value in pairs if acts(nuisance, self.runs[0])}
+        return {
+            nuisance.name: float(value)
+            for nuisance, value in pairs
+            if any(acts(nuisance, run) for run in self.runs)
+        }
 
     def unknowns(self) -> dict[str, dict[str, float | str]]:
         """Fitted quantities that the log calls unknown: value, standard deviation and unit, by name."""

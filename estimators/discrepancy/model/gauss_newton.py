@@ -125,10 +125,10 @@ def _step(fit: FitResult, white: _White) -> _Step:
 def bounded_step(problem: LeastSquaresProblem, point: Point, equations: NormalEquations) -> np.ndarray:
     """Step (g,) of the shared parameters that leaves those at their limits where they are.
 
-    In drives on soil a step is only cut: the one limit there, of the timing, needs no more.
+    In drives on soil without effects a step is only cut: the one limit there, of the timing, needs no more.
     """
     change = np.linalg.solve(equations.normal, equations.score)
-    if not problem.bounded or not len(change):
+    if not (problem.bounded or point.candidates) or not len(change):
         return change
     low, high = problem.limits(point.candidates)
     values, free = point.shared, np.ones(len(change), dtype=bool)

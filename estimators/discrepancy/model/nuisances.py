@@ -10,13 +10,16 @@ import numpy as np
 
 from estimators.discrepancy.model.protocol import ForwardModel, Nuisance
 from estimators.discrepancy.model.tolerances import TOLERATED
+from estimators.logs.log import Log
 from offroad_env.effects import Setup, apply
 
-__all__ = ["NUISANCES", "acts", "ground_changed", "wheelbase", "with_nuisances"]
+__all__ = ["NUISANCES", "acts", "ground_changed", "nuisances_of", "wheelbase", "with_nuisances"]
 
 
 def acts(nuisance: Nuisance, run: ForwardModel) -> bool:
     """Whether the nuisance exists in this run."""
+    if nuisance.log and nuisance.log != run.log.hash:
+        return False
     hard = run.setup.plant.soil.rigid > 0.5
     if (nuisance.hard and not hard) or (nuisance.soft and hard):
         return False
@@ -145,7 +148,7 @@ NUISANCES = (
     Nuisance(name="along", change=_along, spread=0.5, step=0.005, limits=_TYRES, hard=True),
     Nuisance(name="balance", change=_balance, spread=0.3, step=0.02, limits=(-0.33, 0.1), hard=True),
     # Half a sample either way, in standard deviations; inputs that are later than that are an effect.
-    Nuisance(name="shift", change=_shift, spread=1.0, step=0.25, limits=(-(3.0**0.5), 3.0**0.5)),
+    Nuisance(name="shift", change=_shift, spread=1.0, step=0.25, limits=(-(3.0**0.5), 3.0**0.5), own=True),
     # Delay of wheel speeds that move the car against other sensors [samples]: they take another line.
     Nuisance(
         name="wheel_age",
@@ -155,10 +158,17 @@ NUISANCES = (
         sensors_only=True,
         limits=(-2.0, 2.0),
         hard=True,
+        own=True,
     ),
     # Error of the age of the pose as found from the sensors [s]; 0 where they show none.
     Nuisance(
-        name="pose_age", change=_pose_age, spread=0.003, step=0.002, sensors_only=True, limits=(-0.005, 0.005)
+        name="pose_age",
+        change=_pose_age,
+        spread=0.003,
+        step=0.002,
+        sensors_only=True,
+        limits=(-0.005, 0.005),
+        own=True,
     ),
     # Positions of sensors that the log calls unknown [wheelbases].
     _unstated("imu_x", _moved_imu(0), 0.25, _ALONG, _IMU),
@@ -168,7 +178,7 @@ NUISANCES = (
     # A body on unknown springs leans out of turns, and gravity adds this share to a_y: radians per g.
     replace(_unstated("lean", _lean, 0.1, (0.0, 0.3), _SPRINGS), step=0.01, unit="rad/g"),
     *(
-        Nuisance(name=f"bias_{i}", change=_bias(i), spread=spread, step=step, sensors_only=True)
+        Nuisance(name=f"bias_{i}", change=_bias(i), spread=spread, step=step, sensors_only=True, own=True)
         for i, (spread, step) in enumerate([(0.02, 0.01)] * 3 + [(5e-4, 1e-3)] * 2)
     ),
     # Each axle's wheel speeds err by 0.2 %: their mean and half their difference by less.
@@ -177,3 +187,26 @@ NUISANCES = (
     # Numbers of the description that are known to a tolerance.
     *TOLERATED,
 )
+
+
+def nuisances_of(logs: Sequence[Log]) -> tuple[Nuisance, ...]:
+    """Nuisances of several drives of one vehicle: the common ones once, and every drive's own.
+
+    Clocks and biases differ from day to day. Soil is common to drives that state the same soil.
+    """
+    first, *others = logs
+    several = len({log.config.soil for log in logs}) > 1
+
+    def own(nuisance: Nuisance) -> bool:
+        return nuisance.own or (several and (nuisance.soft or nuisance.name == "ground"))
+
+    if not others:
+        return NUISANCES
+    common = tuple(replace(one, log=first.hash) if own(one) else one for one in NUISANCES)
+    more = (
+        replace(one, name=f"{one.name} of {log.name}", log=log.hash)
+        for log in others
+        for one in NUISANCES
+        if own(one)
+    )
+    return (*common, *more)

@@ -54,6 +54,8 @@ class Nuisance:
     hard: bool = False  #: of hard ground alone
     soft: bool = False  #: of soil alone
     tolerated: bool = False  #: a number that is stated to a tolerance, where the log does not call it exact
+    own: bool = False  #: of every drive its own, where several drives of one vehicle are fitted together
+    log: str = ""  #: hash of the only log in which it acts; empty: in all
     unknown: str = ""  #: what the log must call unknown
     unit: str = ""  #: of what the log calls unknown; lengths [m] are fitted in wheelbases
     pitching: bool = False  #: is observable by the pitching alone, which springs and torques make

@@ -21,11 +21,11 @@ from estimators.discrepancy.model.window_simulation import (
     run_paper,
 )
 from estimators.discrepancy.model.windows import Windows, cut
+from estimators.discrepancy.physical_ranges import drive_range
 from estimators.logs.clocks import pose_age
 from estimators.logs.log import Log
 from estimators.logs.runs import plant_of
 from estimators.logs.signals import uninterrupted
-from offroad_env.effects import EFFECTS
 from offroad_env.effects.protocol import Inputs, SensorErrors, Setup
 from offroad_env.errors import DataError, SolverFailure
 from offroad_env.physics import state as at
@@ -95,12 +95,18 @@ class RunModel:
     """
 
     #: Nuisances of a drive.
-    nuisances: tuple[Nuisance, ...] = NUISANCES
     #: Effects are nearly linear about a fit, and derivatives are most of its work.
     renews_derivatives = False
 
-    def __init__(self, log: Log, *, use: int | None = None, whole: int | None = None) -> None:
-        self.log = log
+    def __init__(
+        self,
+        log: Log,
+        *,
+        use: int | None = None,
+        whole: int | None = None,
+        nuisances: tuple[Nuisance, ...] = NUISANCES,
+    ) -> None:
+        self.log, self.nuisances = log, nuisances
         plant = plant_of(log)
         full = log.config.model == "full"
         imu = ImuConfig(
@@ -139,9 +145,8 @@ class RunModel:
         self.spread = np.array([_FREE[i] / (r if i >= at.OMEGA_F else 1.0) for i in self.free])
 
     def size_limits(self, effect: str) -> tuple[float, float]:
-        """Where the model can be computed."""
-        size = EFFECTS[effect].size
-        return size.low, size.high
+        """Physical range of an effect's size, within which the model can be computed."""
+        return drive_range(effect, self.setup)
 
     def refined(self) -> RunModel:
         """The same with half the step of the solver."""

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-__all__ = ["FIT", "REPORT", "SELECT", "Windows", "cut", "stretches_of"]
+__all__ = ["FIT", "REPORT", "SELECT", "SHORTEST", "Windows", "cut", "stretches_of"]
 
 #: Use of a window: the search, its hold-out tests, and the report, which is evaluated once at the end.
 FIT, SELECT, REPORT = 0, 1, 2
@@ -15,7 +15,7 @@ FIT, SELECT, REPORT = 0, 1, 2
 _SHARES = (0.6, 0.2, 0.2)
 _APART = 5.0
 #: A shorter run is all for the search, without a hold-out test [s].
-_SHORTEST = 20.0
+SHORTEST = 20.0
 #: Wanted length of a window [s]: long enough for a wrong force to change the speed visibly.
 _LENGTH = 4.0
 #: The actuators' inputs before the first row are unknown; their effect lasts about so long [s].
@@ -99,7 +99,7 @@ def cut(
         shortest = round(_LEAST / step)
         stretches = stretches_of(usable, lead, shortest)
     total = sum(b - a for a, b in stretches)
-    if whole is None and (lead + total) * step < _SHORTEST:
+    if whole is None and (lead + total) * step < SHORTEST:
         whole = FIT
     if whole is not None:
         blocks = [(0, total, whole)]

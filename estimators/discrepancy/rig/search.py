@@ -18,8 +18,8 @@ from estimators.discrepancy.model.fit import settled
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.parameters import Candidate
+from estimators.discrepancy.physical_ranges import at_end
 from estimators.discrepancy.rig.fit import held_out_trials
-from estimators.discrepancy.rig.physical_ranges import at_limit
 from estimators.discrepancy.rig.repeat_noise import rig_noise
 from estimators.discrepancy.rig.trial_model import RigModel, trials_of
 from estimators.discrepancy.search.result import EQUIVALENT, Alternative, Cause, SearchResult
@@ -73,7 +73,7 @@ def stand_ins(fit: FitResult) -> list[int]:
     """Effects whose size is at an end of its physical range: they stand in for something else."""
     run = trials_of(fit.runs)
     pairs = enumerate(zip(fit.candidates, fit.sizes, strict=True))
-    return [k for k, (c, size) in pairs if at_limit(c.effect, float(size), run.size_limits(c.effect))]
+    return [k for k, (c, size) in pairs if at_end(c.effect, float(size), run.size_limits(c.effect))]
 
 
 def without_stand_ins(fit: FitResult) -> FitResult:

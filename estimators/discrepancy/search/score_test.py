@@ -103,6 +103,9 @@ def candidates_for(fit: FitResult, library: Sequence[str]) -> list[Candidate]:
         hard = run.setup.plant.soil.rigid > 0.5
         if (effect.soil_only and hard) or (effect.hard_only and not hard):
             continue
+        structure = run.setup.plant.structure
+        if effect.tyres_only and (structure is None or structure.tyre is None):
+            continue
         if not all(any(channel in run.log.channels for channel in group) for group in effect.needs):
             continue
         if effect.places is None:
@@ -138,15 +141,24 @@ def score_test(fit: FitResult, candidates: Sequence[Candidate]) -> ScoreTest:
         joint = joint / np.sqrt(np.outer(inner, inner))
         score = score / wider
         deviation = deviation * np.sqrt(wider)
+    # Less than nothing is no evidence: soil never pulls.
+    possible = seen & ~((score < 0.0) & _one_sided(fit, candidates))
     return ScoreTest(
         fit=fit,
         candidates=tuple(candidates),
-        z=np.where(seen, score * deviation, 0.0),
+        z=np.where(possible, score * deviation, 0.0),
         information=information,
         size=np.where(seen, score * deviation**2, 0.0),
         joint=joint,
         white=white,
     )
+
+
+def _one_sided(fit: FitResult, candidates: Sequence[Candidate]) -> np.ndarray:
+    """(C,) effects that can only be there or not, but not be less than nothing."""
+    low, _ = fit.problem.limits(candidates)
+    off = np.array([EFFECTS[candidate.effect].size.off for candidate in candidates])
+    return np.asarray(low[len(fit.nuisances) :] >= off)
 
 
 def refined_places(result: ScoreTest, bar: float, near: float) -> ScoreTest:
@@ -197,7 +209,8 @@ def _between(one: Candidate, other: Candidate, distance: float) -> list[Candidat
 def score_threshold(result: ScoreTest, rate: float) -> float:
     """Quantile of the largest score under the null: exceeded in a share ``rate`` of logs.
 
-    Drawn with the correlations of this log's own scores, always from the same numbers.
+    Drawn with the correlations of this log's own scores, always from the same numbers. Where the variance of
+    scores is that of K null simulations, its own error makes their law that of Student's t with K degrees.
     """
     seen = np.diag(result.information) > 0.0
     if not seen.any():
@@ -205,5 +218,9 @@ def score_threshold(result: ScoreTest, rate: float) -> float:
     cosines = result.cosines()[np.ix_(seen, seen)]
     values, vectors = np.linalg.eigh(cosines)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    draws = np.random.default_rng(2004).standard_normal((_DRAWS, len(root))) @ root.T
+    rng = np.random.default_rng(2004)
+    draws = rng.standard_normal((_DRAWS, len(root))) @ root.T
+    if result.fit.null is not None:
+        count = result.fit.null.white.shape[1]
+        draws /= np.sqrt(rng.chisquare(count, (_DRAWS, 1)) / count)
     return float(np.quantile(np.abs(draws).max(axis=1), 1.0 - rate))

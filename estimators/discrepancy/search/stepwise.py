@@ -27,7 +27,7 @@ from estimators.discrepancy.search.score_test import (
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 
-__all__ = ["MOST", "outside", "p_value_of_score", "refit", "search"]
+__all__ = ["MOST", "outside", "p_value_of_score", "refit", "scored_only", "search"]
 
 #: Most effects in one model.
 MOST = 4
@@ -314,6 +314,18 @@ def search(
         holdout_gains=tuple(gains),
         refused=refused,
         causes=tuple(causes),
+    )
+
+
+def scored_only(nominal: FitResult, library: Sequence[str], rate: float) -> SearchResult:
+    """The first scores and nothing else, where a search breaks down."""
+    first = score_test(nominal, candidates_for(nominal, library))
+    return SearchResult(
+        nominal=first.fit,
+        extended=first.fit,
+        first=first,
+        last=first,
+        threshold=score_threshold(first, rate),
     )
 
 

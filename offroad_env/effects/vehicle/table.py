@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 from offroad_env.effects.protocol import Effect, Parameter, Setup
+from offroad_env.errors import InvalidParameter
 
 __all__ = ["TABLE"]
 
 _row = partial(Effect, family="mass", hook="parameter")
 
+#: Places of a load that a search tries: ahead of the centre of gravity, in wheelbases.
+_PLACES = (-0.4, 0.0, 0.4)
 #: Shortest distance between the centre of gravity and an axle [m]: no axle without load.
 _NEAREST = 0.1
 
@@ -25,6 +29,26 @@ def _heavier(setup: Setup, share: float) -> Setup:
     """A payload that is spread like the vehicle's own mass: inertias grow in proportion."""
     v, factor = setup.plant.vehicle, 1.0 + share
     return setup.with_vehicle(m=factor * v.m, I_z=factor * v.I_z, I_y=factor * v.I_y)
+
+
+def _loaded(setup: Setup, share: float, place: float) -> Setup:
+    """A load at one point of the vehicle: the centre moves; inertias by the parallel axis theorem."""
+    v = setup.plant.vehicle
+    arm = place * (v.l_f + v.l_r)
+    ahead = share / (1.0 + share) * arm
+    more = v.m * share / (1.0 + share) * arm * arm
+    return setup.with_vehicle(
+        m=(1.0 + share) * v.m, I_z=v.I_z + more, I_y=v.I_y + more, l_f=v.l_f - ahead, l_r=v.l_r + ahead
+    )
+
+
+def _inflated(setup: Setup, share: float) -> Setup:
+    """Tyres at another pressure; `find_effect` and its checks have seen that there are tyres."""
+    structure = setup.plant.structure
+    if structure is None or structure.tyre is None:
+        raise InvalidParameter("tyre_pressure needs a vehicle on tyres, got rigid rims")
+    tyre = structure.tyre._replace(inflation=(1.0 + share) * structure.tyre.inflation)
+    return replace(setup, plant=setup.plant._replace(structure=structure._replace(tyre=tyre)))
 
 
 def _turning(setup: Setup, share: float) -> Setup:
@@ -82,6 +106,18 @@ TABLE = (
         change=_heavier,
     ),
     _row(
+        id="placed_payload",
+        size=Parameter(name="share", unit="-", low=0.0, high=2.0),
+        others=(Parameter(name="place", unit="-", low=-1.0, high=1.0),),
+        places=lambda route: [{"place": place} for place in _PLACES],
+        plausible=lambda vehicle: 0.4,
+        sentence="a load of {size} of the mass lies at one place of the vehicle",
+        source="definition: point mass along the wheelbase, inertias by the parallel axis theorem",
+        look_alikes=("payload", "cg_shift"),
+        separated_by="an axle scale",
+        change=_loaded,
+    ),
+    _row(
         id="spring_rate",
         family="suspension",
         size=Parameter(name="share", unit="-", low=-0.8, high=4.0),
@@ -91,5 +127,18 @@ TABLE = (
         look_alikes=("cg_height", "damper_nonlinear"),
         separated_by="pressing down one axle with a known load",
         change=_stiffer,
+    ),
+    _row(
+        id="tyre_pressure",
+        family="suspension",
+        size=Parameter(name="share", unit="-", low=-0.9, high=2.0),
+        plausible=lambda vehicle: 0.4,
+        sentence="the pressure of the tyres is {size} of its value larger",
+        source="definition: scale factor of the inflation pressure",
+        look_alikes=("spring_rate", "rolling_resistance"),
+        separated_by="a pressure gauge",
+        models=("full",),
+        tyres_only=True,
+        change=_inflated,
     ),
 )

@@ -18,6 +18,7 @@ from estimators.discrepancy.diagnosis import diagnose
 from estimators.discrepancy.faults.combined import combined
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
+from estimators.discrepancy.faults.other_forms import FAMILIES
 from estimators.discrepancy.faults.unmodelled import UNMODELLED_FAULTS
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel
@@ -32,12 +33,14 @@ from helpers import REPOSITORY
 from offroad_env.effects import EFFECTS, Inputs
 from offroad_env.environment.extended import InputChain
 
-#: Injects a fault in a process of its own: the fault, its size and sign, and the run are drawn from no seed.
+#: Injects a fault in a process of its own: its form, the fault, its size and sign, and the run are drawn from
+#: no seed. A form is the library's, or another one of the same cause.
 _INJECT = """
 import json, sys
 import numpy as np
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS, ONE_SIDED
+from estimators.discrepancy.faults.other_forms import OTHER_FORMS
 from estimators.logs import write_log
 
 SIZES = {  # several times what such logs show, below what is visible without a diagnosis
@@ -45,15 +48,18 @@ SIZES = {  # several times what such logs show, below what is visible without a 
     "rolling_resistance": 0.02, "aero_drag": 6.0, "slip_exponent": 0.3, "n_step": 0.02,
     "gyro_bias_yaw": 0.015, "accel_bias_y": 0.5,
 }
+OTHER_SIZES = {"steer_lag": 0.06, "payload": 0.1, "rolling_resistance": 0.03, "aero_drag": 8.0}
 rng = np.random.default_rng()
-name = str(rng.choice(list(SIZES)))
-sign = 1.0 if name in (*ONE_SIDED, "aero_drag") else float(rng.choice((-1.0, 1.0)))
-size = sign * SIZES[name] * float(rng.uniform(1.0, 1.5))
+form = str(rng.choice(["library", "other"]))
+sizes, faults = (SIZES, FAULTS) if form == "library" else (OTHER_SIZES, OTHER_FORMS)
+name = str(rng.choice(list(sizes)))
+positive = name in (*ONE_SIDED, "aero_drag") or form == "other"
+size = (1.0 if positive else float(rng.choice((-1.0, 1.0)))) * sizes[name] * float(rng.uniform(1.0, 1.5))
 seed = int(rng.integers(10_000, 1_000_000))
-log = simulated_log(draw_case(seed, duration=40.0, road="flat", gnss=True), FAULTS[name](size))
+log = simulated_log(draw_case(seed, duration=40.0, road="flat", gnss=True), faults[name](size))
 write_log(sys.argv[1] + "/run.csv", log)
 with open(sys.argv[1] + "/sealed.json", "w") as file:
-    json.dump({"effect": name, "size": size, "seed": seed}, file)
+    json.dump({"form": form, "effect": name, "size": size, "seed": seed}, file)
 """
 
 
@@ -71,6 +77,10 @@ def _blind_trial(folder) -> str:
     diagnosis = diagnose([replace(read_log(folder / "run.csv"), references={})])
     answer = json.loads((folder / "sealed.json").read_text())
     rivals = {rival.candidate.effect: rival for cause in diagnosis.causes for rival in cause.alternatives}
+    if answer["form"] == "other":
+        # Of another law only the family can be right, and no size means the same.
+        known = set(FAMILIES[answer["effect"]]) & set(rivals)
+        return "" if known else f"{answer} not among {sorted(rivals)}, {diagnosis.verdict}"
     if answer["effect"] not in rivals:
         return f"{answer} not among {sorted(rivals)}, {diagnosis.verdict}"
     size = rivals[answer["effect"]].size
@@ -172,7 +182,7 @@ def test_two_identifiable_causes_with_correlated_sizes_may_be_one_that_the_libra
     twice = {"sizes": np.tile(own.sizes, 2), "deviations": np.tile(own.deviations, 2)}
     correlations = np.array([[0.0, 0.5], [0.5, 0.0]])
     joint = replace(own, **twice, kept=np.array([0.9, 0.9]), correlations=correlations)
-    both = replace(blown, causes=2 * blown.causes, search=search, joint=joint)
+    both = replace(blown, causes=2 * blown.causes, search=search, joint=joint, rests=())
     assert both.identifiable == (False, False)
     # A cause that unknown inputs replace does not prevent the naming of another.
     one = replace(both, joint=replace(joint, sizes=twice["sizes"] * [1.0, 0.1]))
@@ -188,7 +198,7 @@ def test_two_causes_that_may_be_one_leave_no_certain_name_to_a_third(blown):
     thrice = {"sizes": np.tile(own.sizes, 3), "deviations": np.tile(own.deviations, 3)}
     search = replace(blown.search, extended=SimpleNamespace(sizes=np.tile(blown.search.extended.sizes, 3)))
     joint = replace(own, **thrice, kept=np.full(3, 0.9), correlations=correlations)
-    three = replace(blown, causes=3 * blown.causes, search=search, joint=joint)
+    three = replace(blown, causes=3 * blown.causes, search=search, joint=joint, rests=())
     assert three.confounded == (True, True, False)
     assert three.identifiable == (False, False, False)
 

@@ -6,24 +6,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from agents.reports.diagnosis import render_diagnosis
+from estimators.discrepancy import diagnosis as diagnosis_module
 from estimators.discrepancy import structure_comparison
 from estimators.discrepancy.diagnosis import diagnose
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
-from estimators.discrepancy.physical_ranges import is_physical
 from estimators.discrepancy.structure_comparison import (
     STRUCTURAL_CAUSES,
     StructureComparison,
     compare_structures,
     gains_with,
 )
+from estimators.discrepancy.summarise import summarise
+from estimators.discrepancy.wording import terminal_lines
 from estimators.logs import read_log
 from estimators.logs.log import Log
 from helpers import measured_data
 from offroad_env import OffroadBekkerEnv
 from offroad_env.effects import Extension, read_extension
-from offroad_env.errors import DataError
-from offroad_env.world.vehicles import VEHICLES
+from offroad_env.errors import DataError, SolverFailure
 
 
 @pytest.fixture(scope="module")
@@ -120,9 +122,25 @@ def test_an_extended_model_with_another_structure_drives_the_environment(found, 
         read_extension(path)
 
 
-def test_soil_never_pulls_and_no_cause_is_named_far_beyond_what_is_believable():
-    vehicle = VEHICLES["mrzr"]
-    assert not is_physical("bulldozing", -3.6e5, -3.4e5, vehicle)
-    assert is_physical("bulldozing", -1e3, 1e3, vehicle)
-    assert is_physical("rolling_resistance", -0.03, -0.01, vehicle)
-    assert not is_physical("payload", 1.9, 2.0, vehicle)
+def test_structures_are_tried_where_the_nominal_model_cannot_drive_at_all(found, sand, monkeypatch):
+    def stuck(*_args, **_kwargs):
+        raise SolverFailure("a wheel has sunk to its axle")
+
+    monkeypatch.setattr(diagnosis_module, "fit_runs", stuck)
+    monkeypatch.setattr(diagnosis_module, "compare_structures", lambda logs: found)
+    diagnosis = diagnose(sand[:1])
+    assert diagnosis.verdict == "NAMED"
+    assert diagnosis.failed == {"nominal model": "SolverFailure: a wheel has sunk to its axle"}
+    summary = summarise(diagnosis)
+    assert "structure of the model is wrong" in summary.sentence
+    assert summary.extended_model.structure == found.best.case.structure
+    assert any(line.startswith("missing: nominal model") for line in terminal_lines(summary))
+    assert "Missing: nominal model" in render_diagnosis(summary, "offroad diagnose run.csv")
+
+
+def test_a_structure_is_found_although_every_window_of_the_nominal_one_fails(found):
+    """Errors of a model that cannot drive are infinite, not missing."""
+    nominal = replace(found.nominal, errors=np.full_like(found.nominal.errors, np.inf))
+    assert np.isfinite(nominal.logarithms()).all()
+    assert nominal.pooled == [None] * len(nominal.pooled)
+    assert np.nanmean(nominal.logarithms() - found.best.logarithms()) > 1.0
