@@ -16,15 +16,13 @@ from estimators.discrepancy.evidence import SEED, Evidence
 from estimators.discrepancy.structure_comparison import StructureComparison, StructureTrial
 from estimators.discrepancy.summary import CauseSummary, DiagnosisSummary, Estimate
 from estimators.discrepancy.verdict import Verdict
-from estimators.discrepancy.wording import structure_lines
+from estimators.discrepancy.wording import open_points, structure_lines
 from estimators.logs.log import Log
 
 __all__ = ["made_by", "percent", "render_diagnosis"]
 
 #: Pairs of effects that are listed.
 _PAIRS = 12
-#: Rests by channel and regime that are noted.
-_RESTS = 2
 #: |cosine| from which two effects can hardly be distinguished.
 _SAME = 0.99
 #: Names of the uses of the data.
@@ -103,12 +101,7 @@ def _verdict(summary: DiagnosisSummary) -> Section:
     heading = ("cause", "family", "effect", "size", "95 % interval", "log-likelihood gained", "p-value")
     notes = [f"Finding: {finding}." for finding in summary.findings]
     notes += [figures.sentence(line) for line in summary.limitations]
-    notes += [
-        f"Not noise: what the causes leave of {rest.channel} ({rest.regime}), {abs(rest.z):.1f} standard "
-        "deviations."
-        for rest in summary.rests[:_RESTS]
-    ]
-    notes += [f"Missing: {section} ({why})." for section, why in summary.failed.items()]
+    notes += open_points(summary)
     if summary.comparison is not None and summary.comparison.found:
         return _structure(summary, summary.comparison, notes)
     if not summary.causes and summary.limits:

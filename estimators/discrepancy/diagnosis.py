@@ -122,10 +122,21 @@ def diagnose(
         checks=_checks(found, solver_error, ordered),
         failed=failed,
     )
+    return _completed(result, found, splits[REPORT], failed, progress)
+
+
+def _completed(
+    result: VehicleDiagnosis,
+    found: SearchResult,
+    apart: Sequence[RunModel],
+    failed: dict[str, str],
+    progress: Callable[[str], None],
+) -> VehicleDiagnosis:
+    """The result with other structures, the causes beside unknown inputs, and the test data."""
     if result.causes or result.incomplete or result.inaccurate:
         progress("structures")
-        setups = _setups_with(found, ordered)
-        compared = attempt("structures", lambda: compare_structures(ordered, setups), None, failed)
+        setups = _setups_with(found, result.logs)
+        compared = attempt("structures", lambda: compare_structures(result.logs, setups), None, failed)
         result = _with_structure(result, compared)
     if result.restructured is not None:
         return result
@@ -133,7 +144,7 @@ def diagnose(
         joint = attempt(JOINT_SIZES, lambda: sizes_with_unknown_inputs(found.extended), None, failed)
         result = replace(result, joint=joint)
     progress("test data")
-    return attempt("test data", lambda: _on_test_data(result, found, splits[REPORT]), result, failed)
+    return attempt("test data", lambda: _on_test_data(result, found, apart), result, failed)
 
 
 def _without_nominal(

@@ -266,7 +266,7 @@ class VehicleDiagnosis(Diagnosis):
 
     @property
     def significant_rests(self) -> tuple[RegimeRest, ...]:
-        """What the causes leave beyond noise; empty without causes, since there is no name to doubt."""
+        """What the causes leave beyond noise; empty without causes, as then nothing is named."""
         return tuple(rest for rest in self.rests if self.causes and rest.p_value < REST_RATE)
 
     @property

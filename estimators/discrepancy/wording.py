@@ -25,6 +25,7 @@ __all__ = [
     "correlation_phrase",
     "interval_text",
     "limitation_sentences",
+    "open_points",
     "structure_lines",
     "structure_sentence",
     "terminal_lines",
@@ -47,6 +48,8 @@ _STRUCTURES = {
 }
 #: Correlation from which an unknown input is said to depend on a quantity.
 _CORRELATED = 0.5
+#: Rests by channel and regime that a page notes.
+_RESTS = 2
 #: Lines for the terminal, besides the names of the files.
 _LINES = 21
 
@@ -260,6 +263,16 @@ def limitation_sentences(diagnosis: Diagnosis) -> tuple[str, ...]:
         ]
         lines.append(f"fitted instead: {', '.join(parts)}")
     return tuple(lines)
+
+
+def open_points(summary: DiagnosisSummary) -> list[str]:
+    """What the causes leave beyond noise, the largest first, and the sections that could not be computed."""
+    rests = [
+        f"Not noise: what the causes leave of {rest.channel} ({rest.regime}), {abs(rest.z):.1f} standard "
+        "deviations."
+        for rest in summary.rests[:_RESTS]
+    ]
+    return rests + [f"Missing: {section} ({why})." for section, why in summary.failed.items()]
 
 
 # ------------------------------------------------------------------ the terminal

@@ -1,4 +1,4 @@
-"""What causes leave by channel and regime: noise where the model is right, else a doubt about names."""
+"""What causes leave by channel and regime: noise where the model is right, else no name is certain."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -59,13 +59,13 @@ def test_a_significant_rest_takes_the_certainty_from_a_name_that_it_resembles():
     checks = SimpleNamespace(overlap=0.0, solver=0.0, converged=True)
     plain = VehicleDiagnosis(search=search, checks=checks, causes=(cause,))
     assert plain.verdict is Verdict.NAMED
-    doubtful = replace(plain, rests=(_rest(0.6 * REST_RATE, 1.1 * OVERLAP),))
-    assert doubtful.inadequate == (True,)
-    assert doubtful.verdict is Verdict.ONE_OF
+    uncertain = replace(plain, rests=(_rest(0.6 * REST_RATE, 1.1 * OVERLAP),))
+    assert uncertain.inadequate == (True,)
+    assert uncertain.verdict is Verdict.ONE_OF
     for rest in (_rest(1.1 * REST_RATE, 1.0), _rest(0.0, 0.9 * OVERLAP)):
         assert replace(plain, rests=(rest,)).verdict is Verdict.NAMED
     # Beside a discrepancy unknown inputs, fitted jointly, decide.
-    assert replace(doubtful, search=SimpleNamespace(**vars(search) | {"refused": True})).inadequate == (
+    assert replace(uncertain, search=SimpleNamespace(**vars(search) | {"refused": True})).inadequate == (
         False,
     )
 
