@@ -13,13 +13,21 @@ from gymnasium import spaces
 from agents.learning.learners import find_learner
 from agents.learning.parameters import load_parameters
 
-__all__ = ["make_model", "policy_settings", "trained_model"]
+__all__ = ["make_model", "policy_settings", "start_rolling", "trained_model"]
 
 
 def make_model(algorithm: str, env: Any, *, seed: int | None, settings: Mapping[str, Any]) -> Any:
     """A model that has learnt nothing yet."""
     policy = "MultiInputLstmPolicy" if algorithm == "recurrent_ppo" else "MultiInputPolicy"
     return find_learner(algorithm)(policy, env, seed=seed, device="cpu", **settings)
+
+
+def start_rolling(model: Any, drive: float) -> None:
+    """Let an untrained policy ask for this drive on average: one that stands learns nothing of bends."""
+    import torch
+
+    with torch.no_grad():
+        model.policy.action_net.bias[1] = drive
 
 
 def policy_settings(

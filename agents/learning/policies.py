@@ -39,6 +39,7 @@ __all__ = [
     "load_policy",
     "packed_arrays",
     "policy_kind",
+    "scaled",
     "shipped_seeds",
 ]
 
@@ -74,12 +75,12 @@ class Network:
         self.layers = tuple(layers)
 
     def predict(self, observation: Mapping[str, np.ndarray], **_: Any) -> tuple[np.ndarray, None]:
-        """The most likely action, as ``predict`` of stable-baselines3 gives it."""
-        x = np.concatenate([observation[key] for key in sorted(observation)])
+        """The most likely action, as ``predict`` of stable-baselines3 gives it; of one row or of many."""
+        x = np.concatenate([observation[key] for key in sorted(observation)], axis=-1)
         for weight, bias in self.layers[:-1]:
-            x = np.tanh(weight @ x + bias)
+            x = np.tanh((weight @ x if x.ndim == 1 else x @ weight.T) + bias)
         weight, bias = self.layers[-1]
-        return np.clip(weight @ x + bias, -1.0, 1.0), None
+        return np.clip((weight @ x if x.ndim == 1 else x @ weight.T) + bias, -1.0, 1.0), None
 
     @classmethod
     def of(cls, model: Any) -> Network:
@@ -180,15 +181,24 @@ class PolicyAgent:
 
     def _decide(self, observation: Observation) -> np.ndarray:
         observation = mirrored(observation)
-        for key, (mean, sd) in self._scaling.items():
-            scaled = np.clip((observation[key] - mean) / sd, -CLIP, CLIP)
-            self._past[key].append(scaled.astype(np.float32))
+        for key, row in scaled(observation, self._scaling).items():
+            self._past[key].append(row)
         seen = {key: np.concatenate(past) for key, past in self._past.items()}
         action, self._memory = self._model.predict(
             seen, state=self._memory, episode_start=self._starts, deterministic=True
         )
         self._starts = np.zeros(1, dtype=bool)
         return np.asarray(action)
+
+
+def scaled(
+    observation: Mapping[str, np.ndarray], scaling: Mapping[str, tuple[np.ndarray, np.ndarray]]
+) -> dict[str, np.ndarray]:
+    """An observation, or many, as a network takes it."""
+    return {
+        key: np.clip((observation[key] - mean) / sd, -CLIP, CLIP).astype(np.float32)
+        for key, (mean, sd) in scaling.items()
+    }
 
 
 def packed_arrays(arrays: Mapping[str, np.ndarray]) -> bytes:

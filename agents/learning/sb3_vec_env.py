@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections import deque
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from agents.learning.action_interface import make_interface, mirrored
+from agents.learning.emulated_belief import EmulatedBelief
 from offroad_env.environment.env import CONTROL_PERIOD
 from offroad_env.environment.sb3_vec import Sb3VecEnv
 from offroad_env.environment.scenarios import Scenario
@@ -17,6 +20,8 @@ __all__ = ["OBJECTIVES", "LearningVecEnv"]
 
 #: What is learnt: the environment's reward, or minus the benchmark's score (`_objective`).
 OBJECTIVES = ("reward", "score")
+#: Last episodes by which it is judged how many arrive; before the fewest none is thought to.
+_LAST, _FEWEST = 100, 20
 
 
 class LearningVecEnv(Sb3VecEnv):
@@ -36,6 +41,13 @@ class LearningVecEnv(Sb3VecEnv):
         benchmark, failures by exploration noise dominate the learning of speed.
     pace
         Time that a metre of progress counts for where time is measured [s/m]: 0.15 is 7 m/s.
+    edge
+        The reward's weight of the distance from the path while none of the last episodes arrives, and when
+        all do; in between it grows with their share. The price of a failure is proportional to it, so
+        that it grows as the policy gets better. None: the weight is that of the environment.
+    belief_seed
+        Show an emulated belief about the soil instead of its true limits, which the environments observe
+        (``terrain_info="limits"``); this is the seed of its errors. None: what they observe is shown.
 
     Notes
     -----
@@ -51,13 +63,16 @@ class LearningVecEnv(Sb3VecEnv):
         objective: str = "reward",
         charge: float = 1.0,
         pace: float = 0.15,
+        edge: tuple[float, float] | None = None,
+        belief_seed: int | None = None,
     ) -> None:
         super().__init__(envs)
         if objective not in OBJECTIVES:
             raise InvalidParameter(f"objective must be one of {', '.join(OBJECTIVES)}, got {objective!r}")
         self.objective = objective
         self.charge = charge  #: may be changed between two steps
-        self._pace = pace
+        self._pace, self._edge = pace, edge
+        self._ends: deque[bool] = deque(maxlen=_LAST)
         first = envs.envs[0]
         self._scenario: Scenario = first.scenario
         if objective == "score" and self._scenario.measure == "cross_track":
@@ -65,6 +80,47 @@ class LearningVecEnv(Sb3VecEnv):
         self._interface = (
             None if action_interface is None else make_interface(action_interface, first.briefing)
         )
+        hold = 1 if self._interface is None else self._interface.hold
+        self._belief: EmulatedBelief | None = None
+        if belief_seed is not None:
+            if first.terrain_info != "limits":
+                raise InvalidParameter(
+                    f'an emulated belief needs terrain_info="limits", got {first.terrain_info!r}'
+                )
+            self._belief = EmulatedBelief(envs.num_envs, hold * CONTROL_PERIOD, belief_seed)
+        self._set_price()
+
+    def reset(self) -> dict[str, np.ndarray]:
+        """Start all episodes."""
+        self._start()
+        return self._believed(np.ones(self.num_envs, np.bool_))
+
+    def _believed(self, fresh: np.ndarray) -> dict[str, np.ndarray]:
+        """What the learner sees, ``fresh`` (N,) episodes having just begun."""
+        if self._belief is not None:
+            if fresh.any():
+                self._belief.restart(fresh)
+            self._seen = {**self._seen, "terrain": self._belief.shown(self._seen)}
+        return self._shown(self._seen)
+
+    def _ended(self, listed: list[dict[str, Any]], over: np.ndarray, last: np.ndarray | None) -> None:
+        """Put the last belief of an episode into its last observation, where it is emulated."""
+        if last is not None:
+            for i in np.flatnonzero(over):
+                listed[i]["terminal_observation"]["terrain"] = last[i]
+
+    def _set_price(self) -> None:
+        """Weigh the edge of the corridor by how many of the last episodes arrived; from the next reset on.
+
+        A failure that costs much from the start teaches to stand, since those who learn leave the corridor
+        whenever they drive; one that costs little is never unlearnt.
+        """
+        if self._edge is None:
+            return
+        (low, high), count = self._edge, len(self._ends)
+        arrived = sum(self._ends) / count if count >= _FEWEST else 0.0
+        weights = replace(self.envs.envs[0].weights, cross_track=low + (high - low) * arrived)
+        self.set_attr("weights", weights)
 
     def _start(self) -> dict[str, Any]:
         infos = super()._start()
@@ -77,8 +133,11 @@ class LearningVecEnv(Sb3VecEnv):
 
     def step_wait(self) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """One step of all episodes: a control period, or the time for which an action is held."""
+        last = None if self._belief is None else self._seen["terrain"]
         if self._interface is None:
-            return (self._seen, *self._gained(self._actions))
+            gained, over, listed = self._gained(self._actions)
+            self._ended(listed, over, last)
+            return self._believed(over), gained, over, listed
         rewards = np.zeros(self.num_envs, np.float32)
         over = np.zeros(self.num_envs, np.bool_)
         listed: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -88,11 +147,15 @@ class LearningVecEnv(Sb3VecEnv):
             for i in np.flatnonzero(done & ~over):
                 listed[i] = ends[i]
             over |= done
-        return self._shown(self._seen), rewards, over, listed
+        self._ended(listed, over, last)
+        return self._believed(over), rewards, over, listed
 
     def _gained(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """What a period brings, ends, and infos."""
         rewards, done, listed, infos = self._one_period(actions)
+        if done.any():
+            self._ends.extend(bool(listed[i]["is_success"]) for i in np.flatnonzero(done))
+            self._set_price()
         if self.objective == "score":
             rewards = self._objective(infos["progress"], done, listed)
         return rewards.astype(np.float32), done, listed

@@ -12,23 +12,28 @@ A run can be interrupted: it goes on from its last checkpoint as if nothing had 
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import gymnasium as gym
 import numpy as np
-import tyro
 
-from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
+from agents.benchmark.runner import draw_episodes
 from agents.controllers.protocol import EpisodeResult
-from agents.driving.world_options import WorldOptions
 from agents.learning.action_interface import find_interface
+from agents.learning.arguments import (
+    TrainArgs,
+    configuration_hash,
+    decisive,
+    failure_charge,
+    objective,
+    task_of,
+    world_of,
+)
 from agents.learning.checkpoint import (
     CHECKPOINT,
     Environments,
@@ -37,7 +42,9 @@ from agents.learning.checkpoint import (
     restore_random_state,
     write_checkpoint,
 )
-from agents.learning.models import make_model, policy_settings
+from agents.learning.checks import drive_each, scores_together
+from agents.learning.emulated_belief import EmulatedBelief
+from agents.learning.models import make_model, policy_settings, start_rolling
 from agents.learning.policies import (
     CLIP,
     KIND,
@@ -50,11 +57,12 @@ from agents.learning.policies import (
     find_learner,
     load_policy,
     packed_arrays,
+    scaled,
 )
 from agents.reports.output import only_writer, write_bytes
-from offroad_env.environment.scenario_descriptions import find_scenario, scenario_mapping
-from offroad_env.environment.scenarios import BUILT_IN
+from offroad_env.environment.env import CONTROL_PERIOD
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv, make_vec
+from offroad_env.errors import InvalidParameter
 
 __all__ = [
     "BOARD",
@@ -72,50 +80,6 @@ __all__ = [
 REPORT, BOARD = "training.json", "tensorboard"
 #: Fewest steps between two points of a learning curve.
 _CURVE_STEPS = 64
-#: Arguments that do not decide what is learnt.
-_INDIFFERENT = {"out", "resume", "checkpoint_steps", "tensorboard", "threads", "world"}
-
-
-#: With the option's former spelling.
-ActionInterfaceName = Annotated[str, tyro.conf.arg(aliases=["--guide"])]  # alias
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrainArgs:
-    """Arguments of one training run. A step is an action of the policy."""
-
-    scenario: str = "speed"  #: what to learn: a name, a file *.yaml or inline YAML
-    algorithm: str = "ppo"  #: ppo, recurrent_ppo (memory) or sac
-    terrain_info: str = "estimate"  #: terrain information in the policy's observation
-    seed: int = 0  #: of network, actions and episodes
-    total_steps: int = 30_000  #: steps of the policy at most
-    time_budget: float | None = None  #: wall time after which training stops [s]
-    out: Path = Path("out/train")  #: folder for policy, scaling, checkpoint and learning curve
-    resume: bool = False  #: go on from the checkpoint in that folder
-    checkpoint_steps: int = 8_000  #: steps between two checkpoints; 0 = none
-    tensorboard: bool = False  #: also write what TensorBoard shows to out/tensorboard
-    action_interface: ActionInterfaceName = "plan"  #: meaning of an action: plan (n), tracker (speed), direct
-    objective: str | None = None  #: reward, or score: what the benchmark measures; default where it is time
-    charge: float = 1.0 / 3.0  #: of a failure in the score that is learnt, as a share of the time limit
-    first_charge: float | None = None  #: at the start, if less: grows by equal factors to the other
-    pace: float = 0.15  #: time that a metre of progress counts for in the score that is learnt [s/m]
-    frames: int = 1  #: last observations that the policy sees side by side: memory without recurrence
-    n_envs: int = 32  #: environments stepped together
-    threads: int | None = None  #: threads that step them, default one per usable processor
-    n_steps: int = 32  #: steps of each environment between two updates (not SAC)
-    batch_size: int = 256  #: samples of one gradient step
-    n_epochs: int = 8  #: passes over the samples of an update (not SAC)
-    learning_rate: float = 1.5e-3  #: of Adam at the start; falls to 0 with the last step
-    gamma: float = 0.96  #: discount per step; 1/(1 - gamma) steps of 0.2 s are 5 s
-    gae_lambda: float = 0.9  #: bias against variance of the advantage (not SAC)
-    log_std: float = -3.2  #: first log standard deviation of the noise (not SAC)
-    noise_steps: int = 25  #: above 1, noise follows the state and is drawn anew after so many (not SAC)
-    buffer_size: int = 300_000  #: steps that SAC remembers
-    hidden: tuple[int, ...] = (64, 64)  #: layers of policy and value network
-    check_steps: int = 7_500  #: steps between two drives of the tuning episodes; the best policy is kept
-    check_episodes: int = 16  #: of such a drive; 0 = none, the last policy is kept
-    eval_episodes: int = 3  #: test episodes that the reloaded policy drives at the end
-    world: WorldOptions = field(default_factory=WorldOptions)  #: what is driven on and with
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,30 +107,9 @@ class TrainResult:
     evaluation: tuple[EpisodeResult, ...] = field(default=())  #: of the reloaded policy
 
 
-def objective(args: TrainArgs) -> str:
-    """What is learnt: "reward" or "score"."""
-    timed = find_scenario(args.scenario).measure == "time"
-    return args.objective or ("score" if timed else "reward")
-
-
-def configuration_hash(args: TrainArgs) -> str:
-    """Digest of everything that decides what is learnt."""
-    return hashlib.sha256(json.dumps(_decisive(args), sort_keys=True).encode()).hexdigest()[:16]
-
-
-def _decisive(args: TrainArgs) -> dict[str, Any]:
-    names = [entry.name for entry in fields(TrainArgs) if entry.name not in _INDIFFERENT]
-    found = {name: getattr(args, name) for name in names}
-    if args.scenario not in BUILT_IN:
-        found["course"] = scenario_mapping(find_scenario(args.scenario))
-    return {**found, "world": args.world.env_options()} if args.world.digest() else found
-
-
-def failure_charge(args: TrainArgs, steps: int) -> float:
-    """What a failure costs after so many steps, as a share of the time limit."""
-    if args.first_charge is None:
-        return args.charge
-    return float(args.first_charge * (args.charge / args.first_charge) ** min(steps / args.total_steps, 1.0))
+def _shown(args: TrainArgs) -> str:
+    """Terrain information of the environments that are learnt in: the truth, where an error is added."""
+    return "limits" if args.emulated else args.terrain_info
 
 
 def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> Environments:
@@ -179,10 +122,8 @@ def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> Environments:
         envs = make_vec(
             args.n_envs,
             autoreset_mode="SameStep",
-            scenario=args.scenario,
-            terrain_info=args.terrain_info,
             threads=args.threads,
-            **args.world.env_options(),
+            **{**world_of(args), "terrain_info": _shown(args)},
         )
         assert isinstance(envs, OffroadBekkerVectorEnv)
         episodes = LearningVecEnv(
@@ -191,10 +132,12 @@ def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> Environments:
             objective=objective(args),
             charge=failure_charge(args, 0),
             pace=args.pace,
+            edge=args.edge,
+            belief_seed=args.seed if args.emulated else None,
         )
         episodes.seed(args.seed)
         monitor = VecMonitor(episodes)
-        scaler = VecNormalize(monitor, gamma=args.gamma, clip_obs=CLIP)
+        scaler = VecNormalize(monitor, gamma=args.gamma, clip_obs=CLIP, clip_reward=args.clip_reward)
     else:
         episodes = held["episodes"]
         monitor = VecMonitor(episodes)
@@ -214,6 +157,8 @@ def _make_model(args: TrainArgs, envs: Environments, held: dict[str, Any] | None
     model = make_model(args.algorithm, envs.seen, seed=seed, settings=_settings(args))
     if held is not None:
         restore_model(model, held, str(args.out / CHECKPOINT))
+    elif args.first_drive:
+        start_rolling(model, args.first_drive)
     if args.tensorboard:
         model.tensorboard_log = _board(args)
     return model
@@ -258,7 +203,7 @@ def _save(model: Any, scaler: Any, args: TrainArgs) -> None:
     write_bytes(folder / ZIP, packed.getvalue())
     if args.algorithm == "ppo":
         Network.of(model).save(folder / WEIGHTS)
-    kind = {"configuration": configuration_hash(args), **_decisive(args)}
+    kind = {"configuration": configuration_hash(args), **decisive(args)}
     write_bytes(folder / KIND, f"{json.dumps(kind, indent=1)}\n".encode())
     table = {}
     for key, (mean, sd) in _scaling(scaler).items():
@@ -371,21 +316,30 @@ def _callback(watch: _Watch) -> Any:
     return Callback()
 
 
-def _test_env(args: TrainArgs) -> gym.Env[Any, Any]:
-    """One episode at a time, for drives without noise."""
-    options = args.world.env_options()
-    return gym.make(ENV_ID, scenario=args.scenario, terrain_info=args.terrain_info, **options)
-
-
 def _check(model: Any, scaler: Any, args: TrainArgs) -> float:
     """Mean score of the tuning episodes, driven without noise."""
+    options = {"terrain_info": args.terrain_info, **args.world.env_options()}
+    draws = draw_episodes(args.scenario, args.check_episodes, 0, training=True, form=args.form)
+    together = args.algorithm == "ppo" and args.frames == 1 and task_of(args).measure != "cross_track"
     network = Network.of(model) if args.algorithm == "ppo" else model
-    agent = PolicyAgent(network, _scaling(scaler), frames=args.frames, action_interface=args.action_interface)
-    env = _test_env(args)
-    draws = draw_episodes(args.scenario, args.check_episodes, 0, training=True)
-    scores = [run_episode(env, agent, draw.seed, n=draw.n).score for draw in draws]
-    env.close()
-    return float(np.mean(scores))
+    if not together:
+        agent = PolicyAgent(
+            network, _scaling(scaler), frames=args.frames, action_interface=args.action_interface
+        )
+        driven = drive_each(agent, args.scenario, draws, form=args.form, **options)
+        return float(np.mean([episode.score for episode in driven]))
+
+    def predict(seen: dict[str, np.ndarray]) -> np.ndarray:
+        return network.predict(scaled(seen, _scaling(scaler)))[0]
+
+    interface = args.action_interface
+    options |= {"threads": args.threads, "terrain_info": _shown(args)}
+    hold = find_interface(interface).hold * CONTROL_PERIOD
+    belief = EmulatedBelief(len(draws), hold, 0) if args.emulated else None
+    scores, _ = scores_together(
+        predict, args.scenario, draws, form=args.form, interface=interface, belief=belief, **options
+    )
+    return float(scores.mean())
 
 
 def train(args: TrainArgs, *, progress: Callable[[int, float], None] | None = None) -> TrainResult:
@@ -407,8 +361,12 @@ def train(args: TrainArgs, *, progress: Callable[[int, float], None] | None = No
     ------
     MissingExtraError
         Without stable-baselines3.
+    InvalidParameter
+        For an emulated belief where none is to be observed.
     """
     find_learner(args.algorithm)
+    if args.emulated and args.terrain_info != "belief":
+        raise InvalidParameter(f'emulated needs terrain_info="belief", got {args.terrain_info!r}')
     with only_writer(args.out / CHECKPOINT):
         return _train(args, progress)
 
@@ -417,7 +375,7 @@ def _train(args: TrainArgs, progress: Callable[[int, float], None] | None) -> Tr
     """As the only process that writes to the folder."""
     held = None
     if args.resume:
-        held = read_checkpoint(args.out, configuration_hash(args), find_scenario(args.scenario))
+        held = read_checkpoint(args.out, configuration_hash(args), task_of(args))
     envs = _make_envs(args, held)
     model = _make_model(args, envs, held)
     watch = _Watch(args, envs, held, progress)
@@ -450,12 +408,9 @@ def _result(args: TrainArgs, steps: int, wall_time: float, curve: tuple[CurvePoi
 
 def _evaluate(args: TrainArgs) -> tuple[EpisodeResult, ...]:
     """Episodes of the policy as it was saved."""
-    agent = load_policy(args.out)
-    env = _test_env(args)
-    draws = draw_episodes(args.scenario, args.eval_episodes, args.seed)
-    episodes = tuple(run_episode(env, agent, draw.seed, n=draw.n) for draw in draws)
-    env.close()
-    return episodes
+    draws = draw_episodes(args.scenario, args.eval_episodes, args.seed, form=args.form)
+    options = {"terrain_info": args.terrain_info, **args.world.env_options()}
+    return drive_each(load_policy(args.out), args.scenario, draws, form=args.form, **options)
 
 
 def _write_report(args: TrainArgs, result: TrainResult) -> None:

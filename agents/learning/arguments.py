@@ -1,0 +1,126 @@
+"""Arguments of a training run, and what follows from them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from agents.benchmark.natural import is_natural, natural_scenario, options_of
+from agents.driving.world_options import WorldOptions
+from offroad_env.environment.scenario_descriptions import find_scenario, scenario_mapping
+from offroad_env.environment.scenarios import BUILT_IN, Scenario
+
+__all__ = [
+    "TrainArgs",
+    "configuration_hash",
+    "decisive",
+    "failure_charge",
+    "objective",
+    "task_of",
+    "world_of",
+]
+
+#: Arguments that do not decide what is learnt.
+_INDIFFERENT = {"out", "resume", "checkpoint_steps", "tensorboard", "threads", "world"}
+
+
+#: Arguments that are younger than shipped policies, with what holds where they are not named.
+_ADDED: dict[str, Any] = {
+    "form": "matched",
+    "edge": None,
+    "clip_reward": 10.0,
+    "first_drive": 0.0,
+    "emulated": False,
+}
+#: With the option's former spelling.
+ActionInterfaceName = Annotated[str, tyro.conf.arg(aliases=["--guide"])]  # alias
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainArgs:
+    """Arguments of one training run. A step is an action of the policy."""
+
+    scenario: str = "speed"  #: what to learn: a name, a file *.yaml or inline YAML
+    form: str = "matched"  #: of the benchmark, whose episodes are driven: matched, natural, ...
+    algorithm: str = "ppo"  #: ppo, recurrent_ppo (memory) or sac
+    terrain_info: str = "estimate"  #: terrain information in the policy's observation
+    seed: int = 0  #: of network, actions and episodes
+    total_steps: int = 30_000  #: steps of the policy at most
+    time_budget: float | None = None  #: wall time after which training stops [s]
+    out: Path = Path("out/train")  #: folder for policy, scaling, checkpoint and learning curve
+    resume: bool = False  #: go on from the checkpoint in that folder
+    checkpoint_steps: int = 8_000  #: steps between two checkpoints; 0 = none
+    tensorboard: bool = False  #: also write what TensorBoard shows to out/tensorboard
+    action_interface: ActionInterfaceName = "plan"  #: meaning of an action: plan (n), tracker (speed), direct
+    objective: str | None = None  #: reward, or score: what the benchmark measures; default where it is time
+    charge: float = 1.0 / 3.0  #: of a failure in the score that is learnt, as a share of the time limit
+    first_charge: float | None = None  #: at the start, if less: grows by equal factors to the other
+    emulated: bool = False  #: learn and check with an emulated belief; only for terrain_info belief
+    edge: tuple[float, float] | None = None  #: reward's weight of the edge while none arrives, when all do
+    pace: float = 0.15  #: time that a metre of progress counts for in the score that is learnt [s/m]
+    frames: int = 1  #: last observations that the policy sees side by side: memory without recurrence
+    n_envs: int = 32  #: environments stepped together
+    threads: int | None = None  #: threads that step them, default one per usable processor
+    n_steps: int = 32  #: steps of each environment between two updates (not SAC)
+    batch_size: int = 256  #: samples of one gradient step
+    n_epochs: int = 8  #: passes over the samples of an update (not SAC)
+    learning_rate: float = 1.5e-3  #: of Adam at the start; falls to 0 with the last step
+    gamma: float = 0.96  #: discount per step; 1/(1 - gamma) steps of 0.2 s are 5 s
+    gae_lambda: float = 0.9  #: bias against variance of the advantage (not SAC)
+    log_std: float = -3.2  #: first log standard deviation of the noise (not SAC)
+    noise_steps: int = 25  #: above 1, noise follows the state and is drawn anew after so many (not SAC)
+    buffer_size: int = 300_000  #: steps that SAC remembers
+    clip_reward: float = 10.0  #: largest reward that is learnt from [standard deviations of their sums]
+    first_drive: float = 0.0  #: drive that an untrained policy asks for (not SAC)
+    hidden: tuple[int, ...] = (64, 64)  #: layers of policy and value network
+    check_steps: int = 7_500  #: steps between two drives of the tuning episodes; the best policy is kept
+    check_episodes: int = 16  #: of such a drive; 0 = none, the last policy is kept
+    eval_episodes: int = 3  #: test episodes that the reloaded policy drives at the end
+    world: WorldOptions = field(default_factory=WorldOptions)  #: what is driven on and with
+
+
+def objective(args: TrainArgs) -> str:
+    """What is learnt: "reward" or "score"."""
+    timed = find_scenario(args.scenario).measure == "time"
+    return args.objective or ("score" if timed else "reward")
+
+
+def configuration_hash(args: TrainArgs) -> str:
+    """Digest of everything that decides what is learnt."""
+    return hashlib.sha256(json.dumps(decisive(args), sort_keys=True).encode()).hexdigest()[:16]
+
+
+def decisive(args: TrainArgs) -> dict[str, Any]:
+    names = [entry.name for entry in fields(TrainArgs) if entry.name not in _INDIFFERENT]
+    found = {name: getattr(args, name) for name in names}
+    for name, usual in _ADDED.items():
+        if found[name] == usual:
+            del found[name]
+    if args.scenario not in BUILT_IN:
+        found["course"] = scenario_mapping(find_scenario(args.scenario))
+    return {**found, "world": args.world.env_options()} if args.world.digest() else found
+
+
+def failure_charge(args: TrainArgs, steps: int) -> float:
+    """What a failure costs after so many steps, as a share of the time limit."""
+    if args.first_charge is None:
+        return args.charge
+    return float(args.first_charge * (args.charge / args.first_charge) ** min(steps / args.total_steps, 1.0))
+
+
+def task_of(args: TrainArgs) -> Scenario:
+    """The task as its form has it."""
+    return (
+        natural_scenario(args.scenario, args.form) if is_natural(args.form) else find_scenario(args.scenario)
+    )
+
+
+def world_of(args: TrainArgs) -> dict[str, Any]:
+    """Arguments of the environment that the policy is driven in."""
+    chosen = {"terrain_info": args.terrain_info, **args.world.env_options()}
+    return {**options_of(args.scenario, args.form), **chosen}

@@ -1,0 +1,26 @@
+"""A trained policy as an agent
+============================
+
+What examples/train_ppo.py has saved in the working directory drives against the arms of the benchmark:
+``offroad compare ppo_agent:Trained --terrain-info estimate --against pure_pursuit --episodes 50``
+"""
+
+import os
+
+import numpy as np
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecNormalize
+
+from agents.learning.policies import PolicyAgent
+from offroad_env import make_sb3_vec
+
+
+class Trained(PolicyAgent):
+    """The policy that SEED of the process environment names, or 0; deterministic, ten decisions a second."""
+
+    def __init__(self) -> None:
+        name = f"ppo_speed_{os.environ.get('SEED', '0')}"
+        envs = make_sb3_vec(1, scenario="speed", terrain_info="estimate")
+        scaler = VecNormalize.load(f"{name}.pkl", envs)
+        scaling = {key: (rms.mean, np.sqrt(rms.var + scaler.epsilon)) for key, rms in scaler.obs_rms.items()}
+        super().__init__(PPO.load(name, device="cpu"), scaling, action_interface="direct")
