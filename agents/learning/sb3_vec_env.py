@@ -135,9 +135,9 @@ class LearningVecEnv(Sb3VecEnv):
         """One step of all episodes: a control period, or the time for which an action is held."""
         last = None if self._belief is None else self._seen["terrain"]
         if self._interface is None:
-            gained, over, listed = self._gained(self._actions)
-            self._ended(listed, over, last)
-            return self._believed(over), gained, over, listed
+            gained, done, ends = self._gained(self._actions)
+            self._ended(ends, done, last)
+            return self._believed(done), gained, done, ends
         rewards = np.zeros(self.num_envs, np.float32)
         over = np.zeros(self.num_envs, np.bool_)
         listed: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]

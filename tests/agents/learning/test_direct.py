@@ -1,0 +1,171 @@
+"""Learning to steer and drive: what a failure costs, what is seen of the soil, and checks side by side."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents.benchmark.natural import options_of
+from agents.benchmark.runner import ENV_ID, draw_episodes
+from agents.learning.action_interface import mirrored
+from agents.learning.checks import drive_each, scores_together
+from agents.learning.emulated_belief import EmulatedBelief
+from agents.learning.models import make_model, start_rolling
+from agents.learning.policies import PolicyAgent, scaled
+from agents.learning.train import TrainArgs, configuration_hash, train
+from estimators.filters.online_soil_belief import BELIEF_VECTOR
+from offroad_env.environment.vector_env import make_vec
+from offroad_env.errors import InvalidParameter
+
+pytest.importorskip("stable_baselines3")
+
+from agents.learning.sb3_vec_env import LearningVecEnv
+
+LATERAL, LATERAL_SD = BELIEF_VECTOR.index("lateral"), BELIEF_VECTOR.index("lateral_sd")
+
+
+def episodes_with_edge(**options):
+    envs = make_vec(1, autoreset_mode="SameStep", scenario="speed", threads=1)
+    return LearningVecEnv(envs, action_interface="direct", **options)
+
+
+def test_a_failure_gets_dearer_as_more_episodes_arrive():
+    episodes = episodes_with_edge(edge=(0.002, 0.4))
+
+    def price():
+        return episodes.get_attr("weights")[0].cross_track
+
+    assert price() == pytest.approx(0.002)
+    episodes.reset()
+    fail = np.array([[1.0, 0.8]], np.float32)
+    while len(episodes._ends) < 1:
+        episodes.step(fail)
+    episodes._ends.extend([True] * 18)
+    episodes._set_price()
+    assert price() == pytest.approx(0.002)  # too few to judge by
+    while len(episodes._ends) < 20:
+        episodes.step(fail)
+    assert price() == pytest.approx(0.002 + 0.398 * 0.9)
+    while len(episodes._ends) < 22:  # the 21st had begun before
+        _, rewards, _, _ = episodes.step(fail)
+    # 0.2 a second of time and 0.1 of speed are those of the task.
+    assert rewards[0] == pytest.approx(-120.0 * (0.002 + 0.398 * 0.9 + 0.3), abs=1.5)
+
+
+def test_an_untrained_policy_that_shall_roll_asks_for_drive():
+    episodes = episodes_with_edge()
+    model = make_model("ppo", episodes, seed=0, settings={"n_steps": 2, "batch_size": 2})
+    seen = {key: box.sample() * 0.0 for key, box in episodes.observation_space.items()}
+    start_rolling(model, 0.2)
+    assert model.predict(seen, deterministic=True)[0][1] == pytest.approx(0.2, abs=0.02)
+
+
+class Proportional:
+    """A network's stand-in that steers to the path and holds its speed."""
+
+    def predict(self, seen, **_):
+        path, motion = seen["path"], seen["motion"]
+        bend = path[..., 5]
+        steer = 3.0 * bend - 0.6 * path[..., 0] - 1.5 * path[..., 1]
+        drive = 0.4 * (4.0 - motion[..., 0])
+        return np.clip(np.stack([steer, drive], axis=-1), -1.0, 1.0), None
+
+
+@pytest.mark.parametrize(("task", "form"), [("brake", "matched"), ("climb", "natural")])
+def test_episodes_side_by_side_score_as_one_by_one(task, form):
+    draws = draw_episodes(task, 2, 0, training=True, form=form)
+    scaling = {key: (np.zeros(1), np.ones(1)) for key in ("path", "motion")}
+    model = Proportional()
+
+    def predict(seen):
+        return model.predict(scaled(seen, scaling))[0]
+
+    together, success = scores_together(predict, task, draws, form=form, interface="direct", threads=1)
+    agent = PolicyAgent(model, scaling, action_interface="direct")
+    each = drive_each(agent, task, draws, form=form)
+    assert together == pytest.approx([episode.score for episode in each])
+    assert success.tolist() == [episode.success for episode in each]
+
+
+def limits(count, lateral):
+    terrain = np.tile(
+        np.array([lateral, 0, 8000, 0, 0.5, 0, 400, 0, 0.02, 0, 2, 0, 0.7, 0, 0, 100, 1]), (count, 1)
+    )
+    return {"terrain": terrain, "imu": np.zeros((count, 5))}
+
+
+def test_an_emulated_belief_starts_at_the_prior_and_narrows_as_grip_is_used():
+    belief = EmulatedBelief(200, 0.1, 0)
+    seen = limits(200, 3.0)
+    first = belief.shown(seen)
+    assert first[:, LATERAL].mean() == pytest.approx(5.6, rel=0.05)
+    seen["imu"][:, 1] = 2.4  # four fifths of the limit
+    for _ in range(100):
+        last = belief.shown(seen)
+    assert last[:, LATERAL].mean() == pytest.approx(3.4, rel=0.15)
+    assert (last[:, LATERAL_SD] / last[:, LATERAL]).mean() == pytest.approx(0.18, abs=0.04)
+    belief.restart(np.arange(200) < 1)
+    again = belief.shown(seen)[:, LATERAL]
+    assert again[0] > 1.3 * again[1:].mean()
+
+
+def test_the_errors_of_an_emulated_belief_are_as_large_as_it_states():
+    rng = np.random.default_rng(1)
+    belief = EmulatedBelief(2000, 0.1, 3)
+    seen = limits(2000, 1.0)
+    seen["terrain"][:, LATERAL] = 5.6 * np.exp(0.41 * rng.standard_normal(2000))
+    seen["imu"][:, 1] = 1.5
+    for _ in range(30):
+        shown = belief.shown(seen)
+    z = np.log(shown[:, LATERAL] / seen["terrain"][:, LATERAL]) / (shown[:, LATERAL_SD] / shown[:, LATERAL])
+    assert z.mean() == pytest.approx(0.0, abs=0.1)
+    assert z.std() == pytest.approx(1.0, abs=0.1)
+
+
+def test_the_emulated_belief_begins_as_the_belief_does():
+    env = gym.make(ENV_ID, terrain_info="belief", **options_of("speed", "natural"))
+    seen, _ = env.reset(seed=0)
+    env.close()
+    emulated = EmulatedBelief(1, 0.1, 0).shown(limits(1, 5.0))[0]
+    for name in ("lateral", "pull", "stopping", "n"):
+        at = BELIEF_VECTOR.index(name)
+        assert emulated[at] == pytest.approx(seen["terrain"][at], rel=0.25), name
+        assert emulated[at + 1] == pytest.approx(seen["terrain"][at + 1], rel=0.25), name
+
+
+def test_episodes_with_an_emulated_belief_never_show_the_limits():
+    envs = make_vec(
+        2, autoreset_mode="SameStep", threads=1, terrain_info="limits", **options_of("speed", "natural")
+    )
+    episodes = LearningVecEnv(envs, action_interface="direct", belief_seed=0)
+    episodes.seed(0)
+    shown = [episodes.reset()]
+    for _ in range(60):
+        seen, _, done, infos = episodes.step(np.tile([1.0, 0.8], (2, 1)).astype(np.float32))
+        shown += [seen, *(infos[i]["terminal_observation"] for i in np.flatnonzero(done))]
+    assert len(shown) > 62  # some have ended
+    for seen in shown:
+        assert (np.atleast_2d(seen["terrain"])[:, LATERAL_SD] > 0.1).all()
+
+
+def test_an_emulated_belief_is_refused_where_none_is_observed(tmp_path):
+    with pytest.raises(InvalidParameter, match='emulated needs terrain_info="belief"'):
+        train(TrainArgs(emulated=True, out=tmp_path))
+    envs = make_vec(1, autoreset_mode="SameStep", scenario="speed", threads=1)
+    with pytest.raises(InvalidParameter, match='needs terrain_info="limits"'):
+        LearningVecEnv(envs, belief_seed=0)
+
+
+def test_what_was_added_to_the_arguments_leaves_former_configurations_as_they_were():
+    assert configuration_hash(TrainArgs()) == configuration_hash(TrainArgs(edge=None, form="matched"))
+    for change in ({"form": "natural"}, {"edge": (0.0, 0.1)}, {"first_drive": 0.1}, {"clip_reward": 5.0}):
+        assert configuration_hash(TrainArgs()) != configuration_hash(TrainArgs(**change))
+
+
+def test_mirrored_rows_are_those_of_single_observations():
+    envs = make_vec(2, scenario="speed", threads=1)
+    seen, _ = envs.reset(seed=3)
+    for i in range(2):
+        alone = mirrored({key: value[i] for key, value in seen.items()})
+        assert all(np.array_equal(mirrored(seen)[key][i], alone[key]) for key in alone)
