@@ -36,6 +36,11 @@ STUDIES: dict[str, tuple[str, str, str]] = {
         "PPOLearningCurve",
         "training time until PPO outdoes pure pursuit, by seed",
     ),
+    "direct_policies": (
+        "direct_policies",
+        "DirectPolicies",
+        "policies that steer and drive themselves on natural soils, in four arms",
+    ),
     "changing_soil": (
         "changing_soil",
         "Changing",

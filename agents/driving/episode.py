@@ -27,7 +27,7 @@ from agents.controllers.pure_pursuit import PurePursuitAgent
 from agents.controllers.stanley import StanleyAgent
 from agents.driving.recording import EpisodeLog
 from agents.driving.unwrapped import bekker_env
-from agents.learning.policies import LEARNED, learned_folder, load_policy, shipped_seeds
+from agents.learning.policies import DIRECT, LEARNED, learned_folder, load_policy, shipped_seeds
 from offroad_env.environment.scenario_descriptions import find_scenario
 from offroad_env.errors import InvalidParameter
 
@@ -55,7 +55,7 @@ _STEERED = {f"lqr_{arm}": arm for arm in ARMS}
 _ONLY_STEERED = {"track"}
 
 #: Names that `find_agent` accepts. Those of trained policies end in the number of the training seed.
-AGENTS = (*_TRACKERS, *ARMS, *_STEERED, *PREDICTIVE, *(f"{arm}_SEED" for arm in LEARNED))
+AGENTS = (*_TRACKERS, *ARMS, *_STEERED, *PREDICTIVE, *(f"{arm}_SEED" for arm in (*LEARNED, *DIRECT)))
 
 
 def agents_of(scenario: str) -> tuple[str, ...]:
@@ -86,7 +86,7 @@ def is_agent(name: str) -> bool:
 def trained_name(name: str) -> tuple[str, int] | None:
     """(arm, training seed) of a trained policy's name."""
     arm, _, seed = name.rpartition("_")
-    return (arm, int(seed)) if arm in LEARNED and seed.isdecimal() else None
+    return (arm, int(seed)) if arm in LEARNED | DIRECT and seed.isdecimal() else None
 
 
 def find_agent(
@@ -123,6 +123,10 @@ def find_agent(
         made = make_nmpc(name, scenario=task)
         return made.agent, _checked_info(name, made.terrain_info, terrain_info)
     if (trained := trained_name(name)) is not None:
+        if trained[0] in DIRECT:
+            raise InvalidParameter(
+                f"{name} has learnt on whole soils, it drives in {', '.join(NATURAL_FORMS)}"
+            )
         return _shipped(*trained, task), _checked_info(name, LEARNED[trained[0]], terrain_info)
     if name in _STEERED:
         if task in CONTROLLERS.keys() - _ONLY_STEERED:
@@ -140,11 +144,13 @@ def _natural_agent(name: str, task: str, terrain_info: str | None) -> tuple[Agen
     if name in PREDICTIVE:
         predictive = make_nmpc(name, scenario=task, natural=True)
         return predictive.agent, _checked_info(name, predictive.terrain_info, terrain_info)
+    trained = trained_name(name)
+    if trained is not None and trained[0] in DIRECT:
+        return _shipped(*trained, task), _checked_info(name, DIRECT[trained[0]], terrain_info)
     arm = name.removesuffix(OWN_KNOBS)
     if arm not in ARMS:
-        raise InvalidParameter(
-            f"natural forms have {', '.join((*_TRACKERS, *ARMS, *PREDICTIVE))}, or module:Class, got {name!r}"
-        )
+        have = (*_TRACKERS, *ARMS, *PREDICTIVE, *(f"{policy}_SEED" for policy in DIRECT))
+        raise InvalidParameter(f"natural forms have {', '.join(have)}, or module:Class, got {name!r}")
     made = make_natural_arm(arm, scenario=task, knobs="own" if name.endswith(OWN_KNOBS) else "common")
     return made.agent, _checked_info(name, made.terrain_info, terrain_info)
 

@@ -26,6 +26,7 @@ from offroad_env.world.yaml_text import shown
 __all__ = [
     "ALGORITHMS",
     "CLIP",
+    "DIRECT",
     "KIND",
     "LEARNED",
     "SCALING",
@@ -51,6 +52,13 @@ LEARNED = {
     "ppo_tracker_aware": "estimate",
     "ppo_tracker_oblivious": "none",
     "ppo_direct_aware": "estimate",
+}
+#: The same of policies that steer and drive themselves in the benchmark's natural forms.
+DIRECT = {
+    "direct_oblivious": "none",
+    "direct_memory": "none",
+    "direct_belief": "belief",
+    "direct_oracle": "limits",
 }
 #: Files of a policy's folder.
 WEIGHTS, ZIP, SCALING, KIND = "weights.npz", "policy.zip", "scaling.npz", "policy.json"

@@ -1,0 +1,155 @@
+"""``offroad reproduce direct_policies``: policies that steer and drive themselves, on natural soils.
+
+No planner and no tracker is inside: ten times a second a policy gives steering and drive. Four arms learn by
+one recipe (`agents/recipes/direct.yaml`) and differ in what they see of the soil: nothing, nothing but the
+last second of all observations, the belief (emulated in training, itself in the test), or the true limits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import partial
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from agents.benchmark.learned import LearnedArm, summarise_learned
+from agents.benchmark.runner import draw_episodes
+from agents.controllers.pure_pursuit import PurePursuitAgent
+from agents.driving.world_options import WorldOptions
+from agents.learning.arguments import TrainArgs, configuration_hash
+from agents.learning.checks import drive_each
+from agents.learning.policies import DIRECT, load_policy
+from agents.reports.output import Results, console, say, table
+from agents.studies.learning.study import SOURCES, copy_policy, train_one
+from agents.studies.runner import Key, Result, run_units, stamp_of
+from offroad_env.errors import InvalidParameter
+
+__all__ = ["FORM", "DirectPolicies", "arguments", "run_unit"]
+
+FORM = "natural"
+#: Observations that the arm with memory sees side by side: one second.
+_FRAMES = 10
+#: Beside the policies: the simplest tracker.
+_PLAIN = "pure_pursuit"
+
+
+def recipes() -> Mapping[str, dict[str, Any]]:
+    """Task -> options of `offroad train`."""
+    text = (files("agents") / "recipes" / "direct.yaml").read_text(encoding="utf-8")
+    found: Mapping[str, dict[str, Any]] = yaml.safe_load(text)
+    return found
+
+
+def arguments(task: str, arm: str, seed: int, out: Path) -> TrainArgs:
+    """What a policy is trained with; arms of a task differ in what they see and in nothing else."""
+    recipe = dict(recipes()[task])
+    weights = yaml.safe_dump(recipe.pop("weights"), default_flow_style=True).strip()
+    return TrainArgs(
+        scenario=task,
+        form=FORM,
+        action_interface="direct",
+        objective="reward",
+        terrain_info=DIRECT[arm],
+        emulated=DIRECT[arm] == "belief",
+        frames=_FRAMES if arm == "direct_memory" else 1,
+        seed=seed,
+        threads=1,
+        resume=True,
+        eval_episodes=0,
+        edge=tuple(recipe.pop("edge")),
+        world=WorldOptions(weights=weights),
+        out=out / "policies" / task / arm / str(seed),
+        **recipe,
+    )
+
+
+def run_unit(task: str, arm: str, seed: int, episodes: int, test_seed: int, *, out: Path) -> Result:
+    """Train one policy, or take up its training, and drive the test episodes; a unit of `run_units`."""
+    draws = draw_episodes(task, episodes, test_seed, form=FORM)
+    found: Result = {}
+    if arm == _PLAIN:
+        driven = drive_each(PurePursuitAgent(), task, draws, form=FORM)
+    else:
+        args = arguments(task, arm, seed, out)
+        found = train_one(args)
+        driven = drive_each(load_policy(args.out), task, draws, form=FORM, terrain_info=args.terrain_info)
+    scores, success = [episode.score for episode in driven], [episode.success for episode in driven]
+    return {**found, "scores": scores, "success": success}
+
+
+@dataclass(kw_only=True)
+class DirectPolicies(Results):
+    """Policies that steer and drive themselves on natural soils, in four arms (needs the extra rl).
+
+    Trains what is missing, one policy after the other, and drives the test episodes. A run that was
+    interrupted goes on from the last checkpoint of the policy it was at.
+    """
+
+    tasks: tuple[str, ...] = ("speed",)  #: of agents/recipes/direct.yaml
+    arms: tuple[str, ...] = tuple(DIRECT)  #: what is seen of the soil
+    seeds: int = 5  #: trainings of each
+    episodes: int = 200  #: test episodes of each policy
+    test_seed: int = 11  #: of these episodes
+    ship: Path | None = None  #: also copy weights and settings of the policies into this folder
+
+    def run(self) -> None:
+        """Train and drive what is missing, then print."""
+        self._check()
+        unit = partial(run_unit, out=self.out)
+        done = run_units(self.out / "direct.jsonl", unit, self._stamps(), label="policies", n_jobs=1)
+        arms = self._summaries(done)
+        rows = []
+        for arm in arms:
+            scores = np.concatenate(
+                [unit["scores"] for key, unit in done.items() if key[:2] == (arm.task, arm.arm)]
+            )
+            each = ", ".join(f"{mean:.3g}" for mean in arm.means)
+            failed = ", ".join(f"{100.0 * share:.1f}" for share in arm.failures)
+            rows.append((arm.task, arm.arm, f"{scores.mean():.3g} s", each, f"{failed} %"))
+        heading = ("task", "arm", "mean of all episodes", "each training seed", "failures of each")
+        console().print(table(f"{self.episodes} test episodes", heading, rows, texts=2))
+        if self.ship is not None:
+            for task, arm, seed, *_ in done:
+                if arm != _PLAIN:
+                    copy_policy(arguments(task, arm, seed, self.out).out, self.ship / task / arm / str(seed))
+            say(f"policies: {self.ship}")
+        curves = [{"key": key[:3], "points": unit["curve"]} for key, unit in done.items() if "curve" in unit]
+        self.save_numbers({"arms": [asdict(arm) for arm in arms], "curves": curves})
+
+    def _check(self) -> None:
+        for name, given, known in (
+            ("tasks", self.tasks, tuple(recipes())),
+            ("arms", self.arms, tuple(DIRECT)),
+        ):
+            if unknown := set(given) - set(known):
+                wrong = ", ".join(sorted(unknown))
+                raise InvalidParameter(f"{name} must be of {', '.join(known)}, got {wrong}")
+        for name, least in (("seeds", 1), ("episodes", 2)):
+            if getattr(self, name) < least:
+                raise InvalidParameter(f"{name} must be >= {least}, got {getattr(self, name)}")
+
+    def _stamps(self) -> dict[Key, str]:
+        """Sources, and the configuration of the training; all arms of a seed before the next seed."""
+        sources = stamp_of(*SOURCES)
+        stamps: dict[Key, str] = {
+            (task, _PLAIN, 0, self.episodes, self.test_seed): sources for task in self.tasks
+        }
+        for seed in range(self.seeds):
+            for task in self.tasks:
+                for arm in self.arms:
+                    trained = configuration_hash(arguments(task, arm, seed, self.out))
+                    stamps[task, arm, seed, self.episodes, self.test_seed] = f"{sources}-{trained}"
+        return stamps
+
+    def _summaries(self, done: Mapping[Key, Result]) -> list[LearnedArm]:
+        found = []
+        for task, arm in dict.fromkeys(key[:2] for key in done):
+            units = {key[2]: unit for key, unit in done.items() if key[:2] == (task, arm)}
+            episodes = {seed: (unit["scores"], unit["success"]) for seed, unit in units.items()}
+            found.append(summarise_learned(task, arm, episodes))
+        return found
