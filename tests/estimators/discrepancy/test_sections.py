@@ -1,5 +1,7 @@
 """Where one section of a diagnosis breaks down the others are kept, and the report says what is missing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -77,3 +79,10 @@ def test_a_model_that_cannot_drive_and_has_no_better_structure_is_a_matter_of_nu
     found = diagnose([late])
     assert found.verdict == "NUMERICS"
     assert summarise(found).sentence.startswith("The nominal model breaks down on these runs: SolverFailure")
+
+
+def test_a_log_without_a_pitch_gyro_is_diagnosed_and_no_section_is_missing(late):
+    channels = {name: values for name, values in late.channels.items() if name != "pitch_rate"}
+    found = diagnose([replace(late, channels=channels)], library=_LIBRARY)
+    assert [cause.best.candidate.effect for cause in found.named] == ["steer_delay"]
+    assert not summarise(found, gather(found)).failed
