@@ -3,7 +3,7 @@
 All arms of a task are the same controller (`CONTROLLERS`); they differ only in the n that they assume:
 
 oracle        the true n (``terrain_info="truth"``)
-aware         mean and standard deviation of the embedded filter (``terrain_info="estimate"``)
+aware         mean and standard deviation of the online filter (``terrain_info="estimate"``)
 nominal       one fixed n, the one that scores best over the prior on training seeds
 conservative  the n of the prior that is worst for the task (`WORST`)
 

@@ -117,7 +117,7 @@ def learning_section(run: Run) -> Section:
         command=command,
         tables=(_learning_table(result),),
         notes=("A longer run: the same command with another --time-budget [s], or with --total-steps.",),
-        key=(("PPO smoke run", f"{result.periods} steps in {result.wall_time:.0f} s"),),
+        key=(("Short run of PPO", f"{result.periods} steps in {result.wall_time:.0f} s"),),
         data={"result": result},
     )
 

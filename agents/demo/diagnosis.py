@@ -47,7 +47,7 @@ def diagnosis_section(run: Run) -> Section:
             "The fault is implemented independently of the library's effect of the same name. Measured logs "
             "go through the same procedure: offroad diagnose LOG.",
         ),
-        key=((f"Steering {DELAY:g} s late, injected in a log", summary.verdict.value),),
+        key=((f"Verdict on a log whose steering acts {DELAY:g} s late", summary.verdict.value),),
         data={"injected": {"steer_delay": DELAY}, "diagnosis": summary.to_dict()},
     )
 

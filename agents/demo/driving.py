@@ -124,7 +124,7 @@ def _row_panel(results: Sequence[RowRun]) -> EstimatePanel:
 
 def _board_panel(run: Run) -> EstimatePanel:
     columns, settings = run.driven.drive.log.columns(), run.settings
-    line = EstimateLine(label="embedded filter", n=columns["n_estimate"], sd=columns["n_estimate_sd"])
+    line = EstimateLine(label="online filter", n=columns["n_estimate"], sd=columns["n_estimate_sd"])
     return EstimatePanel(
         title=f"On board: scenario {settings.scenario!r}, seed {settings.seed}",
         t=columns["time"],
