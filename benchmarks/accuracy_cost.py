@@ -186,11 +186,11 @@ def draw(results: dict[str, list[dict]], path: Path) -> None:
     import matplotlib.pyplot as plt
 
     marks = {
-        "t^3": ("C7", "o-", "Gauss-Legendre at u = t³, 8 to 40 nodes"),
-        "t^4": ("C0", "s-", "Gauss-Legendre at u = t⁴, 8 to 40 nodes"),
-        "made for the patch, 8 nodes": ("C2", "D", "made for the patch, 8 nodes"),
-        "fast, as the kernels use it": ("C3", "*", "fast: the simulation"),
-        "fine, as the public function uses it": ("C4", "P", "fine: the public function"),
+        "t^3": ("0.5", "o-", "Gauss-Legendre at u = t³, 8 to 40 nodes"),
+        "t^4": ("#0072B2", "s-", "Gauss-Legendre at u = t⁴, 8 to 40 nodes"),
+        "made for the patch, 8 nodes": ("#009E73", "D", "made for the patch, 8 nodes"),
+        "fast, as the kernels use it": ("#D55E00", "*", "fast: the simulation"),
+        "fine, as the public function uses it": ("#CC79A7", "P", "fine: the public function"),
     }
     figure, axes = plt.subplots(1, len(results), figsize=(9.5, 4.8), sharey=True, layout="constrained")
     for axis, (soil, rows) in zip(axes, results.items(), strict=True):
