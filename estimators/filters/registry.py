@@ -16,9 +16,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from estimators.filters.online_joint_ukf import OnlineJointSettings, OnlineJointUKF
-from estimators.filters.online_parameter_ukf import CHANGING_SOIL, OnlineParameterUKF
-from estimators.filters.online_soil_belief import OnlineSoilBelief
 from estimators.filters.protocol import Estimator
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.axle import Plant
@@ -57,16 +54,23 @@ class OnlineSetup(NamedTuple):
     changing: bool = False  #: n is known to change every few tens of metres
 
 
+# Each filter is imported where it is made: its kernels take as long to read as those of a vehicle.
 def _parameter_filter(setup: OnlineSetup) -> Estimator:
+    from estimators.filters.online_parameter_ukf import CHANGING_SOIL, OnlineParameterUKF
+
     settings = CHANGING_SOIL if setup.changing else None
     return OnlineParameterUKF(setup.belief, setup.n_range, dt=setup.dt, imu=setup.imu, settings=settings)
 
 
 def _joint_filter(setup: OnlineSetup) -> Estimator:
+    from estimators.filters.online_joint_ukf import OnlineJointUKF
+
     return OnlineJointUKF(setup.belief, setup.n_range, dt=setup.dt, imu=setup.imu, gnss=setup.gnss)
 
 
 def _joint_bank(setup: OnlineSetup) -> Estimator:
+    from estimators.filters.online_joint_ukf import OnlineJointSettings, OnlineJointUKF
+
     settings = OnlineJointSettings(components=_COMPONENTS)
     return OnlineJointUKF(
         setup.belief, setup.n_range, dt=setup.dt, imu=setup.imu, gnss=setup.gnss, settings=settings
@@ -74,6 +78,8 @@ def _joint_bank(setup: OnlineSetup) -> Estimator:
 
 
 def _soil_belief(setup: OnlineSetup) -> Estimator:
+    from estimators.filters.online_soil_belief import OnlineSoilBelief
+
     return OnlineSoilBelief(setup.belief, setup.n_range, dt=setup.dt, imu=setup.imu, gnss=setup.gnss)
 
 

@@ -77,7 +77,7 @@ def _importing(text: str) -> list[ast.stmt]:
     """
     ours = (found for found in _STATEMENT.findall(text) if any(package in found for package in _PACKAGES))
     try:
-        return [node for statement in ours for node in ast.parse(statement).body]
+        return ast.parse("\n".join(ours)).body
     except SyntaxError:
         return ast.parse(text).body
 

@@ -9,7 +9,10 @@ Python calls, each as a whole.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import gc
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numba
@@ -20,6 +23,7 @@ import numba.core.errors
 import numba.core.extending
 import numba.core.registry
 import numba.core.typed_passes
+import numba.core.untyped_passes
 from numba import types
 from numba.core.compiler_machinery import register_pass
 
@@ -32,6 +36,37 @@ __all__ = ["Kernel"]
 
 #: In the metadata of a translation: whether it counts references to arrays.
 _COUNTS = "counts_references"
+#: Thresholds of Python's garbage collector while numba compiles. It makes millions of objects that live until
+#: the end of a kernel; with Python's own thresholds an eighth of the time would go into looking for garbage
+#: among them. With these the memory of a first step grows by 20 MB.
+_SELDOM = 50_000, 20, 100
+
+
+class _Collector:
+    """Makes garbage collections rare for a while; several threads may ask for it at a time."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._asked, self._usual = 0, gc.get_threshold()
+
+    @contextmanager
+    def seldom(self) -> Iterator[None]:
+        """Rare collections within; afterwards what was set before the first that asked."""
+        with self._lock:
+            if self._asked == 0 and (usual := gc.get_threshold())[0] > 0:  # 0: there is no collection at all
+                self._usual = usual
+                gc.set_threshold(*_SELDOM)
+            self._asked += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._asked -= 1
+                if self._asked == 0 and gc.get_threshold() == _SELDOM:
+                    gc.set_threshold(*self._usual)
+
+
+_COLLECTOR = _Collector()
 
 
 class _Translation(numba.core.codegen.JITCodeLibrary):  # type: ignore[misc]  # numba has no types
@@ -130,13 +165,14 @@ class _Entry:
 
 
 class _Compiler(numba.core.compiler.CompilerBase):  # type: ignore[misc]  # likewise
-    """Numba's own stages but for the last."""
+    """Numba's own stages but for the last, and without the search for closures: no kernel has any."""
 
     def define_pipelines(self) -> list[Any]:
         pm = numba.core.compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
         pm.passes = [
             (_Translate, text) if step is numba.core.typed_passes.NativeLowering else (step, text)
             for step, text in pm.passes
+            if step is not numba.core.untyped_passes.InlineClosureLikes
         ]
         pm.finalize()
         return [pm]
@@ -208,16 +244,23 @@ class Kernel(numba.core.registry.CPUDispatcher):  # type: ignore[misc]  # likewi
         super().__init__(py_func, locals, targetoptions)
         self._folder: str | None = None
         self._inner: _Inner | None = None
+        self._met = False
 
     def keep_in(self, folder: str) -> None:
         """Store both editions in this folder, if it is nobody else's."""
-        if own_folder(folder):
-            self._folder = folder
-            _enable_caching(self, folder)
+        self._folder = folder
 
     def enable_caching(self) -> None:
         """With checked files."""
         self._cache = DurableCache(self.py_func)
+
+    def compile(self, sig: Any) -> Any:
+        """Both editions of what the kernel calls are compiled within, unless they are stored."""
+        with _COLLECTOR.seldom():
+            if not self._met:  # of hundreds of kernels Python calls a few, so folders are looked up here
+                _enable_caching(self, self._folder)
+                self._met = True
+            return super().compile(sig)
 
     @property
     def _numba_type_(self) -> types.Dispatcher:
@@ -225,14 +268,15 @@ class Kernel(numba.core.registry.CPUDispatcher):  # type: ignore[misc]  # likewi
         if self._inner is None:
             options = {**self.targetoptions, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
             inner = _Inner(self.py_func, {}, options, pipeline_class=_Compiler)
-            if self._folder is not None:
-                _enable_caching(inner, self._folder)
+            _enable_caching(inner, self._folder)
             self._inner = inner
         return self._inner._numba_type_
 
 
-def _enable_caching(edition: numba.core.registry.CPUDispatcher, folder: str) -> None:
-    """Numba reads the folder from its configuration, when caching is enabled."""
+def _enable_caching(edition: numba.core.registry.CPUDispatcher, folder: str | None) -> None:
+    """Store an edition in a folder. Numba reads its name from the configuration, when caching is enabled."""
+    if folder is None or not own_folder(folder):
+        return
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = folder
     try:

@@ -77,8 +77,14 @@ def _turn(share: float, heading: float, limit: float) -> float:
 
 @exact_kernel
 def directions_along(
-    breaks: FloatArray, values: FloatArray, s: FloatArray, inner: FloatArray, found: FloatArray
-) -> tuple[FloatArray, IntArray]:
+    breaks: FloatArray,
+    values: FloatArray,
+    s: FloatArray,
+    inner: FloatArray,
+    found: FloatArray,
+    yaw: FloatArray,
+    place_of: IntArray,
+) -> int:
     """Yaw and curvature of a road at given arc lengths; on straights the yaw is said only once.
 
     The curvature is linear between ``breaks`` [m], with ``values`` [1/m] there; both arc lengths rise,
@@ -89,14 +95,13 @@ def directions_along(
     s : (N + 1,) arc length at the nodes [m]
     inner : (N, 6) arc lengths between the nodes [m]
     found : (N + 1, 4), whose columns 2 and 3 become yaw [rad] and curvature [1/m] at the nodes
+    yaw : (6 N,) becomes the distinct yaws [rad] in the order in which ``inner`` meets them
+    place_of : (N, 6) becomes which of them each place of ``inner`` has
 
     Returns
     -------
-    Distinct yaws (M,) [rad] in the order in which ``inner`` meets them, and which of them each of its
-    places has (N, 6).
+    How many distinct yaws there are.
     """
-    yaw = np.empty(inner.size)
-    place_of = np.empty(inner.shape, np.int32)
     known = 0
     last = len(breaks) - 2
     piece, reached = -1, 0.0
@@ -120,7 +125,7 @@ def directions_along(
                 yaw[known] = turned
                 known += 1
             place_of[i, j] = known - 1
-    return yaw[:known], place_of
+    return known
 
 
 @exact_kernel

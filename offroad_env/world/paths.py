@@ -237,7 +237,8 @@ def _integrate(breaks: np.ndarray, values: np.ndarray, length: float) -> PathTab
     """
     s, inner, steps = _nodes_within(length)
     nodes = np.zeros((len(s), 4))
-    direction, place_of = directions_along(breaks, values, s, inner, nodes)
+    yaw, place_of = np.empty(inner.size), np.empty(inner.shape, np.int32)
+    direction = yaw[: directions_along(breaks, values, s, inner, nodes, yaw, place_of)]
     part = np.empty(inner.shape)
     spread(np.cos(direction), place_of, part)
     forward = part @ _WEIGHT
