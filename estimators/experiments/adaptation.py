@@ -11,6 +11,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from estimators.belief.drive_fit import DriveFit, fit_drive
+from estimators.belief.drive_samples import DriveSamples
 from estimators.experiments.motion_sequences import AT, HORIZON
 from estimators.experiments.unknown_soils import VEHICLE, SoilRun
 from estimators.filters.online import OnBoard, Thinned, make_estimator
@@ -26,7 +28,16 @@ from offroad_env.world.soils import SOILS, make_soil
 from offroad_env.world.terrain import flat
 from offroad_env.world.vehicles import VEHICLES
 
-__all__ = ["base_soil", "believed", "filtered_n", "nominal_plant", "predicted", "true_plant"]
+__all__ = [
+    "base_soil",
+    "believed",
+    "filtered_n",
+    "fitted",
+    "nominal_plant",
+    "predicted",
+    "samples_until",
+    "true_plant",
+]
 
 #: What belongs to the vehicle's motion; heave and pitch settle on the soil that a model believes in.
 _TAKEN = (
@@ -128,3 +139,26 @@ def believed(run: SoilRun) -> list[list[Plant]]:
     inner = filter_.inner if isinstance(filter_, Thinned) else filter_
     assert isinstance(inner, OnlineSoilBelief)
     return _watched(run, filter_, lambda _: inner.believed_plants)
+
+
+def samples_until(run: SoilRun, end: float) -> DriveSamples:
+    """What the sensors of a drive have measured until a time [s]."""
+    record = run.record
+    rows = slice(1, round(end / record.timing.period) + 1)
+    return DriveSamples(
+        period=record.timing.period,
+        commands=record.commands[rows],
+        imu=record.imu[rows],
+        wheel=record.wheel[rows],
+        gnss=record.gnss[rows],
+        pose=run.pose,
+        unit=ImuConfig(kind="specific_force"),
+    )
+
+
+def fitted(run: SoilRun) -> list[DriveFit]:
+    """The belief fitted to all samples until each of `AT`."""
+    plant, found = nominal_plant("population"), list[DriveFit]()
+    for end in AT:
+        found.append(fit_drive(plant, samples_until(run, end), found[-1] if found else None))
+    return found

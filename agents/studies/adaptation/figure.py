@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from agents.studies.adaptation.results import MethodLine
+from agents.studies.adaptation.results import FITTED, ONLINE, MethodLine
 from estimators.experiments.motion_sequences import AT
 
 __all__ = ["adaptation_figure"]
@@ -15,7 +15,8 @@ __all__ = ["adaptation_figure"]
 _COLOURS = {
     "nominal": "0.45",
     "filter for n": "#E69F00",
-    "belief": "#0072B2",
+    ONLINE: "#0072B2",
+    FITTED: "#D55E00",
     "oracle of the soil alone": "#56B4E9",
     "oracle": "0.1",
 }
@@ -84,7 +85,7 @@ def _draw_soils(
     axes: Axes, lines: Sequence[MethodLine], soils: Sequence[int], learned: Sequence[str]
 ) -> None:
     at_five = {line.method: line for line in lines if line.at == AT[1]}
-    for name in ("nominal", "filter for n", "belief", "oracle"):
+    for name in ("nominal", "filter for n", ONLINE, FITTED, "oracle"):
         axes.axhline(
             at_five[name].position, color=_COLOURS[name], lw=1.4, ls="--" if name == "oracle" else "-"
         )

@@ -9,8 +9,10 @@ import numpy as np
 
 from estimators.experiments.motion_sequences import AT
 
-__all__ = ["BARS", "Comparison", "MethodLine", "comparisons", "method_lines"]
+__all__ = ["BARS", "FITTED", "ONLINE", "Comparison", "MethodLine", "comparisons", "method_lines"]
 
+#: Names of the two beliefs over whole soils.
+ONLINE, FITTED = "online belief", "fitted belief"
 #: Requirements on ratios of mean errors.
 BARS = {"belief / nominal": 0.7, "belief / learned": 1.0, "belief / oracle": 1.5, "learned / nominal": 0.7}
 _DRAWS, _SEED = 2000, 3
@@ -93,12 +95,13 @@ def comparisons(errors: Mapping[str, np.ndarray], learned: Mapping[int, tuple[st
     learned
         Names of the learned methods by the number of soils that they were trained on.
     """
-    found = _ratio("belief / nominal", errors, ("belief", "nominal"), 5.0)
-    if 100 in learned:
-        better = min(learned[100], key=lambda name: float(errors[name][:, 1, 0].mean()))
-        found += _ratio("belief / learned", errors, ("belief", better), 5.0)
-    for oracle in ("oracle", "oracle of the soil alone"):
-        found += _ratio("belief / oracle", errors, ("belief", oracle), 5.0)
+    found = []
+    for belief in (FITTED, ONLINE):
+        found += _ratio("belief / nominal", errors, (belief, "nominal"), 5.0)
+        if 100 in learned:
+            better = min(learned[100], key=lambda name: float(errors[name][:, 1, 0].mean()))
+            found += _ratio("belief / learned", errors, (belief, better), 5.0)
+        found += _ratio("belief / oracle", errors, (belief, "oracle"), 5.0)
     for name in learned.get(300, ()):
         found += _ratio("learned / nominal", errors, (name, "nominal"), 10.0)
     return found

@@ -18,6 +18,8 @@ from agents.commands.options import Jobs
 from agents.learning.learners import MissingExtraError
 from agents.reports.output import Results, console, say, table
 from agents.studies.adaptation.results import (
+    FITTED,
+    ONLINE,
     Comparison,
     MethodLine,
     comparisons,
@@ -28,6 +30,7 @@ from agents.studies.runner import Key, run_units, stamp_of
 from estimators.experiments.adaptation import (
     believed,
     filtered_n,
+    fitted,
     nominal_plant,
     predicted,
     true_plant,
@@ -50,6 +53,17 @@ _CHOICES = ((64, 8), (64, 4), (128, 8), (64, 16))
 _CHOSEN_AT = 100
 LEARNED = {"function_encoder": "function encoder", "meta_kalman": "meta-learned, Kalman filter"}
 _TUNING, _TEST, _TRAINING = "tuning", "test", "training"
+#: Halves of the fitted belief with the truth of the other half.
+_ITS_VEHICLE, _ITS_SOIL = f"{FITTED}'s vehicle, true soil", f"{FITTED}'s soil, true vehicle"
+#: Physical methods that need no choice on the tuning drives, in the order of the tables.
+_WITHOUT_CHOICE = (
+    ONLINE,
+    FITTED,
+    _ITS_VEHICLE,
+    _ITS_SOIL,
+    "oracle of the soil alone",
+    "oracle",
+)
 #: Kinds of units.
 _PHYSICAL, _NETWORK = "physical", "network"
 
@@ -67,10 +81,15 @@ def _physical_unit(seed: int, split: str) -> dict[str, Any]:
     run = drive_of(seed, split)
     truth = true_plant(run)
     models = {
-        "belief": believed(run),
+        ONLINE: believed(run),
         "oracle": [[truth]] * len(AT),
         "oracle of the soil alone": [[nominal_plant("population")._replace(soil=truth.soil)]] * len(AT),
     }
+    if split == _TEST:  # nothing is chosen by it
+        known = [fit.plant for fit in fitted(run)]
+        models[FITTED] = [[plant] for plant in known]
+        models[_ITS_VEHICLE] = [[plant._replace(soil=truth.soil)] for plant in known]
+        models[_ITS_SOIL] = [[plant._replace(vehicle=truth.vehicle)] for plant in known]
     for soil in _SOILS:
         models[f"nominal {soil}"] = [[nominal_plant(soil)]] * len(AT)
         models[f"filter for n {soil}"] = filtered_n(run, soil)
@@ -119,6 +138,15 @@ def run_unit(kind: str, *key: Any) -> dict[str, Any]:
     return _physical_unit(*key) if kind == _PHYSICAL else _network_unit(*key)
 
 
+def _check_torch() -> None:
+    try:
+        import torch  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError(
+            f"the learned models need torch ({error}): pip install offroad-bekker[rl]"
+        ) from error
+
+
 def _best(scores: Mapping[Any, np.ndarray]) -> Any:
     """The candidate with the least mean error of position after 5 s on the tuning drives."""
     return min(scores, key=lambda name: float(np.mean(scores[name][:, 1, 0])))
@@ -128,11 +156,12 @@ def _best(scores: Mapping[Any, np.ndarray]) -> Any:
 class Adaptation(Results):
     """Position and speed 3 s ahead on unseen soils, after 2, 5 and 10 s of driving on them.
 
-    Nominal model, filter for n, belief over whole soils, two learned models by soils of training, and an
-    oracle (needs the extra rl). Writes adaptation.png, and adaptation.jsonl with the result of every unit: a
-    unit that is there is not repeated.
+    Nominal model, filter for n, beliefs over whole soils on line and fitted to all samples, two learned
+    models by soils of training, and an oracle (needs the extra rl). Writes adaptation.png, and
+    adaptation.jsonl with the result of every unit: a unit that is there is not repeated.
     """
 
+    physical: bool = False  #: without the learned models
     quick: bool = False  #: 6 tuning and 8 test drives, networks hardly trained
     soils: tuple[int, ...] = (30, 100, 300)  #: of training, for the learned models
     test: int = 200  #: test drives
@@ -144,19 +173,15 @@ class Adaptation(Results):
         """Run what is missing, then print, draw and write."""
         from agents.studies.adaptation.figure import adaptation_figure
 
-        try:
-            import torch  # noqa: F401
-        except ImportError as error:
-            raise MissingExtraError(
-                f"the learned models need torch ({error}): pip install offroad-bekker[rl]"
-            ) from error
+        if not self.physical:
+            _check_torch()
         if self.quick:
             self.test, self.tuning, self.rounds, self.soils = 8, 6, 20, self.soils[:1]
         if min(self.test, self.tuning, self.rounds, *self.soils) < 1 or not self.soils:
             raise InvalidParameter("test, tuning, rounds and soils must be 1 or more")
         errors, chosen = self._physical()
         learned: dict[int, tuple[str, ...]] = {}
-        for method in LEARNED:
+        for method in () if self.physical else LEARNED:
             found, chosen[LEARNED[method]] = self._networks(method)
             for soils, result in found.items():
                 name = f"{LEARNED[method]}, {soils} soils"
@@ -164,11 +189,12 @@ class Adaptation(Results):
                 learned[soils] = (*learned.get(soils, ()), name)
         lines, ratios = method_lines(errors), comparisons(errors, learned)
         _show(lines, ratios, chosen)
-        self.save_figure(
-            adaptation_figure(lines, self.soils, tuple(LEARNED.values())),
-            "adaptation",
-            "Errors 3 s ahead with 95 % intervals over the drives, logarithmic: lower is better.",
-        )
+        if not self.physical:
+            self.save_figure(
+                adaptation_figure(lines, self.soils, tuple(LEARNED.values())),
+                "adaptation",
+                "Errors 3 s ahead with 95 % intervals over the drives, logarithmic: lower is better.",
+            )
         self.save_numbers({"methods": lines, "comparisons": ratios, "chosen": chosen, "drives": self.test})
 
     def _run(self, units: dict[Key, str]) -> dict[Key, dict[str, Any]]:
@@ -193,9 +219,7 @@ class Adaptation(Results):
         return {
             "nominal": errors(f"nominal {chosen['nominal']}", _TEST),
             "filter for n": errors(f"filter for n {chosen['filter for n']}", _TEST),
-            "belief": errors("belief", _TEST),
-            "oracle of the soil alone": errors("oracle of the soil alone", _TEST),
-            "oracle": errors("oracle", _TEST),
+            **{name: errors(name, _TEST) for name in _WITHOUT_CHOICE},
         }, chosen
 
     def _networks(self, method: str) -> tuple[dict[int, dict[str, Any]], str]:

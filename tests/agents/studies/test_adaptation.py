@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agents.studies.adaptation.figure import adaptation_figure
-from agents.studies.adaptation.results import comparisons, method_lines
+from agents.studies.adaptation.results import FITTED, ONLINE, comparisons, method_lines
 from agents.studies.adaptation.study import Adaptation
 from estimators.experiments.motion_sequences import AT, STEP, DriveSequence
 from offroad_env.errors import InvalidParameter
@@ -87,7 +87,8 @@ def _errors() -> dict[str, np.ndarray]:
     sizes = {
         "nominal": 2.0,
         "filter for n": 1.0,
-        "belief": 0.4,
+        ONLINE: 0.4,
+        FITTED: 0.25,
         "oracle of the soil alone": 0.5,
         "oracle": 0.2,
     }
@@ -98,24 +99,26 @@ def _errors() -> dict[str, np.ndarray]:
 def test_the_belief_is_compared_with_the_better_learned_model_on_the_same_drives() -> None:
     errors = _errors()
     found = comparisons(errors, {100: ("a, 100 soils", "b, 100 soils")})
-    by_name = {(line.methods[1], line.quantity): line for line in found}
-    learned = by_name["b, 100 soils", "position"]
+    by_name = {(*line.methods, line.quantity): line for line in found}
+    learned = by_name[ONLINE, "b, 100 soils", "position"]
     assert learned.ratio == pytest.approx(0.8, abs=0.03)
     assert learned.low < learned.ratio < learned.high
     assert learned.met
-    assert not by_name["oracle", "speed"].met
-    assert by_name["oracle of the soil alone", "speed"].met
+    assert not by_name[ONLINE, "oracle", "speed"].met
+    assert by_name[FITTED, "oracle", "speed"].met
     # Twice the belief's error, and it is worse.
-    worse = comparisons({**errors, "belief": 2.0 * errors["belief"]}, {100: ("a, 100 soils", "b, 100 soils")})
-    assert not {(line.methods[1], line.quantity): line for line in worse}["b, 100 soils", "position"].met
+    worse = comparisons({**errors, ONLINE: 2.0 * errors[ONLINE]}, {100: ("a, 100 soils", "b, 100 soils")})
+    assert not {(*line.methods, line.quantity): line for line in worse}[
+        ONLINE, "b, 100 soils", "position"
+    ].met
 
 
 def test_every_method_is_in_the_figure() -> None:
     lines = method_lines(_errors())
-    assert len(lines) == 7 * len(AT)
+    assert len(lines) == 8 * len(AT)
     assert lines[0].position_low < lines[0].position < lines[0].position_high
     figure = adaptation_figure(lines, (100,), ("a", "b"))
-    assert len(figure.axes[0].get_legend_handles_labels()[1]) == 7
+    assert len(figure.axes[0].get_legend_handles_labels()[1]) == 8
 
 
 def test_no_training_is_refused(tmp_path) -> None:
