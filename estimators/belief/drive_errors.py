@@ -65,13 +65,28 @@ class DriveErrors:
         found: FloatArray = cholesky(self.sensors + np.tensordot(scales**2, self.groups, 1), lower=True)
         return found
 
-    def scales(self, residuals: FloatArray) -> FloatArray:
-        """(3,) most probable factors for residuals (7 B,)."""
+    def scales(self, residuals: FloatArray, slopes: FloatArray, information: FloatArray) -> FloatArray:
+        """(3,) most probable factors, what is fitted integrated out.
+
+        Parameters
+        ----------
+        residuals
+            (7 B,) at the fit.
+        slopes
+            (7 B, P) of the residuals by what is fitted, which takes up part of the errors.
+        information
+            (P, P) about that from elsewhere.
+        """
 
         def loss(logs: FloatArray) -> float:
             L = self.factor(np.exp(logs))
-            white = solve_triangular(L, residuals, lower=True)
-            return float(0.5 * white @ white + np.log(np.diag(L)).sum() + 0.5 * (logs @ logs) / _FACTOR_SD**2)
+            white = solve_triangular(L, np.column_stack([residuals, slopes]), lower=True)
+            r, J = white[:, 0], white[:, 1:]
+            # The optimum moves with the factors: to first order the residuals are those projected on.
+            H = J.T @ J + information
+            square = r @ r - (J.T @ r) @ np.linalg.solve(H, J.T @ r)
+            volume = np.log(np.diag(L)).sum() + 0.5 * np.linalg.slogdet(H)[1]
+            return float(0.5 * square + volume + 0.5 * (logs @ logs) / _FACTOR_SD**2)
 
         corners = np.vstack([np.zeros(3), _FIRST * np.eye(3)])
         found = minimize(

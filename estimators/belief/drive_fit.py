@@ -9,7 +9,6 @@ analyse a drive, or to run beside one, where `online_soil_belief` is the one to 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,7 +23,7 @@ from offroad_env.errors import SolverFailure
 from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.simulator import Plant
 
-__all__ = ["DriveFit", "fit_drive"]
+__all__ = ["DriveFit", "drive_bound", "fit_drive"]
 
 #: Evaluations of the search with the factors of the model's errors first taken, then with those found.
 _EVALUATIONS = (5, 8)
@@ -36,8 +35,8 @@ _ENOUGH = 1e-3
 _INSIDE = 1e-6
 #: Residual that every mean counts with where the soil does not carry the vehicle, in standard deviations.
 _STUCK = 30.0
-#: Drawn where the vehicle cannot drive on the soil in the middle of the population.
-_DRAWS, _SEED = 20, 0
+#: Draws from the prior that are tried as starts beside its middle, and searches from the best of them.
+_DRAWS, _SEED, _STARTS = 12, 0, 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +58,7 @@ class _Problem:
         self.means, self.counts = samples.measured()
         self.prior, cov = prior_of_drive()
         self.prior_factor = np.linalg.cholesky(cov)
+        self.information: FloatArray = np.linalg.inv(cov).astype(np.float64)
         self.low, self.high = bounds_of_drive()
         self.whiten = np.empty(0)
         self._raw: tuple[FloatArray, FloatArray] | None = None  # numbers, and derivatives there
@@ -66,10 +66,10 @@ class _Problem:
     def errors(self, numbers: FloatArray) -> FloatArray | None:
         """(7 B,) measured less simulated, channel by channel; None where the vehicle gets stuck."""
         try:
-            run = simulated_drive(plant_of_drive(self.plant, numbers), self.samples)
+            simulated = simulated_drive(plant_of_drive(self.plant, numbers), self.samples)
         except SolverFailure:
             return None
-        found: FloatArray = (self.means - run.means).T.reshape(-1)
+        found: FloatArray = (self.means - simulated).T.reshape(-1)
         return found
 
     def residuals(self, numbers: FloatArray) -> FloatArray:
@@ -87,14 +87,18 @@ class _Problem:
 
     def slopes(self, numbers: FloatArray) -> FloatArray:
         """(7 B + 10, 10) derivatives."""
-        if self._raw is None or not np.array_equal(self._raw[0], numbers):
-            self._raw = numbers.copy(), self._raw_slopes(numbers)
-        white = solve_triangular(self.whiten, self._raw[1], lower=True)
+        white = solve_triangular(self.whiten, self.raw_slopes(numbers), lower=True)
         own = solve_triangular(self.prior_factor, np.eye(len(numbers)), lower=True)
         return np.concatenate([white, own])
 
-    def _raw_slopes(self, numbers: FloatArray) -> FloatArray:
-        """(7 B, 10) derivatives of the errors, by a difference to the side on which the vehicle gets on."""
+    def raw_slopes(self, numbers: FloatArray) -> FloatArray:
+        """(7 B, 10) derivatives of the errors; those of the last place are kept."""
+        if self._raw is None or not np.array_equal(self._raw[0], numbers):
+            self._raw = numbers.copy(), self._differences(numbers)
+        return self._raw[1]
+
+    def _differences(self, numbers: FloatArray) -> FloatArray:
+        """The same by a difference to the side on which the vehicle gets on."""
         here, J = self.errors(numbers), np.zeros((self.means.size, len(numbers)))
         if here is None:
             return J
@@ -124,8 +128,8 @@ class _Problem:
             max_nfev=evaluations,
         )
 
-    def start(self, others: Sequence[FloatArray]) -> FloatArray:
-        """The better of the middle of the prior and of ``others``; a draw from the prior where all get stuck.
+    def starts(self, earlier: FloatArray | None) -> list[FloatArray]:
+        """Where searches start: ``earlier`` (10,), or the best of the prior's middle and draws from it.
 
         Raises
         ------
@@ -134,17 +138,16 @@ class _Problem:
         """
         rng = np.random.default_rng(_SEED)
         drawn = self.prior + rng.standard_normal((_DRAWS, len(self.prior))) @ self.prior_factor.T
-        inside = [np.clip(row, self.low, self.high) for row in (self.prior, *others)]
-        able = [row for row in inside if self.errors(row) is not None]
-        for row in drawn:
-            if able:
-                break
-            able = [row] if self.errors(row := np.clip(row, self.low, self.high)) is not None else []
-        if not able:
+        if earlier is not None and self.errors(earlier) is not None:
+            return [earlier]
+        losses = []
+        for row in (self.prior, *drawn):
+            inside = np.clip(row, self.low, self.high)
+            if self.errors(inside) is not None:
+                losses.append((float((self.residuals(inside) ** 2).sum()), inside))
+        if not losses:
             raise SolverFailure(f"the vehicle drives on none of {_DRAWS} soils of the population")
-        return (
-            min(able, key=lambda row: float((self.residuals(row) ** 2).sum())) if len(able) > 1 else able[0]
-        )
+        return [row for _, row in sorted(losses, key=lambda pair: pair[0])[:_STARTS]]
 
 
 def fit_drive(plant: Plant, samples: DriveSamples, earlier: DriveFit | None = None) -> DriveFit:
@@ -158,8 +161,7 @@ def fit_drive(plant: Plant, samples: DriveSamples, earlier: DriveFit | None = No
     samples : DriveSamples
         Commands and sensors from the start until now.
     earlier : DriveFit, optional
-        A fit to the first part of the same drive: the search starts from it where that explains the drive
-        better than the middle of the population.
+        A fit to the first part of the same drive, from which the search goes on.
 
     Raises
     ------
@@ -172,12 +174,12 @@ def fit_drive(plant: Plant, samples: DriveSamples, earlier: DriveFit | None = No
     errors = errors_of(samples, problem.counts, np.maximum(problem.means[:, 5], 0.0))
     scales = np.full(len(GROUPS), _FIRST_SCALES) if earlier is None else earlier.scales
     problem.whiten = errors.factor(scales)
-    numbers = problem.start(() if earlier is None else (earlier.numbers,))
+    starts = problem.starts(None if earlier is None else earlier.numbers)
     first, second = _EVALUATIONS
-    numbers = problem.search(numbers, first).x
+    numbers = min((problem.search(start, first) for start in starts), key=lambda found: found.cost).x
     left = problem.errors(numbers)
     if left is not None:
-        scales = errors.scales(left)
+        scales = errors.scales(left, problem.raw_slopes(numbers), problem.information)
         problem.whiten = errors.factor(scales)
     found = problem.search(numbers, second)
     return DriveFit(
@@ -187,3 +189,25 @@ def fit_drive(plant: Plant, samples: DriveSamples, earlier: DriveFit | None = No
         loss=float(found.cost),
         plant=plant_of_drive(plant, found.x),
     )
+
+
+def drive_bound(plant: Plant, samples: DriveSamples, numbers: FloatArray, scales: FloatArray) -> FloatArray:
+    """(10, 10) least covariance of an estimate from a drive, given the prior, at the true ``numbers`` (10,).
+
+    The posterior Cramer-Rao bound (H. L. Van Trees, Detection, Estimation, and Modulation Theory I, 1968,
+    section 2.4) with the information taken at the truth: noise, constant errors of the sensors and, with
+    factors ``scales`` (3,) above zero, errors of the model are unknown.
+
+    Raises
+    ------
+    SolverFailure
+        Where the vehicle gets stuck.
+    """
+    problem = _Problem(plant, samples)
+    if problem.errors(numbers) is None:
+        raise SolverFailure("the vehicle gets stuck on this soil")
+    errors = errors_of(samples, problem.counts, np.maximum(problem.means[:, 5], 0.0))
+    problem.whiten = errors.factor(scales)
+    J = problem.slopes(numbers)
+    found: FloatArray = np.linalg.inv(J.T @ J).astype(np.float64)
+    return found

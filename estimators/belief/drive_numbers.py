@@ -21,8 +21,17 @@ from estimators.filters.soil_belief_points import (
 )
 from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.simulator import Plant
+from offroad_env.world.natural_soil import reference_pressure
 
-__all__ = ["DRIVE_NUMBERS", "STEPS", "VEHICLE_SD", "bounds_of_drive", "plant_of_drive", "prior_of_drive"]
+__all__ = [
+    "DRIVE_NUMBERS",
+    "STEPS",
+    "VEHICLE_SD",
+    "bounds_of_drive",
+    "numbers_of",
+    "plant_of_drive",
+    "prior_of_drive",
+]
 
 #: Order of the numbers; logarithms of mass, lag and drag are of factors on the vehicle's description.
 DRIVE_NUMBERS = (*BELIEF_NAMES[:SAMPLED], "log lag", "log drag")
@@ -52,6 +61,18 @@ def bounds_of_drive() -> tuple[FloatArray, FloatArray]:
         keep_in_range(ends)
         found.append(np.append(ends[:SAMPLED], [side * _FURTHEST] * 2))
     return found[0], found[1]
+
+
+def numbers_of(plant: Plant, nominal: Plant) -> FloatArray:
+    """(10,) numbers of a vehicle on a soil, whose description is ``nominal``."""
+    soil, vehicle, stated = plant.soil, plant.vehicle, nominal.vehicle
+    own = math.log(reference_pressure(soil)), soil.n, math.log(soil.c), soil.phi, math.log(soil.k_x)
+    ratios = (
+        vehicle.m / stated.m,
+        vehicle.torque_lag / stated.torque_lag,
+        vehicle.drag_area / stated.drag_area,
+    )
+    return np.array([*own, soil.a_0, soil.b_0, *np.log(ratios)])
 
 
 def plant_of_drive(plant: Plant, numbers: FloatArray) -> Plant:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.sensors import ImuConfig
 from offroad_env.simulation.simulator import Plant, settled_state, simulate_commands
 
-__all__ = ["BLOCK", "COMPARED", "DriveSamples", "Simulated", "block_means", "simulated_drive"]
+__all__ = ["BLOCK", "COMPARED", "DriveSamples", "simulated_drive"]
 
 #: Length of the means [s].
 BLOCK = 0.2
@@ -52,6 +53,24 @@ class DriveSamples:
         """Means of the drive; what is left after the last is not used."""
         return len(self.commands) // self.rows
 
+    @cached_property
+    def _sampled(self) -> FloatArray:
+        """(B, R, 7) samples of the means as `COMPARED`; NaN between them."""
+        course = self.gnss[:, 3].copy()
+        known = np.isfinite(course)
+        turned = np.concatenate([[0.0], course[known] - self.pose.yaw])
+        course[known] = self.pose.yaw + np.unwrap(turned)[1:]
+        rows = np.column_stack([self.imu[:, :2], self.imu[:, YAW_RATE], self.wheel, self.gnss[:, 2], course])
+        found: FloatArray = rows[: self.blocks * self.rows].reshape(self.blocks, self.rows, -1)
+        return found
+
+    def means_of(self, rows: FloatArray) -> FloatArray:
+        """(B, 7) means of rows (B R, 7) over the instants at which the sensors have sampled."""
+        parts = rows.reshape(self.blocks, self.rows, -1)
+        known = np.isfinite(self._sampled)
+        found: FloatArray = np.where(known, parts, 0.0).sum(axis=1) / known.sum(axis=1)
+        return found
+
     def measured(self) -> tuple[FloatArray, FloatArray]:
         """(B, 7) means as `COMPARED`, and (B, 7) how many samples each is of.
 
@@ -60,31 +79,11 @@ class DriveSamples:
         InvalidParameter
             Where a sensor has no sample in one of them.
         """
-        course = self.gnss[:, 3].copy()
-        known = np.isfinite(course)
-        turned = np.concatenate([[0.0], course[known] - self.pose.yaw])
-        course[known] = self.pose.yaw + np.unwrap(turned)[1:]
-        rows = np.column_stack([self.imu[:, :2], self.imu[:, YAW_RATE], self.wheel, self.gnss[:, 2], course])
-        parts = rows[: self.blocks * self.rows].reshape(self.blocks, self.rows, -1)
-        seen = np.isfinite(parts).sum(axis=1)
+        seen = np.isfinite(self._sampled).sum(axis=1)
         if not seen.all():
             missing = ", ".join(np.array(COMPARED)[(seen == 0).any(axis=0)])
             raise InvalidParameter(f"no sample within {BLOCK:g} s of {missing}")
-        return np.nansum(parts, axis=1) / seen, seen.astype(float)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Simulated:
-    """A drive as a model has it."""
-
-    means: FloatArray  #: (B, 7) as `COMPARED`
-    speed: FloatArray  #: (B,) forward [m/s]
-
-
-def block_means(rows: FloatArray, blocks: int, size: int) -> FloatArray:
-    """(B, ...) means over ``size`` rows each."""
-    found: FloatArray = rows[: blocks * size].reshape(blocks, size, *rows.shape[1:]).mean(axis=1)
-    return found
+        return self.means_of(self._sampled.reshape(-1, len(COMPARED))), seen.astype(float)
 
 
 @kernel
@@ -95,17 +94,17 @@ def _inertial(states: FloatArray, readings: FloatArray, mount: ImuMount, out: Fl
         mounted_reading(Turning(x[at.YAW_RATE], x[at.PITCH_RATE], x[at.PITCH]), readings[k], mount, out[k])
 
 
-def simulated_drive(plant: Plant, samples: DriveSamples) -> Simulated:
-    """The drive open loop from its start under the commands, settled on the model's soil.
+def simulated_drive(plant: Plant, samples: DriveSamples) -> FloatArray:
+    """(B, 7) means of the drive open loop from its start under the commands, settled on the model's soil.
 
     Raises
     ------
     SolverFailure
         Where the soil does not carry the vehicle, or ceases to.
     """
-    size, blocks, pose = samples.rows, samples.blocks, samples.pose
+    pose = samples.pose
     state, warm = settled_state(plant, x=pose.X, y=pose.Y, yaw=pose.yaw, v_x=pose.v)
-    commands = samples.commands[: blocks * size]
+    commands = samples.commands[: samples.blocks * samples.rows]
     run = simulate_commands(
         plant, state, warm, commands, interval=samples.period, dt=min(_STEP, samples.period)
     )
@@ -116,4 +115,4 @@ def simulated_drive(plant: Plant, samples: DriveSamples) -> Simulated:
     rims = plant.vehicle.r * states[:, [at.OMEGA_F, at.OMEGA_R]]
     course = states[:, at.YAW] + np.arctan2(v_y, v_x)
     rows = np.column_stack([imu[:, :2], imu[:, YAW_RATE], rims, np.hypot(v_x, v_y), course])
-    return Simulated(means=block_means(rows, blocks, size), speed=block_means(v_x, blocks, size))
+    return samples.means_of(rows)

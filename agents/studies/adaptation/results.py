@@ -95,9 +95,12 @@ def comparisons(errors: Mapping[str, np.ndarray], learned: Mapping[int, tuple[st
     learned
         Names of the learned methods by the number of soils that they were trained on.
     """
-    found = []
+    found: list[Comparison] = []
     for belief in (FITTED, ONLINE):
-        found += _ratio("belief / nominal", errors, (belief, "nominal"), 5.0)
+        if belief not in errors:
+            continue
+        if "nominal" in errors:
+            found += _ratio("belief / nominal", errors, (belief, "nominal"), 5.0)
         if 100 in learned:
             better = min(learned[100], key=lambda name: float(errors[name][:, 1, 0].mean()))
             found += _ratio("belief / learned", errors, (belief, better), 5.0)

@@ -7,7 +7,7 @@ is chosen on the tuning drives, four candidates each; errors are those of the te
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
@@ -42,7 +42,9 @@ from estimators.experiments.motion_sequences import (
     prediction_error,
     sequence_of,
 )
+from estimators.experiments.unknown_soils import SoilRun
 from offroad_env.errors import InvalidParameter
+from offroad_env.simulation.simulator import Plant
 
 __all__ = ["Adaptation", "run_unit"]
 
@@ -55,9 +57,8 @@ LEARNED = {"function_encoder": "function encoder", "meta_kalman": "meta-learned,
 _TUNING, _TEST, _TRAINING = "tuning", "test", "training"
 #: Halves of the fitted belief with the truth of the other half.
 _ITS_VEHICLE, _ITS_SOIL = f"{FITTED}'s vehicle, true soil", f"{FITTED}'s soil, true vehicle"
-#: Physical methods that need no choice on the tuning drives, in the order of the tables.
-_WITHOUT_CHOICE = (
-    ONLINE,
+#: What a fitted unit has, in the order of the tables.
+_OF_THE_FIT = (
     FITTED,
     _ITS_VEHICLE,
     _ITS_SOIL,
@@ -65,7 +66,7 @@ _WITHOUT_CHOICE = (
     "oracle",
 )
 #: Kinds of units.
-_PHYSICAL, _NETWORK = "physical", "network"
+_PHYSICAL, _FITTED, _NETWORK = "physical", "fitted", "network"
 
 
 class _Size(NamedTuple):
@@ -79,20 +80,29 @@ class _Size(NamedTuple):
 def _physical_unit(seed: int, split: str) -> dict[str, Any]:
     """Errors (times, 2) of every physical method on a drive."""
     run = drive_of(seed, split)
-    truth = true_plant(run)
-    models = {
-        ONLINE: believed(run),
-        "oracle": [[truth]] * len(AT),
-        "oracle of the soil alone": [[nominal_plant("population")._replace(soil=truth.soil)]] * len(AT),
-    }
-    if split == _TEST:  # nothing is chosen by it
-        known = [fit.plant for fit in fitted(run)]
-        models[FITTED] = [[plant] for plant in known]
-        models[_ITS_VEHICLE] = [[plant._replace(soil=truth.soil)] for plant in known]
-        models[_ITS_SOIL] = [[plant._replace(vehicle=truth.vehicle)] for plant in known]
+    models = {ONLINE: believed(run)}
     for soil in _SOILS:
         models[f"nominal {soil}"] = [[nominal_plant(soil)]] * len(AT)
         models[f"filter for n {soil}"] = filtered_n(run, soil)
+    return _errors_on(run, models)
+
+
+def _fitted_unit(seed: int) -> dict[str, Any]:
+    """The same of the fitted belief, with the truth for either half of it, and of who knows the truth."""
+    run = drive_of(seed, _TEST)
+    truth, known = true_plant(run), [fit.plant for fit in fitted(run)]
+    models = {
+        FITTED: [[plant] for plant in known],
+        _ITS_VEHICLE: [[plant._replace(soil=truth.soil)] for plant in known],
+        _ITS_SOIL: [[plant._replace(vehicle=truth.vehicle)] for plant in known],
+        "oracle of the soil alone": [[nominal_plant("population")._replace(soil=truth.soil)]] * len(AT),
+        "oracle": [[truth]] * len(AT),
+    }
+    return _errors_on(run, models)
+
+
+def _errors_on(run: SoilRun, models: Mapping[str, Sequence[Sequence[Plant]]]) -> dict[str, Any]:
+    """Errors (times, 2) of methods on a drive, from the models that each has at `AT`."""
     found = {}
     for name, plants in models.items():
         ends = [predicted(plants[i], run, at) for i, at in enumerate(AT)]
@@ -133,9 +143,16 @@ def _network_unit(
     return found
 
 
+_WORK: dict[str, Callable[..., dict[str, Any]]] = {
+    _PHYSICAL: _physical_unit,
+    _FITTED: _fitted_unit,
+    _NETWORK: _network_unit,
+}
+
+
 def run_unit(kind: str, *key: Any) -> dict[str, Any]:
     """A unit of the study by its key."""
-    return _physical_unit(*key) if kind == _PHYSICAL else _network_unit(*key)
+    return _WORK[kind](*key)
 
 
 def _check_torch() -> None:
@@ -161,7 +178,7 @@ class Adaptation(Results):
     adaptation.jsonl with the result of every unit: a unit that is there is not repeated.
     """
 
-    physical: bool = False  #: without the learned models
+    fitted: bool = False  #: only the fitted belief and the oracles, without a figure
     quick: bool = False  #: 6 tuning and 8 test drives, networks hardly trained
     soils: tuple[int, ...] = (30, 100, 300)  #: of training, for the learned models
     test: int = 200  #: test drives
@@ -173,15 +190,16 @@ class Adaptation(Results):
         """Run what is missing, then print, draw and write."""
         from agents.studies.adaptation.figure import adaptation_figure
 
-        if not self.physical:
+        if not self.fitted:
             _check_torch()
         if self.quick:
             self.test, self.tuning, self.rounds, self.soils = 8, 6, 20, self.soils[:1]
         if min(self.test, self.tuning, self.rounds, *self.soils) < 1 or not self.soils:
             raise InvalidParameter("test, tuning, rounds and soils must be 1 or more")
-        errors, chosen = self._physical()
+        errors, chosen = ({}, {}) if self.fitted else self._physical()
+        errors |= self._fitted()
         learned: dict[int, tuple[str, ...]] = {}
-        for method in () if self.physical else LEARNED:
+        for method in () if self.fitted else LEARNED:
             found, chosen[LEARNED[method]] = self._networks(method)
             for soils, result in found.items():
                 name = f"{LEARNED[method]}, {soils} soils"
@@ -189,7 +207,7 @@ class Adaptation(Results):
                 learned[soils] = (*learned.get(soils, ()), name)
         lines, ratios = method_lines(errors), comparisons(errors, learned)
         _show(lines, ratios, chosen)
-        if not self.physical:
+        if not self.fitted:
             self.save_figure(
                 adaptation_figure(lines, self.soils, tuple(LEARNED.values())),
                 "adaptation",
@@ -219,8 +237,14 @@ class Adaptation(Results):
         return {
             "nominal": errors(f"nominal {chosen['nominal']}", _TEST),
             "filter for n": errors(f"filter for n {chosen['filter for n']}", _TEST),
-            **{name: errors(name, _TEST) for name in _WITHOUT_CHOICE},
+            ONLINE: errors(ONLINE, _TEST),
         }, chosen
+
+    def _fitted(self) -> dict[str, np.ndarray]:
+        """Errors on the test drives of the fitted belief and the oracles."""
+        stamp = stamp_of("estimators.experiments.adaptation")
+        found = self._run({(_FITTED, seed): stamp for seed in range(self.test)})
+        return {name: np.array([unit[name] for unit in found.values()]) for name in _OF_THE_FIT}
 
     def _networks(self, method: str) -> tuple[dict[int, dict[str, Any]], str]:
         """Results by soils of training, and the network that was chosen."""
@@ -261,4 +285,5 @@ def _show(lines: Sequence[MethodLine], ratios: Sequence[Comparison], chosen: Map
     ]
     heading = ("ratio of mean errors", "of", "after", "ratio", "at most", "")
     console().print(table("requirements", heading, rows, texts=2))
-    say("chosen on the tuning drives: " + "; ".join(f"{name}: {value}" for name, value in chosen.items()))
+    if chosen:
+        say("chosen on the tuning drives: " + "; ".join(f"{name}: {value}" for name, value in chosen.items()))

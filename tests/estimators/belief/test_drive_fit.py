@@ -79,14 +79,16 @@ def test_where_the_middle_of_the_population_stops_the_vehicle_another_soil_is_th
 
     monkeypatch.setattr(drive_fit, "simulated_drive", only_some)
     problem = drive_fit._Problem(nominal_plant("population"), samples)
-    assert problem.start(())[1] >= able[1]
+    problem.whiten = np.eye(problem.means.size)
+    assert len(problem.starts(None)) == 2
+    assert all(start[1] >= able[1] for start in problem.starts(None))
     white = problem.residuals(prior_of_drive()[0])
     assert (white[: problem.means.size] == 30.0).all()
     monkeypatch.setattr(
         drive_fit, "simulated_drive", lambda *_: (_ for _ in ()).throw(SolverFailure("stuck"))
     )
-    with pytest.raises(SolverFailure, match="20 soils"):
-        problem.start(())
+    with pytest.raises(SolverFailure, match="12 soils"):
+        problem.starts(None)
 
 
 def test_a_sensor_without_samples_is_named(samples) -> None:
@@ -111,7 +113,9 @@ def test_factors_on_the_errors_of_the_model_are_found(samples) -> None:
     true = np.array([0.5, 2.0, 3.0])
     L = errors.factor(true)
     rng = np.random.default_rng(3)
-    found = np.array([np.log(errors.scales(L @ rng.standard_normal(len(L)))) for _ in range(6)])
+    slopes, information = np.ones((len(L), 1)), np.eye(1)
+    drawn = [L @ rng.standard_normal(len(L)) for _ in range(6)]
+    found = np.array([np.log(errors.scales(errors_, slopes, information)) for errors_ in drawn])
     np.testing.assert_allclose(found.mean(axis=0), np.log(true), atol=0.3)
 
 
