@@ -31,6 +31,7 @@ from offroad_env.world.vehicles import VEHICLES
 __all__ = [
     "base_soil",
     "believed",
+    "continued",
     "filtered_n",
     "fitted",
     "nominal_plant",
@@ -85,18 +86,30 @@ def predicted(plants: Sequence[Plant], run: SoilRun, start: float) -> np.ndarray
     return found
 
 
+def continued(plant: Plant, run: SoilRun, start: float, duration: float) -> np.ndarray:
+    """(T, S) states by a model from the true motion at ``start`` [s] under the commands that follow.
+
+    Raises
+    ------
+    SolverFailure
+        Where its soil does not carry the vehicle, or ceases to.
+    """
+    record, k = run.record, round(start / run.record.timing.period)
+    state, steps = record.states[k], round(duration / record.timing.period)
+    own, warm = settled_state(
+        plant, x=float(state[at.X]), y=float(state[at.Y]), yaw=float(state[at.YAW]), v_x=state[at.V_X]
+    )
+    own[list(_TAKEN)] = state[list(_TAKEN)]
+    commands = record.commands[k + 1 : k + 1 + steps]
+    return simulate_commands(plant, own, warm, commands, interval=record.timing.period).states
+
+
 def _predicted(plant: Plant, run: SoilRun, start: float) -> np.ndarray:
     """`predicted` by one model."""
-    record, k = run.record, round(start / run.record.timing.period)
-    state, steps = record.states[k], round(HORIZON / record.timing.period)
+    state = run.record.states[round(start / run.record.timing.period)]
     halted = np.array([state[at.X], state[at.Y], state[at.YAW], 0.0])
     try:
-        own, warm = settled_state(
-            plant, x=float(state[at.X]), y=float(state[at.Y]), yaw=float(state[at.YAW]), v_x=state[at.V_X]
-        )
-        own[list(_TAKEN)] = state[list(_TAKEN)]
-        commands = record.commands[k + 1 : k + 1 + steps]
-        end = simulate_commands(plant, own, warm, commands, interval=record.timing.period).states[-1]
+        end = continued(plant, run, start, HORIZON)[-1]
     except SolverFailure:
         return halted
     found: np.ndarray = end[[at.X, at.Y, at.YAW, at.V_X]]

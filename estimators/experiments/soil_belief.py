@@ -12,13 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators.experiments.adaptation import continued, true_plant
 from estimators.experiments.model_mismatch import excited
 from estimators.experiments.unknown_soils import CASES, VEHICLE, SoilRun
 from estimators.filters.online import OnBoard, Thinned, make_estimator
 from estimators.filters.online_soil_belief import POPULATION_RANGE, OnlineSoilBelief, population_n
 from estimators.filters.protocol import Estimator
 from estimators.filters.soil_belief_holds import LIMITS, SHIFT, transform_limits
-from offroad_env.errors import InvalidParameter
+from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig
@@ -28,7 +29,7 @@ from offroad_env.world.soils import SOILS
 from offroad_env.world.terrain import flat
 from offroad_env.world.vehicles import VEHICLES
 
-__all__ = ["BeliefHistory", "LimitErrors", "believe", "limit_errors", "stuck_at"]
+__all__ = ["BeliefHistory", "LimitErrors", "believe", "foreseen", "limit_errors", "stuck_at"]
 
 #: Quantile of a normal distribution that a 95 % interval ends at.
 _Z95 = 1.959964
@@ -109,6 +110,21 @@ def stuck_at(run: SoilRun) -> float:
     """When the vehicle got stuck [s]; infinite where it did not."""
     rows = np.flatnonzero(run.record.states[:, at.V_X] < _STUCK)
     return float(run.record.t[rows[0]]) if rows.size else math.inf
+
+
+def foreseen(run: SoilRun, ahead: float, within: float) -> bool:
+    """Whether who knows soil and vehicle foresees ``ahead`` [s] before it that the vehicle gets stuck.
+
+    True soil and vehicle, on a level road without scatter, must get stuck ``within`` [s] of that.
+    """
+    start = stuck_at(run) - ahead
+    if not 0.0 <= start < math.inf:
+        return False
+    try:
+        states = continued(true_plant(run), run, start, within)
+    except SolverFailure:
+        return True
+    return bool((states[:, at.V_X] < _STUCK).any())
 
 
 class LimitErrors(NamedTuple):

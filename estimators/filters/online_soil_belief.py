@@ -98,6 +98,10 @@ BELIEF_VECTOR = (
 LONGEST = 100.0
 #: Range of n that the population of soils reaches [-].
 POPULATION_RANGE = (0.1, 1.9)
+#: Certainty [standard deviations] beyond which an immobilisation is not announced sooner.
+_SURE = 5.0
+#: Times to a stop below this one count as this: a vehicle that is nearly at rest may have stopped [s].
+_SOONEST = 0.5
 #: Quantile of a normal distribution that a 95 % interval ends at.
 _Z95 = 1.959964
 
@@ -132,7 +136,7 @@ class Immobilisation(NamedTuple):
     """Risk of getting stuck."""
 
     probability: float  #: that the soil gives no pull at any slip, on level ground
-    stop_in: float  #: time to a stop as the speed falls now, at most `LONGEST` [s]
+    stop_in: float  #: time to a stop as the speed falls now, brakes apart, at most `LONGEST` [s]
     announced: bool  #: whether the vehicle is about to get stuck
 
 
@@ -174,9 +178,11 @@ class SoilBeliefSettings:
     discrepancy: float = 2.5  #: largest discrepancy of a channel for a valid belief, over `error`
     widening: float = 0.2  #: share of the prior's variance that comes back when no soil explains the drive
     unsettled_time: float = 3.0  #: how long the flag then stays down [s]
-    #: An immobilisation is announced at this probability, where the speed falls to zero within this time [s].
-    stuck: tuple[float, float] = (0.5, 6.0)
-    slowing_time: float = 0.5  #: over which the loss of speed is averaged [s]
+    #: An immobilisation is announced where the soil gives no pull with probability 0.5 and the speed falls to
+    #: zero within the first time; each standard deviation of certainty makes that time e times as long, up to
+    #: the second [s].
+    stuck: tuple[float, float] = (2.4, 9.0)
+    slowing_time: float = 1.0  #: over which the loss of speed is averaged [s]
     #: Information that a drive gives about each limit, over that which the filter counts: its noise has to
     #: cover errors that do not act on all of them alike. Chosen so that 95 % of the intervals hold on tuning
     #: soils. Of n likewise.
@@ -329,10 +335,7 @@ class OnlineSoilBelief(OnlineFilter):
         memory = self._memory
         nav = self.navigation.x
         learn_soil(memory, self._rules, self._packed, self._mount, nav, imu, rim_speeds, command)
-        speed, self._speed = self._speed, float(nav[V])
-        if math.isfinite(speed):
-            share = self.dt / self.settings.slowing_time
-            self._gain += share * ((self._speed - speed) / self.dt - self._gain)
+        self._note_loss_of_speed(float(nav[V]), command[2])
         self._since += self.dt
         if self._refreshing or self._since >= self.settings.refresh_time:
             done = refresh_surrogate(self._surrogate, self._packed, memory.mean, memory.cov, 1)
@@ -340,6 +343,14 @@ class OnlineSoilBelief(OnlineFilter):
             if done:
                 self._since = 0.0
         self._note_limits()
+
+    def _note_loss_of_speed(self, speed: float, brake: float) -> None:
+        """Average the acceleration without what the brakes [N m] take away: who brakes is not stuck."""
+        before, self._speed = self._speed, speed
+        if math.isfinite(before):
+            vehicle = self.plant.vehicle
+            unbraked = (speed - before) / self.dt + brake / (vehicle.m * vehicle.r)
+            self._gain += self.dt / self.settings.slowing_time * (unbraked - self._gain)
 
     def _note_limits(self) -> None:
         memory = self._memory
@@ -410,8 +421,9 @@ class OnlineSoilBelief(OnlineFilter):
         stop_in = LONGEST
         if self._gain < 0.0:
             stop_in = min(max(self._speed, 0.0) / -self._gain, LONGEST)
-        least, soon = self.settings.stuck
-        return Immobilisation(probability, stop_in, probability > least and stop_in < soon)
+        soon, latest = self.settings.stuck
+        announced = max(stop_in, _SOONEST) < min(soon * math.exp(min(z, _SURE)), latest)
+        return Immobilisation(probability, stop_in, announced)
 
     @property
     def soil(self) -> tuple[FloatArray, FloatArray]:

@@ -7,6 +7,7 @@ on drives of the split "tuning"; by default the drives are of the split "test".
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -16,9 +17,10 @@ import numpy as np
 from agents.commands.options import Jobs
 from agents.reports.output import Results, console, say, table
 from agents.studies.runner import Key, run_units, stamp_of
-from estimators.experiments.soil_belief import BeliefHistory, believe, limit_errors, stuck_at
+from estimators.experiments.soil_belief import BeliefHistory, believe, foreseen, limit_errors, stuck_at
+from estimators.experiments.soil_bound import limit_bounds
 from estimators.experiments.unknown_soils import CASES, SPLITS, SoilRun, draw_run
-from offroad_env.errors import InvalidParameter
+from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.simulation.soil_holds import SoilHolds
 
 __all__ = ["AT", "BARS", "CaseLine", "LimitLine", "SoilBelief", "case_lines", "limit_lines", "run_unit"]
@@ -30,8 +32,9 @@ AT, _DURATION = (2.0, 5.0, 10.0), 14.0
 _WATCHED = 8.0
 #: Ends of the classes of probability in which the risk is compared with what happens.
 _RISKS = (0.2, 0.8)
-#: How long ahead an immobilisation must be announced, and could be foreseen who knows the soil [s].
-_AHEAD, _FORESEEN = 2.0, 3.0
+#: How long ahead an immobilisation must be announced, and who knows the soil must foresee it; how long that
+#: foresight may last [s].
+_AHEAD, _FORESEEN, _WITHIN = 2.0, 3.0, 4.0
 #: Ends of the normal 95 % and 99 % intervals.
 _Z95, _Z99 = 1.959964, 2.575829
 #: A limit counts as used from this share on.
@@ -45,6 +48,7 @@ BARS = {
     "outside": 0.05,
     "flag": 0.7,
     "flag_grid": 0.1,
+    "over_bound": 2.0,
     "announced": 0.9,
     "false_per_km": 1.0,
 }
@@ -68,7 +72,7 @@ class StuckLine(NamedTuple):
     """Immobilisations on the soils of one case."""
 
     case: str
-    stuck: int  #: drives that end stuck, later than `_FORESEEN` after the start
+    stuck: int  #: drives that end stuck, later than `_FORESEEN` after the start, as the truth foresees
     announced: float  #: share of them that was announced `_AHEAD` before
     false: int  #: drives that were announced and did not get stuck, nor in the seconds after the drive
     kilometres: float  #: of the drives that did not get stuck
@@ -83,6 +87,22 @@ class CaseLine(NamedTuple):
     flag: float  #: share of the excited time with the flag up
     outside: float  #: share of the flagged time in which a 99 % interval fails, of the worst number
     worst: str  #: that number
+    #: (2, 6) median standard deviation after 10 s over the bound of `limit_bounds`; NaN: other laws in truth
+    over_bound: list[list[float]]
+
+
+def _over_bound(run: SoilRun, history: BeliefHistory) -> list[list[float]]:
+    """(2, 6) standard deviations at the end over their bounds; NaN where the truth has other laws."""
+    if CASES[run.case].structure is not None:
+        return np.full((2, len(_NAMES)), math.nan).tolist()
+    kept = [i for i, name in enumerate(SoilHolds._fields) if name != "pull_slip"]
+    row = int(np.searchsorted(history.t, AT[-1])) - 1
+    own = np.append(history.sd[row][kept], history.n[row, 1])
+    try:
+        ratios: list[list[float]] = (own / limit_bounds(run, AT[-1])).tolist()
+    except SolverFailure:  # without scatter the soil stops the vehicle
+        return np.full((2, len(_NAMES)), math.nan).tolist()
+    return ratios
 
 
 def _numbers(run: SoilRun, history: BeliefHistory) -> dict[str, Any]:
@@ -100,6 +120,8 @@ def _numbers(run: SoilRun, history: BeliefHistory) -> dict[str, Any]:
         "flag": [int(flags.sum()), len(flags)],
         "outside": [outside[up].sum(axis=0).tolist(), int(up.sum())],
         "stuck": stuck_at(run),
+        "over_bound": _over_bound(run, history),
+        "foreseen": foreseen(run, _FORESEEN, _WITHIN),
         "risk": history.risk[rows].tolist(),
         "no_pull": bool(run.holds.pull <= 0.0),
         "announced": _first(history.t, history.announced),
@@ -162,7 +184,11 @@ def case_lines(results: Mapping[Key, Mapping[str, Any]]) -> list[CaseLine]:
         shares = outside / max(sum(result["outside"][1] for result in found), 1)
         i = int(np.argmax(shares))
         acting = float(flag[0] / flag[1]) if flag[1] else float("nan")
-        lines.append(CaseLine(case, len(found), acting, float(shares[i]), _NAMES[i]))
+        ratios = np.array([result["over_bound"] for result in found])
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "All-NaN slice")
+            over = np.nanmedian(ratios, axis=0).tolist()
+        lines.append(CaseLine(case, len(found), acting, float(shares[i]), _NAMES[i], over))
     return lines
 
 
@@ -171,7 +197,7 @@ def stuck_lines(results: Mapping[Key, Mapping[str, Any]]) -> list[StuckLine]:
     lines = []
     for case in dict.fromkeys(key[0] for key in results if CASES[key[0]].soil is None):
         found = [result for key, result in results.items() if key[0] == case]
-        late = [result for result in found if _FORESEEN < result["stuck"] <= _DURATION]
+        late = [result for result in found if result["foreseen"] and _FORESEEN < result["stuck"] <= _DURATION]
         free = [result for result in found if result["stuck"] == math.inf]
         ahead = [result["stuck"] - result["announced"] >= _AHEAD for result in late]
         lines.append(
@@ -307,4 +333,12 @@ def _show(limits: Sequence[LimitLine], cases: Sequence[CaseLine]) -> None:
             rows,
         )
     )
+    bounds = [
+        (CASES[line.case].title, what, *(f"{ratio:.1f}" for ratio in ratios))
+        for line in cases
+        for what, ratios in zip(("exact", "unknown road"), line.over_bound, strict=True)
+        if not math.isnan(ratios[0])
+    ]
+    title = f"standard deviation after {AT[-1]:g} s over the bound, by what the bound takes for the model"
+    console().print(table(title, ("case", "model", *_NAMES), bounds, texts=2))
     say("flag up: of the time in which steering or roughness acts; outside: of the time with the flag up")

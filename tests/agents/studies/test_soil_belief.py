@@ -57,6 +57,8 @@ def _result(z: float, used: float, flag: float, outside: float) -> dict[str, obj
         "flag": [round(100 * flag), 100],
         "outside": [[round(50 * outside)] + [0] * 5, 50],
         "stuck": math.inf,
+        "foreseen": True,
+        "over_bound": [[2.0] * 6, [1.0] * 6],
         "risk": [0.1, 0.9, 0.9],
         "no_pull": True,
         "announced": math.inf,
@@ -73,6 +75,7 @@ def test_lines_count_what_they_say() -> None:
     assert cases[0][:3] == ("nuisances", 10, 0.5)
     assert cases[0].outside == pytest.approx(0.2)
     assert cases[0].worst == "lateral"
+    assert cases[0].over_bound == [[2.0] * 6, [1.0] * 6]
     assert cases[1].flag == pytest.approx(0.05)
     figure = soil_belief_figure(limits, widths_over_time(results), AT, BARS)
     assert len(figure.axes) == 2
@@ -81,14 +84,16 @@ def test_lines_count_what_they_say() -> None:
 @pytest.mark.parametrize(("announced", "share"), [(3.0, 1.0), (5.5, 0.0), (math.inf, 0.0)])
 def test_an_immobilisation_counts_as_announced_two_seconds_ahead(announced: float, share: float) -> None:
     stuck = {**_result(1.0, 0.1, 0.5, 0.0), "stuck": 7.0, "announced": announced}
-    early = {**stuck, "stuck": 1.0}
+    early, sudden = {**stuck, "stuck": 1.0}, {**stuck, "foreseen": False}
     free = {**_result(1.0, 0.1, 0.5, 0.0), "announced": announced}
-    line = stuck_lines({("soft", i, "test"): unit for i, unit in enumerate((stuck, early, free, free))})[0]
+    line = stuck_lines(
+        {("soft", i, "test"): unit for i, unit in enumerate((stuck, early, sudden, free, free))}
+    )[0]
     assert (line.case, line.stuck, line.announced) == ("soft", 1, share)
     assert line.false == (0 if announced == math.inf else 2)
     assert line.kilometres == pytest.approx(0.1)
     # The one that was stuck after 1 s tells nothing of the risk after 5 s.
-    assert line.risks[2] == (3, 1.0)
+    assert line.risks[2] == (4, 1.0)
 
 
 def test_what_is_not_a_case_is_refused(tmp_path) -> None:

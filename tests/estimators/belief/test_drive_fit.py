@@ -8,17 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.belief import drive_errors, drive_fit
+from estimators.belief import drive_fit
 from estimators.belief.drive_errors import DISCREPANCY, GROUPS, HEADING, errors_of
 from estimators.belief.drive_fit import fit_drive
 from estimators.belief.drive_numbers import (
     DRIVE_NUMBERS,
-    VEHICLE_SD,
     bounds_of_drive,
     plant_of_drive,
     prior_of_drive,
 )
-from estimators.belief.drive_samples import BLOCK, COMPARED, DriveSamples, simulated_drive
+from estimators.belief.drive_samples import COMPARED, DriveSamples, simulated_drive
 from estimators.experiments.adaptation import nominal_plant, predicted, samples_until, true_plant
 from estimators.experiments.motion_sequences import drive_of, prediction_error
 from offroad_env.errors import InvalidParameter, SolverFailure
@@ -134,7 +133,7 @@ def test_constant_errors_and_noise_have_their_standard_deviations(samples) -> No
     assert sensors[block["a_y"], block["a_y"]][0, 0] - shared["a_y"] == pytest.approx(0.2**2 / counts[0, 1])
 
 
-def test_numbers_that_decide_widths() -> None:
+def test_discrepancies_are_those_of_the_tuning_drives() -> None:
     """Measured on tuning drives; whoever changes one measures again."""
     sds = {name: process.sd for name, process in DISCREPANCY.items()}
     assert sds == {
@@ -149,11 +148,7 @@ def test_numbers_that_decide_widths() -> None:
     times = [process.time for process in DISCREPANCY.values()]
     assert times == [4.0, 0.4, 0.8, 0.7, 0.45, 0.7, 0.45]
     assert {process.group for process in DISCREPANCY.values()} == set(GROUPS)
-    assert VEHICLE_SD == (0.05, 0.2, 0.2)
-    assert BLOCK == 0.2
     assert math.degrees(HEADING) == pytest.approx(1.0)
-    assert drive_errors._FACTOR_SD == 0.7
-    assert drive_fit._FIRST_SCALES == 1.5
 
 
 def test_the_speed_is_right_at_the_start_and_wrong_later(samples) -> None:

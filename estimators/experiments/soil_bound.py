@@ -1,0 +1,61 @@
+"""The least standard deviations with which a drive can tell what the soil holds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimators.belief.drive_errors import GROUPS
+from estimators.belief.drive_fit import drive_bound
+from estimators.belief.drive_numbers import STEPS, numbers_of, plant_of_drive
+from estimators.experiments.adaptation import nominal_plant, samples_until
+from estimators.experiments.unknown_soils import CASES, SoilRun
+from estimators.filters.soil_belief_holds import LIMITS, transform_limits
+from estimators.filters.soil_belief_points import N
+from offroad_env.physics.numerics import GRAVITY
+from offroad_env.physics.records import FloatArray
+from offroad_env.simulation.sensors import ImuConfig
+from offroad_env.simulation.simulator import Plant
+from offroad_env.simulation.soil_holds import SoilHolds, what_soil_holds
+
+__all__ = ["limit_bounds"]
+
+#: Share of the steps of `STEPS` over which limits are differentiated.
+_SHARE = 0.2
+
+
+def limit_bounds(run: SoilRun, end: float) -> FloatArray:
+    """(2, 6) bounds after a drive until ``end`` [s]: of the limits but the best slip, then of n.
+
+    The unknowns and their prior are those of the belief over whole soils, with lag and drag. First row: the
+    model is exact, sensors err; second row: road and scatter are unknown, too, of the usual size. On the
+    scale of `BeliefHistory`.
+
+    Raises
+    ------
+    SolverFailure
+        Where the soil does not carry the vehicle.
+    """
+    nominal, truth = nominal_plant("population"), numbers_of(run.record.plant, nominal_plant("population"))
+    samples = samples_until(run, end)
+    if not CASES[run.case].nuisances:
+        samples = replace(samples, unit=ImuConfig())
+    columns = [
+        (_limits(nominal, truth + step) - _limits(nominal, truth - step)) / (2.0 * _SHARE * STEPS[i])
+        for i, step in enumerate(_SHARE * np.diag(STEPS))
+    ]
+    kept = [i for i, name in enumerate(SoilHolds._fields) if name != "pull_slip"]
+    slopes = np.vstack([np.array(columns).T[kept], np.eye(len(truth))[N]])
+    rows = []
+    for scale in (0.0, 1.0):
+        covariance = drive_bound(nominal, samples, truth, np.full(len(GROUPS), scale))
+        rows.append(np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)))
+    return np.array(rows)
+
+
+def _limits(nominal: Plant, numbers: FloatArray) -> FloatArray:
+    """(6,) limits on the scale on which the belief is normal."""
+    found = np.zeros(LIMITS)
+    transform_limits(what_soil_holds(plant_of_drive(nominal, numbers)), nominal.vehicle.m * GRAVITY, found)
+    return found
