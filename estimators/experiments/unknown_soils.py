@@ -25,10 +25,10 @@ from offroad_env.simulation.soil_holds import SoilHolds, what_soil_holds
 from offroad_env.world.natural_soil import SoilSpread, natural_soil
 from offroad_env.world.soil_prior import SoilPrior
 from offroad_env.world.soils import SOILS, make_soil
-from offroad_env.world.terrain import flat, rough_terrain
+from offroad_env.world.terrain import add, flat, grade, rough_terrain
 from offroad_env.world.vehicles import VEHICLES, make_vehicle
 
-__all__ = ["CASES", "SPLITS", "VEHICLE", "Case", "SoilRun", "draw_run"]
+__all__ = ["CASES", "SPLITS", "TEST_CASES", "VEHICLE", "Case", "SoilRun", "draw_run"]
 
 #: Streams of random numbers: no soil of one is in another.
 SPLITS = ("tuning", "test", "training")
@@ -38,6 +38,8 @@ _TRIES = 1000
 #: Soils that nobody would start on: wheels deeper than this share of the radius, or less net pull per weight.
 _DEEPEST, _LEAST_PULL = 0.5, 0.03
 _START_SPEED = 5.0
+#: Scatter of the soil in space, standard deviations of `SoilSpread`.
+_SPREAD = {"pressure": 0.05, "n": 0.03, "c": 0.05, "tan_phi": 0.05, "K": 0.05}
 #: Net pull per weight of soft soils: about half of them stop the vehicle.
 _SOFT = (-0.12, 0.08)
 
@@ -56,6 +58,16 @@ class Case:
     structure: str | None = None  #: of the truth; the filter assumes "full"
     soft: bool = False  #: soils on which the vehicle hardly gets on
     nuisances: bool = False  #: vehicle, sensors, start, road and scatter of the soil differ too
+    width: float = 1.0  #: factor of the wheels' width, or one over it
+    drag: float = 1.0  #: factor of the drag: four is a head wind as fast as the vehicle
+    grade: float = 0.0  #: slope of the ground along the start heading, either way [-]
+    latency: float = 0.0  #: age of the receiver's fixes, which are taken for new [s]
+    scatter: float = 0.0  #: of the soil in space, over that of the nuisances
+
+    @property
+    def is_modelled(self) -> bool:
+        """Whether some soil and vehicle of the belief's population make the same drive."""
+        return self.structure is None and self.width == 1.0 and self.grade == 0.0 and self.latency == 0.0
 
 
 _DEGREE = math.radians(1.0)
@@ -72,7 +84,27 @@ CASES: dict[str, Case] = {
     "heading_0.6": Case(title="start heading ±0.6°", soil="clay", heading=0.6 * _DEGREE),
     "heading_1.7": Case(title="start heading ±1.7°", soil="clay", heading=1.7 * _DEGREE),
     "grid": Case(title="wheels of structure grid", soil="clay", structure="grid"),
+    "width_1": Case(title="wheels 10 % wider or narrower", soil="clay", width=1.1),
+    "width_2": Case(title="wheels 20 % wider or narrower", soil="clay", width=1.2),
+    "wind_1": Case(title="drag x 2", soil="clay", drag=2.0),
+    "wind_2": Case(title="drag x 4", soil="clay", drag=4.0),
+    "grade_1": Case(title="grade ±2 %", soil="clay", grade=0.02),
+    "grade_2": Case(title="grade ±5 %", soil="clay", grade=0.05),
+    "clock_1": Case(title="fixes 0.1 s late", soil="clay", latency=0.1),
+    "clock_2": Case(title="fixes 0.3 s late", soil="clay", latency=0.3),
+    "scatter_1": Case(title="soil scatters as usual", soil="clay", scatter=1.0),
+    "scatter_2": Case(title="soil scatters twice as much", soil="clay", scatter=2.0),
+    "together": Case(
+        title="whole soils, all nuisances, and these at the smaller size",
+        nuisances=True,
+        width=1.1,
+        drag=2.0,
+        grade=0.02,
+        latency=0.1,
+    ),
 }
+#: Cases that nothing was chosen on: they have no drives for tuning.
+TEST_CASES = tuple(CASES)[list(CASES).index("width_1") :]
 
 
 class SoilRun(NamedTuple):
@@ -98,8 +130,9 @@ def _drawn_soil(case: Case, rng: np.random.Generator, prior: SoilPrior) -> Soil:
     )
 
 
-def _drawn_vehicle(case: Case, rng: np.random.Generator) -> Vehicle:
+def _drawn_vehicle(case: Case, width: float, rng: np.random.Generator) -> Vehicle:
     vehicle = VEHICLES[VEHICLE]
+    vehicle = make_vehicle(vehicle, b=vehicle.b * width, drag_area=vehicle.drag_area * case.drag)
     mass, lag, drag = rng.standard_normal(3)
     if not case.nuisances:
         return vehicle
@@ -114,26 +147,30 @@ def _drawn_vehicle(case: Case, rng: np.random.Generator) -> Vehicle:
 def _sensors(case: Case, rng: np.random.Generator) -> SensorSuite:
     coarse = bool(rng.random() < 0.5)
     if not case.nuisances:
-        return SensorSuite(imu=ImuConfig(), wheel=WheelSpeedConfig(), gnss=GnssConfig())
+        receiver = GnssConfig(latency=case.latency)
+        return SensorSuite(imu=ImuConfig(), wheel=WheelSpeedConfig(), gnss=receiver)
     unit = ImuConfig(
         kind="specific_force",
         accel_bias_sd=0.1,
         gyro_bias_sd=0.005,
         misalignment_sd=(2.0 * _DEGREE,) * 3,
     )
-    return SensorSuite(
-        imu=unit, wheel=WheelSpeedConfig(), gnss=GnssConfig(position_sd=1.5 if coarse else 0.03)
-    )
+    receiver = GnssConfig(position_sd=1.5 if coarse else 0.03, latency=case.latency)
+    return SensorSuite(imu=unit, wheel=WheelSpeedConfig(), gnss=receiver)
 
 
-def _drawn_plant(case: Case, rng: np.random.Generator, prior: SoilPrior) -> Plant:
+def _drawn_plant(case: Case, rng: np.random.Generator, prior: SoilPrior, sides: tuple[float, float]) -> Plant:
     """Truth; what is drawn does not depend on the case, so cases of one seed differ in one thing."""
-    soil, vehicle = _drawn_soil(case, rng, prior), _drawn_vehicle(case, rng)
+    soil, (wide, up) = _drawn_soil(case, rng, prior), sides
+    vehicle = _drawn_vehicle(case, case.width**wide, rng)
     road, seed = 10.0 ** rng.uniform(-6.0, -4.5), int(rng.integers(2**31))
-    if not case.nuisances:
-        return make_plant(vehicle, soil, flat(), structure=case.structure)
-    ground = rough_terrain(None, np.random.default_rng(seed), roughness=road, waves=32)
-    spread = SoilSpread(pressure=0.05, n=0.03, c=0.05, tan_phi=0.05, K=0.05)
+    ground = flat() if case.grade == 0.0 else grade(case.grade * up)
+    if case.nuisances:
+        ground = add(ground, rough_terrain(None, np.random.default_rng(seed), roughness=road, waves=32))
+    scatter = 1.0 if case.nuisances else case.scatter
+    if scatter == 0.0:
+        return make_plant(vehicle, soil, ground, structure=case.structure)
+    spread = SoilSpread(**{name: scatter * sd for name, sd in _SPREAD.items()})
     field = natural_soil(soil, seed + 1, spread=spread, waves=32)
     return make_plant(vehicle, soil, ground, structure=case.structure, soil_field=field)
 
@@ -178,16 +215,19 @@ def draw_run(case: str, seed: int, *, split: str = "test", duration: float = 12.
     Raises
     ------
     InvalidParameter
-        For an unknown case or split.
+        For an unknown case or split, or drives for tuning of a case that is for tests only.
     SolverFailure
         When no drawn soil lets the vehicle drive.
     """
     if case not in CASES or split not in SPLITS:
         raise InvalidParameter(f"case must be one of {', '.join(CASES)}, split of {', '.join(SPLITS)}")
+    if case in TEST_CASES and split != "test":
+        raise InvalidParameter(f"case {case!r} is for tests only: nothing may be chosen on it")
+    wide, up = np.random.default_rng([SPLITS.index(split), seed, 1]).choice([-1.0, 1.0], 2).tolist()
     rng, prior, chosen = np.random.default_rng([SPLITS.index(split), seed]), SoilPrior.fitted(), CASES[case]
     for _ in range(_TRIES):
         try:
-            plant = _drawn_plant(chosen, rng, prior)
+            plant = _drawn_plant(chosen, rng, prior, (wide, up))
         except InvalidParameter:  # no natural soil spreads around so small an exponent
             continue
         manoeuvre, sensors = _Manoeuvre(plant.vehicle, rng), _sensors(chosen, rng)

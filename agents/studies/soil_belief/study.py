@@ -19,7 +19,7 @@ from agents.reports.output import Results, console, say, table
 from agents.studies.runner import Key, run_units, stamp_of
 from estimators.experiments.soil_belief import BeliefHistory, believe, foreseen, limit_errors, stuck_at
 from estimators.experiments.soil_bound import limit_bounds
-from estimators.experiments.unknown_soils import CASES, SPLITS, SoilRun, draw_run
+from estimators.experiments.unknown_soils import CASES, SPLITS, TEST_CASES, SoilRun, draw_run
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.simulation.soil_holds import SoilHolds
 
@@ -93,7 +93,7 @@ class CaseLine(NamedTuple):
 
 def _over_bound(run: SoilRun, history: BeliefHistory) -> list[list[float]]:
     """(2, 6) standard deviations at the end over their bounds; NaN where the truth has other laws."""
-    if CASES[run.case].structure is not None:
+    if not CASES[run.case].is_modelled:
         return np.full((2, len(_NAMES)), math.nan).tolist()
     kept = [i for i, name in enumerate(SoilHolds._fields) if name != "pull_slip"]
     row = int(np.searchsorted(history.t, AT[-1])) - 1
@@ -279,7 +279,8 @@ class SoilBelief(Results):
         stamp, split = stamp_of("estimators.experiments.soil_belief"), SPLITS[0 if self.tuning else 1]
         return {
             (case, seed, split): stamp
-            for case in self.under or tuple(CASES)
+            for case in self.under
+            or tuple(case for case in CASES if split == "test" or case not in TEST_CASES)
             for seed in range(self.first_seed, self.first_seed + self._drives(case))
         }
 

@@ -18,7 +18,7 @@ from agents.studies.soil_belief.study import (
     stuck_lines,
     widths_over_time,
 )
-from estimators.experiments.unknown_soils import CASES, SPLITS, draw_run
+from estimators.experiments.unknown_soils import CASES, SPLITS, TEST_CASES, draw_run
 from offroad_env.errors import InvalidParameter
 from offroad_env.world.soils import SOILS
 
@@ -39,6 +39,28 @@ def test_cases_of_one_seed_differ_in_one_thing() -> None:
     assert other.soil._replace(phi=plain.soil.phi) == plain.soil
     assert plain.soil == SOILS["clay"]
     assert other.vehicle == plain.vehicle
+
+
+def test_what_is_for_tests_only_has_no_drives_for_tuning() -> None:
+    assert {"width_1", "clock_2", "together"} <= set(TEST_CASES) < set(CASES)
+    with pytest.raises(InvalidParameter, match="for tests only"):
+        draw_run("grade_1", 0, split="tuning")
+
+
+def test_cases_for_tests_differ_as_they_say() -> None:
+    plain = draw_run("matched", 2, duration=1.0).record
+    wide, wind, climb, late, field = (
+        draw_run(case, 2, duration=1.0).record
+        for case in ("width_2", "wind_2", "grade_2", "clock_2", "scatter_1")
+    )
+    ratio = wide.plant.vehicle.b / plain.plant.vehicle.b
+    assert max(ratio, 1.0 / ratio) == pytest.approx(1.2)
+    assert wind.plant.vehicle.drag_area == pytest.approx(4.0 * plain.plant.vehicle.drag_area)
+    assert abs(climb.plant.ground.S_x) == pytest.approx(0.05, rel=0.01)
+    assert np.isfinite(late.gnss).any()
+    assert np.flatnonzero(np.isfinite(late.gnss[:, 2]))[0] > np.flatnonzero(np.isfinite(plain.gnss[:, 2]))[0]
+    assert field.plant.soil_field is not None
+    assert not CASES["grade_1"].is_modelled
 
 
 def test_soils_of_tuning_and_test_are_not_the_same() -> None:
