@@ -335,7 +335,8 @@ class OnlineSoilBelief(OnlineFilter):
         memory = self._memory
         nav = self.navigation.x
         learn_soil(memory, self._rules, self._packed, self._mount, nav, imu, rim_speeds, command)
-        self._note_loss_of_speed(float(nav[V]), command[2])
+        _, _, brake = command
+        self._note_loss_of_speed(float(nav[V]), brake)
         self._since += self.dt
         if self._refreshing or self._since >= self.settings.refresh_time:
             done = refresh_surrogate(self._surrogate, self._packed, memory.mean, memory.cov, 1)
