@@ -99,9 +99,13 @@ def _over_bound(run: SoilRun, history: BeliefHistory) -> list[list[float]]:
     row = int(np.searchsorted(history.t, AT[-1])) - 1
     own = np.append(history.sd[row][kept], history.n[row, 1])
     try:
-        ratios: list[list[float]] = (own / limit_bounds(run, AT[-1])).tolist()
+        bound = limit_bounds(run, AT[-1])
     except SolverFailure:  # without scatter the soil stops the vehicle
         return np.full((2, len(_NAMES)), math.nan).tolist()
+    # A limit beyond its range does not depend on the soil: no bound.
+    ratios: list[list[float]] = np.divide(
+        own, bound, out=np.full(bound.shape, math.nan), where=bound > 0.0
+    ).tolist()
     return ratios
 
 
