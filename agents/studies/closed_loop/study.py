@@ -159,7 +159,12 @@ class ClosedLoop(Results):
         results = run_units(path, run_unit, units, label="closed loop", n_jobs=self.n_jobs)
         lines = cause_lines(results)
         _show(lines)
-        self.save_figure(closed_loop_figure(lines), "closed_loop")
+        self.save_figure(
+            closed_loop_figure(lines),
+            "closed_loop",
+            "A row is a cause; where the plan for the extended model is as good as that for the truth, the "
+            "diagnosis is worth what the cause costs.",
+        )
         self.save_numbers({"causes": lines, "seed": self.seed, "tests": self.tests})
 
 
