@@ -20,13 +20,17 @@ __all__ = ["drive_section"]
 _SHOWN = "aware"
 
 
-def drive_section(args: BenchmarkArgs) -> Section:
-    """The first episode of the first task, by the agent that estimates the soil if there is one."""
+def drive_section(args: BenchmarkArgs, *, terrain_info: str | None = None) -> Section:
+    """The first episode of the first task, by the agent that estimates the soil if there is one.
+
+    ``terrain_info`` is what agents that are given as ``module:Class`` observe of the soil.
+    """
     task, form = args.cells[0]
     name = _SHOWN if _SHOWN in args.agents else args.agents[0]
-    agent, terrain_info = find_agent(args.driver(name, form), task, None, form=form)
+    own = terrain_info if ":" in name else None
+    agent, shown = find_agent(args.driver(name, form), task, own, form=form)
     options = {**options_of(task, form), **(json.loads(args.world) if args.world else {})}
-    env = gym.make(ENV_ID, terrain_info=terrain_info, **options)
+    env = gym.make(ENV_ID, terrain_info=shown, **options)
     draw = draw_episodes(task, args.episodes, args.seed, form=form)[0]
     drive = Drive(env, agent, seed=draw.seed, options=draw.options)
     try:

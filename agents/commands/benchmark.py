@@ -104,10 +104,12 @@ def write_results(
     command: str,
     seconds: float,
     trained: Mapping[tuple[str, str], list[LearnedArm]] | None = None,
+    terrain_info: str | None = None,
 ) -> None:
     """Page and numbers into ``out``, and the verdicts on the screen.
 
-    ``command`` made them, but for tasks, forms, episodes and seed.
+    ``command`` made them, but for tasks, forms, episodes and seed. ``terrain_info`` is what agents that are
+    given as ``module:Class`` observe of the soil.
     """
     from agents.benchmark.drive import drive_section
     from agents.benchmark.learned import learned_verdict
@@ -124,7 +126,7 @@ def write_results(
     write_bytes(out / "tasks.png", physics.png)
     overview, *others = benchmark_sections(results, physics, trained or {}, command=command, seconds=seconds)
     page = render_page(
-        [overview, drive_section(args), *others],
+        [overview, drive_section(args, terrain_info=terrain_info), *others],
         title="OffroadBekker: does knowing the soil pay?",
         intro="Controllers that know more or less of the soil drive the same episodes. First what perfect "
         "knowledge is worth, then how much of it an estimate from the vehicle's sensors recovers.",

@@ -84,4 +84,12 @@ class Compare:
             if board is not None and not args.world:
                 own = result.arm(self.agent)
                 say(standing(board, self.agent, float(own.scores.mean()), len(own.episodes)))
-        write_results(results, args, self.out, self.json, command=command, seconds=seconds)
+        write_results(
+            results,
+            args,
+            self.out,
+            self.json,
+            command=command,
+            seconds=seconds,
+            terrain_info=self.terrain_info,
+        )
