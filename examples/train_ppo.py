@@ -19,7 +19,7 @@ recipe = yaml.safe_load((files("agents") / "recipes" / "ppo.yaml").read_text(enc
 rate = float(recipe["learning_rate"].removeprefix("lin_"))  # falls to 0 with the last step
 
 envs = make_vec(recipe["n_envs"], autoreset_mode="SameStep", scenario=TASK, **recipe["env"])
-episodes = LearningVecEnv(envs, action_interface="direct", edge=recipe["edge"])
+episodes = LearningVecEnv(envs, action_interface="direct", **recipe["price"])
 episodes.seed(1000 * SEED)
 scaled = VecNormalize(VecMonitor(episodes), gamma=recipe["ppo"]["gamma"], **recipe["normalize"])
 model = PPO(env=scaled, seed=SEED, verbose=1, learning_rate=lambda left: rate * left, **recipe["ppo"])

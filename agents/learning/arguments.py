@@ -33,6 +33,7 @@ _INDIFFERENT = {"out", "resume", "checkpoint_steps", "tensorboard", "threads", "
 _ADDED: dict[str, Any] = {
     "form": "matched",
     "edge": None,
+    "idle": None,
     "clip_reward": 10.0,
     "first_drive": 0.0,
     "emulated": False,
@@ -62,6 +63,7 @@ class TrainArgs:
     first_charge: float | None = None  #: at the start, if less: grows by equal factors to the other
     emulated: bool = False  #: learn and check with an emulated belief; only for terrain_info belief
     edge: tuple[float, float] | None = None  #: reward's weight of the edge while none arrives, when all do
+    idle: float | None = None  #: time of standing that costs as much as a failure [s]; not for brake
     pace: float = 0.15  #: time that a metre of progress counts for in the score that is learnt [s/m]
     frames: int = 1  #: last observations that the policy sees side by side: memory without recurrence
     n_envs: int = 32  #: environments stepped together

@@ -22,6 +22,8 @@ __all__ = ["OBJECTIVES", "LearningVecEnv"]
 OBJECTIVES = ("reward", "score")
 #: Last episodes by which it is judged how many arrive; before the fewest none is thought to.
 _LAST, _FEWEST = 100, 20
+#: Speed below which a vehicle counts as standing in training [m/s].
+SLOW = 1.0
 
 
 class LearningVecEnv(Sb3VecEnv):
@@ -45,6 +47,9 @@ class LearningVecEnv(Sb3VecEnv):
         The reward's weight of the distance from the path while none of the last episodes arrives, and when
         all do; in between it grows with their share. The price of a failure is proportional to it, so
         that it grows as the policy gets better. None: the weight is that of the environment.
+    idle
+        Time of standing, or of less than `SLOW`, that costs as much as a failure [s]; None: standing costs
+        what it costs in the environment. For tasks that do not end with a stop.
     belief_seed
         Show an emulated belief about the soil instead of its true limits, which the environments observe
         (``terrain_info="limits"``); this is the seed of its errors. None: what they observe is shown.
@@ -64,6 +69,7 @@ class LearningVecEnv(Sb3VecEnv):
         charge: float = 1.0,
         pace: float = 0.15,
         edge: tuple[float, float] | None = None,
+        idle: float | None = None,
         belief_seed: int | None = None,
     ) -> None:
         super().__init__(envs)
@@ -71,7 +77,7 @@ class LearningVecEnv(Sb3VecEnv):
             raise InvalidParameter(f"objective must be one of {', '.join(OBJECTIVES)}, got {objective!r}")
         self.objective = objective
         self.charge = charge  #: may be changed between two steps
-        self._pace, self._edge = pace, edge
+        self._pace, self._edge, self._idle = pace, edge, idle
         self._ends: deque[bool] = deque(maxlen=_LAST)
         first = envs.envs[0]
         self._scenario: Scenario = first.scenario
@@ -156,6 +162,9 @@ class LearningVecEnv(Sb3VecEnv):
         if done.any():
             self._ends.extend(bool(listed[i]["is_success"]) for i in np.flatnonzero(done))
             self._set_price()
+        if self._idle is not None:
+            price = self.envs.envs[0].weights.failure(self._scenario.time_limit)
+            rewards = rewards - (infos["speed"] < SLOW) * (price * CONTROL_PERIOD / self._idle)
         if self.objective == "score":
             rewards = self._objective(infos["progress"], done, listed)
         return rewards.astype(np.float32), done, listed

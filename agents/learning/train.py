@@ -133,6 +133,7 @@ def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> Environments:
             charge=failure_charge(args, 0),
             pace=args.pace,
             edge=args.edge,
+            idle=args.idle,
             belief_seed=args.seed if args.emulated else None,
         )
         episodes.seed(args.seed)

@@ -53,6 +53,19 @@ def test_a_failure_gets_dearer_as_more_episodes_arrive():
     assert rewards[0] == pytest.approx(-120.0 * (0.002 + 0.398 * 0.9 + 0.3), abs=1.5)
 
 
+def test_ten_seconds_of_standing_cost_as_much_as_a_failure():
+    totals = []
+    for idle in (None, 10.0):
+        episodes = episodes_with_edge(idle=idle)
+        episodes.seed(0)
+        episodes.reset()
+        stop = np.array([[0.0, -1.0]], np.float32)
+        for _ in range(50):
+            episodes.step(stop)
+        totals.append(sum(float(episodes.step(stop)[1][0]) for _ in range(100)))
+    assert totals[0] - totals[1] == pytest.approx(episodes.get_attr("weights")[0].failure(120.0))
+
+
 def test_an_untrained_policy_that_shall_roll_asks_for_drive():
     episodes = episodes_with_edge()
     model = make_model("ppo", episodes, seed=0, settings={"n_steps": 2, "batch_size": 2})
