@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -33,3 +34,11 @@ def test_the_example_of_learning_runs_and_leaves_a_policy(tmp_path):
     assert len(EXAMPLE.with_name("train_ppo.py").read_text(encoding="utf-8").splitlines()) < 30
     for name in ("ppo_speed_0.zip", "ppo_speed_0.pkl"):
         assert (tmp_path / name).exists(), name
+    # What was saved drives as an agent.
+    command = [sys.executable, "-m", "agents.commands.cli", "compare", "ppo_agent:Trained"]
+    command += ["--terrain-info", "estimate", "--against", "pure_pursuit", "--episodes", "2", "--jobs", "1"]
+    paths = os.pathsep.join([str(EXAMPLE.parent), str(REPOSITORY)])
+    env = {**os.environ, "PYTHONPATH": paths}
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, env=env)
+    assert done.returncode == 0, done.stderr
+    assert "ppo_agent:Trained" in done.stdout
