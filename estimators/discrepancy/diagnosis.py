@@ -89,7 +89,7 @@ def diagnose(
     ordered = tuple(sorted(logs, key=lambda log: log.hash))
     progress("data quality")
     reports = tuple(quality(log) for log in ordered)
-    problems = tuple(finding for report in reports for finding in report.problems)
+    problems = _named(ordered, [report.problems for report in reports])
     if problems:
         return VehicleDiagnosis(logs=ordered, quality=reports, findings=problems)
     splits = split_runs(ordered)
@@ -110,7 +110,7 @@ def diagnose(
     result = VehicleDiagnosis(
         logs=ordered,
         quality=reports,
-        findings=_pose_findings(reports),
+        findings=_pose_findings(ordered, reports),
         search=found,
         causes=found.causes,
         unknown_inputs=attempt("unknown inputs", lambda: unmodelled_forces(found.extended), (), failed),
@@ -158,7 +158,11 @@ def _without_nominal(
     progress("structures")
     compared = attempt("structures", lambda: compare_structures(logs), None, failed)
     return VehicleDiagnosis(
-        logs=logs, quality=reports, findings=_pose_findings(reports), structure=compared, failed=failed
+        logs=logs,
+        quality=reports,
+        findings=_pose_findings(logs, reports),
+        structure=compared,
+        failed=failed,
     )
 
 
@@ -186,9 +190,20 @@ def _with_structure(result: VehicleDiagnosis, compared: StructureComparison | No
     return replace(result, structure=compared, causes=(), unknown_inputs=(), stand_ins=stand_ins)
 
 
-def _pose_findings(reports: Sequence[QualityReport]) -> tuple[Finding, ...]:
-    found = (finding for report in reports for finding in report.findings)
-    return tuple(finding for finding in found if (finding.kind, finding.channel) == _OLD_POSE)
+def _pose_findings(logs: Sequence[Log], reports: Sequence[QualityReport]) -> tuple[Finding, ...]:
+    old = [[one for one in report.findings if (one.kind, one.channel) == _OLD_POSE] for report in reports]
+    return _named(logs, old)
+
+
+def _named(logs: Sequence[Log], findings: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
+    """Findings by log in one row; of several logs each begins with the name of its log."""
+    if len(logs) == 1:
+        return tuple(findings[0])
+    return tuple(
+        replace(one, sentence=f"{log.name}: {one.sentence}")
+        for log, own in zip(logs, findings, strict=True)
+        for one in own
+    )
 
 
 def _not_judged(fit: FitResult) -> dict[str, str]:

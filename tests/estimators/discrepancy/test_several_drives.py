@@ -71,3 +71,11 @@ def test_drives_together_name_one_cause_with_one_value_and_each_keeps_its_bias(d
     gains = {gain.channel: gain for gain in gains_on(found, [third])["third"]}
     assert gains["yaw_rate"].low > 0.0
     assert np.isfinite(gains["a_x"].extended)
+
+
+def test_a_problem_of_the_data_says_whose_it_is(drives):
+    first, second = drives
+    wrong = replace(second, channels=second.channels | {"yaw_rate": np.degrees(second.channels["yaw_rate"])})
+    found = diagnose([first, wrong])
+    assert found.verdict == "DATA PROBLEM"
+    assert all(finding.sentence.startswith("second: ") for finding in found.findings)
