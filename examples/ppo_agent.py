@@ -2,7 +2,7 @@
 ============================
 
 What examples/train_ppo.py has saved in the working directory drives against the arms of the benchmark:
-``offroad compare ppo_agent:Trained --terrain-info estimate --against pure_pursuit --episodes 50``
+``offroad compare ppo_agent:Trained --terrain-info truth --against pure_pursuit --episodes 50``
 """
 
 import os
@@ -20,7 +20,7 @@ class Trained(PolicyAgent):
 
     def __init__(self) -> None:
         name = f"ppo_speed_{os.environ.get('SEED', '0')}"
-        envs = make_sb3_vec(1, scenario="speed", terrain_info="estimate")
+        envs = make_sb3_vec(1, scenario="speed", terrain_info="truth")
         scaler = VecNormalize.load(f"{name}.pkl", envs)
         scaling = {key: (rms.mean, np.sqrt(rms.var + scaler.epsilon)) for key, rms in scaler.obs_rms.items()}
         super().__init__(PPO.load(name, device="cpu"), scaling, action_interface="direct")

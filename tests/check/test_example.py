@@ -36,7 +36,7 @@ def test_the_example_of_learning_runs_and_leaves_a_policy(tmp_path):
         assert (tmp_path / name).exists(), name
     # What was saved drives as an agent.
     command = [sys.executable, "-m", "agents.commands.cli", "compare", "ppo_agent:Trained"]
-    command += ["--terrain-info", "estimate", "--against", "pure_pursuit", "--episodes", "2", "--jobs", "1"]
+    command += ["--terrain-info", "truth", "--against", "pure_pursuit", "--episodes", "2", "--jobs", "1"]
     paths = os.pathsep.join([str(EXAMPLE.parent), str(REPOSITORY)])
     env = {**os.environ, "PYTHONPATH": paths}
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, env=env)
