@@ -19,6 +19,7 @@ import yaml
 
 from agents.benchmark.learned import LearnedArm, summarise_learned
 from agents.benchmark.runner import draw_episodes
+from agents.commands.options import Scenarios
 from agents.controllers.pure_pursuit import PurePursuitAgent
 from agents.driving.world_options import WorldOptions
 from agents.learning.arguments import TrainArgs, configuration_hash
@@ -90,7 +91,7 @@ class DirectPolicies(Results):
     interrupted goes on from the last checkpoint of the policy it was at.
     """
 
-    tasks: tuple[str, ...] = ("speed",)  #: of agents/recipes/direct.yaml
+    tasks: Scenarios = ("speed",)  #: of agents/recipes/direct.yaml
     arms: tuple[str, ...] = tuple(DIRECT)  #: what is seen of the soil
     seeds: int = 5  #: trainings of each
     episodes: int = 200  #: test episodes of each policy

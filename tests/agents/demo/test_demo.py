@@ -292,7 +292,7 @@ def test_a_quick_run_is_shorter_in_every_respect(small):
     for name in ("duration", "row_duration", "episodes", "learning_time", "test_episodes"):
         assert getattr(quick, name) < getattr(full, name)
     assert replace(quick, out=small.out) == quick
-    assert full.episodes >= 30
+    assert full.episodes >= 20  # fewer tell nothing of a difference
 
 
 def test_a_thin_line_keeps_its_colour_in_a_small_picture():
