@@ -85,7 +85,9 @@ class Proportional:
         return np.clip(np.stack([steer, drive], axis=-1), -1.0, 1.0), None
 
 
-@pytest.mark.parametrize(("task", "form"), [("brake", "matched"), ("climb", "natural")])
+@pytest.mark.parametrize(
+    ("task", "form"), [("brake", "matched"), pytest.param("climb", "natural", marks=pytest.mark.check)]
+)
 def test_episodes_side_by_side_score_as_one_by_one(task, form):
     draws = draw_episodes(task, 2, 0, training=True, form=form)
     scaling = {key: (np.zeros(1), np.ones(1)) for key in ("path", "motion")}

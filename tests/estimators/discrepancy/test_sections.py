@@ -42,6 +42,7 @@ def test_a_section_that_fails_is_replaced_and_its_reason_kept():
     assert failed == {"quotient": "ZeroDivisionError: integer division or modulo by zero"}
 
 
+@pytest.mark.check
 def test_a_crash_in_any_section_loses_no_other(late, monkeypatch, tmp_path, capsys):
     """Unknown inputs, rest by regime, test data and all sections of the report but one break down."""
     for name in ("unmodelled_forces", "regime_rests", "_on_test_data"):
@@ -65,6 +66,7 @@ def test_a_crash_in_any_section_loses_no_other(late, monkeypatch, tmp_path, caps
     assert "missing: profiles" in capsys.readouterr().out
 
 
+@pytest.mark.check
 def test_where_the_search_breaks_down_the_scores_remain_and_nothing_is_named(late, monkeypatch):
     monkeypatch.setattr(diagnosis_module, "search", _broken)
     found = diagnose([late], library=_LIBRARY)
@@ -81,6 +83,7 @@ def test_a_model_that_cannot_drive_and_has_no_better_structure_is_a_matter_of_nu
     assert summarise(found).sentence.startswith("The nominal model breaks down on these runs: SolverFailure")
 
 
+@pytest.mark.check
 def test_a_log_without_a_pitch_gyro_is_diagnosed_and_no_section_is_missing(late):
     channels = {name: values for name, values in late.channels.items() if name != "pitch_rate"}
     found = diagnose([replace(late, channels=channels)], library=_LIBRARY)

@@ -57,6 +57,7 @@ def test_long_drives_are_divided_by_time_each_and_short_ones_one_by_one(drives):
     assert all(run.nuisances is NUISANCES for run in parts[FIT])
 
 
+@pytest.mark.check
 def test_drives_together_name_one_cause_with_one_value_and_each_keeps_its_bias(drives):
     found = diagnose(drives, library=("steer_delay", "payload", "accel_bias_x"))
     assert found.verdict == "NAMED"
