@@ -5,7 +5,8 @@ therefore shown the true limits with an error like the belief's. In logarithms t
 Bayesian: a prior (mean, standard deviation S) of which a share w of the variance is left has the mean
 ``w mean + (1 - w) truth + S sqrt(w (1 - w)) xi``, xi standard normal and slow. What is left depends on how
 much of the grip has been used: w = f + (1 - f) / (1 + k U) with U the time integral of (acceleration /
-lateral limit)^2; for n it depends on the time of driving. Tests and benchmarks use the belief itself.
+lateral limit)^2; for n it depends on the time of driving. The slip of the largest pull and the risk of no
+pull stay those of the truth. Tests and benchmarks use the belief itself.
 """
 
 from __future__ import annotations
