@@ -5,6 +5,9 @@ right, and windows apart bear the information A on what it adds, G scatters abou
 and what the errors of the fit add; if it is wrong, about -A / 2. Where A is small, the sign of G is random.
 So both count together: windows that were fitted and windows apart must gain more than noise does, and those
 apart must not contradict.
+
+On an unknown road and on soil that scatters, the residuals of windows apart are no white noise along the
+difference of two models: their scatter along it is taken from null simulations of those windows.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ import numpy as np
 
 from estimators.discrepancy.checks.holdout_gain import Held, held_beside, held_out
 from estimators.discrepancy.model.fit_result import FitResult
+from estimators.discrepancy.model.natural_world import null_simulations
 from estimators.discrepancy.model.protocol import ForwardModel
 from offroad_env.errors import OffroadError
 
@@ -33,6 +37,14 @@ class HoldOutResult:
     gain: float  #: in the log-likelihood
     expected: float  #: the same, if the larger model is right
     deviation: float  #: standard deviation of that
+    inflation: float = (
+        1.0  #: variance of the residuals along the difference of the models, over white noise's
+    )
+
+    @property
+    def evidence(self) -> float:
+        """The gain in units of the log-likelihood of the noise that there is."""
+        return self.gain / self.inflation
 
     @property
     def contradicts(self) -> bool:
@@ -51,9 +63,15 @@ class HoldOutTest:
         The windows; without any there is no result.
     """
 
-    def __init__(self, fit: FitResult, runs: Sequence[ForwardModel], held: Held | None = None) -> None:
+    def __init__(
+        self,
+        fit: FitResult,
+        runs: Sequence[ForwardModel],
+        held: Held | None = None,
+        null: np.ndarray | None = None,
+    ) -> None:
         self.fit, self.runs = fit, runs
-        self._held = held
+        self._held, self._null = held, null
         self._tested: Held | None = None
 
     def result(self, larger: FitResult, smaller: FitResult | None = None) -> HoldOutResult | None:
@@ -62,6 +80,7 @@ class HoldOutTest:
             return None
         try:
             self._held = self._held or held_out(self.fit, self.runs)
+            self._null = self._simulated(self._held)
             less = self._held if smaller is None else held_out(smaller, self.runs, self._held)
             self._tested = held_out(larger, self.runs, less)
             # Both models may use the better of their starts.
@@ -70,20 +89,34 @@ class HoldOutTest:
             return None
         if smaller is None:
             self._held = less
-        return _result(less, self._tested, larger)
+        return _result(less, self._tested, larger, self._null)
+
+    def _simulated(self, held: Held) -> np.ndarray | None:
+        """Residuals (M, K) of null simulations of the windows; None where the fit has none."""
+        if self._null is not None or self.fit.null is None:
+            return self._null
+        null = null_simulations(held.fit.completed())
+        return None if null is None else null.residuals
 
     def onward(self, fit: FitResult) -> HoldOutTest:
         """For models that are larger than the one that was tested last."""
-        return HoldOutTest(fit, self.runs, self._tested)
+        return HoldOutTest(fit, self.runs, self._tested, self._null)
 
 
-def _result(held: Held, larger: Held, fitted: FitResult) -> HoldOutResult:
+def _result(held: Held, larger: Held, fitted: FitResult, null: np.ndarray | None) -> HoldOutResult:
     """The gain, and its law if the larger model, as it was ``fitted``, were right."""
     there, wide = larger.fit.completed(), fitted.variance_inflation
     added = there.without_states(there.noise.whiten(held.residual - larger.residual)[:, None])[:, 0]
     along = there.white_shared().T @ added
     spread = fitted.normal_equations.covariance * np.sqrt(np.outer(wide, wide))
     information = float(added @ added)
-    deviation = math.sqrt(float(fitted.size_inflation.max()) * information + float(along @ spread @ along))
+    inflation = 1.0 if null is None else _inflation(added, there.without_states(there.noise.whiten(null)))
+    deviation = math.sqrt(inflation * information + float(along @ spread @ along))
     gain = float(held.cost - larger.cost)
-    return HoldOutResult(gain=gain, expected=0.5 * information, deviation=deviation)
+    return HoldOutResult(gain=gain, expected=0.5 * information, deviation=deviation, inflation=inflation)
+
+
+def _inflation(direction: np.ndarray, null: np.ndarray) -> float:
+    """Variance of whitened null residuals (M, K) along a direction (M,), over white noise's; at least 1."""
+    square = float(direction @ direction)
+    return max(float(np.mean((direction @ null) ** 2)) / max(square, 1e-300), 1.0)

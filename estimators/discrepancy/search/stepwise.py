@@ -53,13 +53,6 @@ class _Bars(NamedTuple):
     together: float  #: in those and the windows apart together
 
 
-class _Support(NamedTuple):
-    """Evidence of the fitted windows for new effects."""
-
-    gain: float  #: in the log-likelihood
-    inflation: float  #: of its variance on an unknown road
-
-
 class _Accepted(NamedTuple):
     """Outcome of hold-out tests of larger models."""
 
@@ -204,7 +197,7 @@ def _pruned(fit: FitResult, threshold: float) -> FitResult:
     return fit
 
 
-def _support(fit: FitResult, larger: FitResult, gain: float) -> _Support:
+def _support(fit: FitResult, larger: FitResult, gain: float) -> float:
     """Evidence of the fitted windows for the effects that are new in a ``larger`` model.
 
     The ``gain`` with the noise as it was, or the likelihood ratio of the least of the new effects, if that is
@@ -214,7 +207,7 @@ def _support(fit: FitResult, larger: FitResult, gain: float) -> _Support:
     new = [i for i, candidate in enumerate(larger.candidates) if candidate.effect not in names]
     least = np.min(np.abs(larger.sizes[new]) / larger.size_deviations()[new], initial=np.inf)
     wide = float(np.max(larger.size_inflation[new], initial=1.0))
-    return _Support(gain=float(min(gain / wide, 0.5 * least**2)), inflation=wide)
+    return float(min(gain / wide, 0.5 * least**2))
 
 
 def _accepted(test: HoldOutTest, trials: Sequence[FitResult], bars: _Bars) -> _Accepted:
@@ -241,15 +234,15 @@ def _accepted(test: HoldOutTest, trials: Sequence[FitResult], bars: _Bars) -> _A
         gains.append(result.gain)
         if _confirmed(result, support, enough):
             return _Accepted(larger, gains, refused=False)
-        refused |= support.gain > enough
+        refused |= support > enough
     return _Accepted(None, gains, refused)
 
 
-def _confirmed(result: HoldOutResult | None, support: _Support, enough: float) -> bool:
+def _confirmed(result: HoldOutResult | None, support: float, enough: float) -> bool:
     """Whether fitted windows and those apart together show enough, and the latter do not contradict."""
     if result is None or result.contradicts:
         return False
-    return support.gain + result.gain / support.inflation > enough
+    return support + result.evidence > enough
 
 
 def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float) -> _Accepted:

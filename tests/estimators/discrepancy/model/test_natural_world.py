@@ -9,15 +9,20 @@ import numpy as np
 import pytest
 
 from estimators.discrepancy.corrected_log import corrected_log
+from estimators.discrepancy.diagnosis import diagnose
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
 from estimators.discrepancy.faults.natural import natural_plant
 from estimators.discrepancy.faults.other_forms import FAMILIES, OTHER_FORMS, WRONG_NUMBERS
 from estimators.discrepancy.model.fit import fit_runs
+from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.nuisances import NUISANCES, acts, with_nuisances
+from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT
+from estimators.discrepancy.search.holdout import HoldOutTest
 from estimators.discrepancy.search.score_test import candidates_for, score_test
+from estimators.discrepancy.search.stepwise import refit
 from estimators.logs import read_log, write_log
 from estimators.logs.tolerances import TOLERANCES
 from offroad_env.effects import EFFECTS, apply
@@ -31,6 +36,11 @@ from offroad_env.world.vehicles import VEHICLES
 def run() -> RunModel:
     log = simulated_log(draw_case(51, road="flat", duration=12.0, gnss=True, natural=True))
     return RunModel(log, use=FIT)
+
+
+@pytest.fixture(scope="module")
+def fitted(run) -> FitResult:
+    return fit_runs([run])
 
 
 def test_every_stated_number_has_a_tolerance_that_moves_the_drive_and_an_exact_log_has_none(run):
@@ -47,10 +57,10 @@ def test_every_stated_number_has_a_tolerance_that_moves_the_drive_and_an_exact_l
         assert (same.vehicle, same.soil) == (exact.setup.plant.vehicle, exact.setup.plant.soil)
 
 
-def test_uneven_soil_widens_what_resistance_would_need_to_be_seen_and_even_soil_does_not(run):
+def test_uneven_soil_widens_what_resistance_would_need_to_be_seen_and_even_soil_does_not(run, fitted):
     even = RunModel(replace(run.log, config=replace(run.log.config, exact=True)), use=FIT)
     names = ["rolling_resistance", "accel_bias_y"]
-    fits = [fit_runs([each]) for each in (run, even)]
+    fits = [fitted, fit_runs([even])]
     assert fits[0].null is not None
     assert fits[1].null is None
     natural, exact = (score_test(fit, candidates_for(fit, names)).limits() for fit in fits)
@@ -100,3 +110,20 @@ def test_a_corrected_log_has_lost_the_errors_of_its_sensors_and_inputs(run):
     assert found["torque_f"][rows] == pytest.approx(1.1 * log.channels["torque_f"][rows], rel=1e-6)
     same = corrected_log(log, run.setup, run.setup).channels
     assert same["a_y"] == pytest.approx(log.channels["a_y"])
+
+
+@pytest.mark.check
+def test_a_load_that_a_tolerance_could_stand_in_for_is_not_refused_by_windows_that_scatter():
+    fault = OTHER_FORMS["payload"](0.173)
+    result = diagnose([simulated_log(draw_case(7000, road="unknown", natural=True), fault)])
+    assert not result.search.refused
+    named = {one.candidate.effect for cause in result.causes for one in cause.alternatives}
+    assert named & set(FAMILIES["payload"])
+
+
+def test_the_hold_out_test_of_a_natural_drive_simulates_the_scatter_of_its_own_windows(run, fitted):
+    larger = refit(fitted, [Candidate(effect="rolling_resistance")], [0.05])
+    result = HoldOutTest(fitted, [run]).result(larger)
+    assert result.inflation > 2.0
+    exact = replace(fitted, null=None)
+    assert HoldOutTest(exact, [run]).result(replace(larger, null=None)).inflation == 1.0

@@ -65,6 +65,29 @@ def test_a_true_effect_gains_what_is_expected(biased):
     assert HoldOutTest(fit, apart).result(wrong).contradicts
 
 
+def test_what_null_residuals_scatter_along_the_difference_of_two_models_takes_weight_from_a_gain(biased):
+    fit, apart = biased
+    larger = fit.with_effects([Candidate(effect="rolling_resistance")], [0.01])
+    larger = replace(larger, equations=refit(fit, larger.candidates, [0.01]).equations)
+    plain = HoldOutTest(fit, apart).result(larger)
+    assert plain.inflation == 1.0
+    assert plain.evidence == plain.gain
+    held = held_out(fit, apart)
+    difference = held.residual - held_out(larger, apart, held).residual
+    # A null residual like the difference itself has its length along it: twice the expected gain.
+    scattered = HoldOutTest(fit, apart, null=difference[:, None]).result(larger)
+    information = 2.0 * plain.expected
+    assert scattered.gain == pytest.approx(plain.gain)
+    assert scattered.inflation == pytest.approx(information, rel=1e-6)
+    assert scattered.inflation > 2.0
+    assert scattered.evidence == pytest.approx(scattered.gain / information)
+    added = scattered.deviation**2 - plain.deviation**2
+    assert added == pytest.approx((information - 1.0) * information, rel=1e-6)
+    # What scatters less than white noise is no reason to trust a gain more.
+    calm = HoldOutTest(fit, apart, null=1e-3 * difference[:, None]).result(larger)
+    assert calm.inflation == 1.0
+
+
 def test_a_window_that_began_in_another_valley_begins_again(bumpy):
     fit, apart = bumpy
     held = held_out(fit, apart)
