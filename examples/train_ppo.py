@@ -9,8 +9,10 @@ from importlib.resources import files
 
 import yaml
 from stable_baselines3 import PPO
+from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
+from agents.learning.keep_best import KeepBest
 from agents.learning.sb3_vec_env import LearningVecEnv
 from offroad_env import make_vec
 
@@ -19,10 +21,9 @@ recipe = yaml.safe_load((files("agents") / "recipes" / "ppo.yaml").read_text(enc
 
 envs = make_vec(recipe["n_envs"], autoreset_mode="SameStep", scenario=TASK, **recipe["env"])
 episodes = LearningVecEnv(envs, action_interface="direct", **recipe["price"])
-episodes.seed(1000 * SEED)
 scaled = VecNormalize(VecMonitor(episodes), gamma=recipe["ppo"]["gamma"], **recipe["normalize"])
-model = PPO(env=scaled, seed=SEED, verbose=1, **recipe["ppo"])
+rate = LinearSchedule(recipe["learning_rate"], 0.0, 1.0)  # falls to zero
+model = PPO(env=scaled, seed=1000 * SEED, verbose=1, learning_rate=rate, **recipe["ppo"])
 model.policy.action_net.bias.data[1] = recipe["first_drive"]  # who stands learns nothing of bends
-model.learn(int(sys.argv[2]) if len(sys.argv) > 2 else recipe["n_timesteps"])
-model.save(f"ppo_{TASK}_{SEED}")
-scaled.save(f"ppo_{TASK}_{SEED}.pkl")
+best = KeepBest(scaled, TASK, f"ppo_{TASK}_{SEED}", env=recipe["env"], **recipe["check"])
+model.learn(int(sys.argv[2]) if len(sys.argv) > 2 else recipe["n_timesteps"], callback=best)

@@ -91,6 +91,8 @@ class Train(TrainArgs):
         for name in ("learning_rate", "charge", "first_charge"):
             if (value := getattr(self, name)) is not None and not value > 0.0:
                 raise InvalidParameter(f"{name} must be > 0, got {value:g}")
+        if self.most_failures is not None and not 0.0 <= self.most_failures <= 1.0:
+            raise InvalidParameter(f"most_failures must be in [0, 1], got {self.most_failures:g}")
         if self.algorithm == "sac" and self.frames > 1:
             raise InvalidParameter("frames must be 1 with sac, whose memory holds single observations")
         if not self.hidden or min(self.hidden) < 1:

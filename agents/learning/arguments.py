@@ -37,6 +37,7 @@ _ADDED: dict[str, Any] = {
     "clip_reward": 10.0,
     "first_drive": 0.0,
     "emulated": False,
+    "most_failures": None,
 }
 #: With the option's former spelling.
 ActionInterfaceName = Annotated[str, tyro.conf.arg(aliases=["--guide"])]  # alias
@@ -82,6 +83,9 @@ class TrainArgs:
     hidden: tuple[int, ...] = (64, 64)  #: layers of policy and value network
     check_steps: int = 7_500  #: steps between two drives of the tuning episodes; the best policy is kept
     check_episodes: int = 16  #: of such a drive; 0 = none, the last policy is kept
+    most_failures: float | None = (
+        None  #: keep the best that fails no more on validation soils, not the best mean
+    )
     eval_episodes: int = 3  #: test episodes that the reloaded policy drives at the end
     world: WorldOptions = field(default_factory=WorldOptions)  #: what is driven on and with
 

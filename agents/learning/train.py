@@ -42,7 +42,7 @@ from agents.learning.checkpoint import (
     restore_random_state,
     write_checkpoint,
 )
-from agents.learning.checks import drive_each, scores_together
+from agents.learning.checks import drive_each, merit, scores_together
 from agents.learning.emulated_belief import EmulatedBelief
 from agents.learning.models import make_model, policy_settings, start_rolling
 from agents.learning.policies import (
@@ -224,7 +224,7 @@ class _Watch:
     ) -> None:
         self._args, self._envs, self._held, self._progress = args, envs, held, progress
         self.curve: list[CurvePoint] = []
-        self.best = np.inf
+        self.best: float | tuple[float, float] | None = None
         self.last = {"checkpoint": 0, "check": 0}
         self.before = 0.0
         self._start = time.perf_counter()
@@ -271,11 +271,14 @@ class _Watch:
 
     def check(self, model: Any) -> None:
         """Drive the tuning episodes; keep the policy if it is the best so far."""
-        score = _check(model, self._envs.scaler, self._args)
+        scores, success = _check(model, self._envs.scaler, self._args)
+        score, most = float(scores.mean()), self._args.most_failures
         model.logger.record("check/score", score)
+        model.logger.record("check/failures", 1.0 - float(success.mean()))
         self._add(model, score)
-        if score < self.best:
-            self.best = score
+        found = score if most is None else merit(scores, success, most)
+        if self.best is None or found < self.best:  # type: ignore[operator]  # of one kind in a run
+            self.best = found
             _save(model, self._envs.scaler, self._args)
 
     def _due(self, name: str, steps: int, every: int) -> bool:
@@ -317,10 +320,11 @@ def _callback(watch: _Watch) -> Any:
     return Callback()
 
 
-def _check(model: Any, scaler: Any, args: TrainArgs) -> float:
-    """Mean score of the tuning episodes, driven without noise."""
+def _check(model: Any, scaler: Any, args: TrainArgs) -> tuple[np.ndarray, np.ndarray]:
+    """Scores (E,) and successes (E,) of tuning or validation episodes, driven without noise."""
     options = {"terrain_info": args.terrain_info, **args.world.env_options()}
-    draws = draw_episodes(args.scenario, args.check_episodes, 0, training=True, form=args.form)
+    split = "training" if args.most_failures is None else "validation"
+    draws = draw_episodes(args.scenario, args.check_episodes, 0, split=split, form=args.form)
     together = args.algorithm == "ppo" and args.frames == 1 and task_of(args).measure != "cross_track"
     network = Network.of(model) if args.algorithm == "ppo" else model
     if not together:
@@ -328,7 +332,7 @@ def _check(model: Any, scaler: Any, args: TrainArgs) -> float:
             network, _scaling(scaler), frames=args.frames, action_interface=args.action_interface
         )
         driven = drive_each(agent, args.scenario, draws, form=args.form, **options)
-        return float(np.mean([episode.score for episode in driven]))
+        return np.array([e.score for e in driven]), np.array([e.success for e in driven])
 
     def predict(seen: dict[str, np.ndarray]) -> np.ndarray:
         return network.predict(scaled(seen, _scaling(scaler)))[0]
@@ -337,10 +341,9 @@ def _check(model: Any, scaler: Any, args: TrainArgs) -> float:
     options |= {"threads": args.threads, "terrain_info": _shown(args)}
     hold = find_interface(interface).hold * CONTROL_PERIOD
     belief = EmulatedBelief(len(draws), hold, 0) if args.emulated else None
-    scores, _ = scores_together(
+    return scores_together(
         predict, args.scenario, draws, form=args.form, interface=interface, belief=belief, **options
     )
-    return float(scores.mean())
 
 
 def train(args: TrainArgs, *, progress: Callable[[int, float], None] | None = None) -> TrainResult:
