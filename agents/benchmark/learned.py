@@ -7,15 +7,24 @@ worth is therefore the mean over training seeds, with Student's interval over th
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import t as student
 
-from agents.benchmark.statistics import Interval
+from agents.benchmark.statistics import Interval, interquartile_mean
 
-__all__ = ["LearnedArm", "learned_verdict", "seed_interval", "summarise_learned"]
+__all__ = [
+    "LearnedArm",
+    "improvement_interval",
+    "improvement_verdict",
+    "interquartile_interval",
+    "learned_verdict",
+    "ratio_interval",
+    "seed_interval",
+    "summarise_learned",
+]
 
 #: Names before ``_aware`` and ``_oblivious`` -> whose the comparison is.
 _PAIRS = {"ppo": "trained policies", "ppo_tracker": "policies that say the speed themselves"}
@@ -85,3 +94,74 @@ def _pair_verdict(policies: str, scores: Mapping[str, Interval], kind: str, unit
     if blind.high < aware.low:
         return f"{policies} do worse with the estimate: {figures}."
     return f"{policies} do not show that the estimate pays: {figures}."
+
+
+#: Resamples of the nested bootstrap.
+_RESAMPLES = 4000
+
+
+def _nested(
+    statistic: Callable[[np.ndarray, np.ndarray], float],
+    scores: np.ndarray,
+    beside: np.ndarray,
+    level: float,
+    seed: int,
+) -> Interval:
+    """Percentile interval; in every resample training seeds are drawn, and within each its episodes.
+
+    Episodes are drawn with what ``beside`` (E,) holds of them, so that pairs stay pairs. With one training
+    the interval is one over episodes alone.
+    """
+    rng = np.random.default_rng(seed)
+    runs, episodes = scores.shape
+    found = np.empty(_RESAMPLES)
+    for i in range(_RESAMPLES):
+        rows = rng.integers(0, runs, (runs, 1))
+        columns = rng.integers(0, episodes, (runs, episodes))
+        found[i] = statistic(scores[rows, columns], beside[columns])
+    low, high = np.quantile(found, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
+    return Interval(statistic(scores, np.tile(beside, (runs, 1))), float(low), float(high), level)
+
+
+def interquartile_interval(scores: np.ndarray, *, level: float = 0.95, seed: int = 0) -> Interval:
+    """Interquartile mean of all trainings and episodes, with its interval by stratified bootstrap.
+
+    Parameters
+    ----------
+    scores : (S, E)
+        A row for each training seed, the same test episodes in all.
+    level, seed
+        Of the interval, of the resampling.
+    """
+    scores = np.asarray(scores, dtype=np.float64)
+    return _nested(lambda own, _: interquartile_mean(own.ravel()), scores, scores[0], level, seed)
+
+
+def improvement_interval(
+    scores: np.ndarray, other: np.ndarray, *, level: float = 0.95, seed: int = 0
+) -> Interval:
+    """Share of the episodes (S, E) that are better than those of another agent (E,); a tie counts half."""
+
+    def share(own: np.ndarray, beside: np.ndarray) -> float:
+        return float(np.mean((own < beside) + 0.5 * (own == beside)))
+
+    return _nested(share, np.asarray(scores, np.float64), np.asarray(other, np.float64), level, seed)
+
+
+def ratio_interval(scores: np.ndarray, other: np.ndarray, *, level: float = 0.95, seed: int = 0) -> Interval:
+    """Mean score (S, E) over the mean score of another agent (E,) in the same episodes."""
+
+    def ratio(own: np.ndarray, beside: np.ndarray) -> float:
+        return float(own.mean() / beside.mean())
+
+    return _nested(ratio, np.asarray(scores, np.float64), np.asarray(other, np.float64), level, seed)
+
+
+def improvement_verdict(arm: str, other: str, chance: Interval) -> str:
+    """Whether the policies of an arm are better than another agent, by the interval."""
+    figure = f"better in {chance:.2f} of the episodes"
+    if chance.low > 0.5:
+        return f"{arm} beats {other}: {figure}."
+    if chance.high < 0.5:
+        return f"{arm} is beaten by {other}: {figure}."
+    return f"{arm} and {other} do not differ: {figure}."

@@ -17,10 +17,17 @@ from typing import Any
 import numpy as np
 import yaml
 
-from agents.benchmark.learned import LearnedArm, summarise_learned
+from agents.benchmark.learned import (
+    LearnedArm,
+    improvement_interval,
+    improvement_verdict,
+    interquartile_interval,
+    ratio_interval,
+    summarise_learned,
+)
 from agents.benchmark.runner import draw_episodes
 from agents.commands.options import Scenarios
-from agents.controllers.pure_pursuit import PurePursuitAgent
+from agents.driving.episode import find_agent
 from agents.driving.world_options import WorldOptions
 from agents.learning.arguments import TrainArgs, configuration_hash
 from agents.learning.checks import drive_each
@@ -35,8 +42,8 @@ __all__ = ["FORM", "DirectPolicies", "arguments", "run_unit"]
 FORM = "natural"
 #: Observations that the arm with memory sees side by side: one second.
 _FRAMES = 10
-#: Beside the policies: the simplest tracker.
-_PLAIN = "pure_pursuit"
+#: Beside the policies, on the same episodes: the benchmark's arms that know nothing of the soil, and all.
+_BESIDE = ("nominal", "oracle")
 
 
 def recipes() -> Mapping[str, dict[str, Any]]:
@@ -73,8 +80,9 @@ def run_unit(task: str, arm: str, seed: int, episodes: int, test_seed: int, *, o
     """Train one policy, or take up its training, and drive the test episodes; a unit of `run_units`."""
     draws = draw_episodes(task, episodes, test_seed, form=FORM)
     found: Result = {}
-    if arm == _PLAIN:
-        driven = drive_each(PurePursuitAgent(), task, draws, form=FORM)
+    if arm in _BESIDE:
+        agent, shown = find_agent(arm, task, None, form=FORM)
+        driven = drive_each(agent, task, draws, form=FORM, terrain_info=shown)
     else:
         args = arguments(task, arm, seed, out)
         found = train_one(args)
@@ -106,17 +114,17 @@ class DirectPolicies(Results):
         arms = self._summaries(done)
         rows = []
         for arm in arms:
-            scores = np.concatenate(
-                [unit["scores"] for key, unit in done.items() if key[:2] == (arm.task, arm.arm)]
-            )
+            middle = interquartile_interval(_scores(done, arm.task, arm.arm))
             each = ", ".join(f"{mean:.3g}" for mean in arm.means)
             failed = ", ".join(f"{100.0 * share:.1f}" for share in arm.failures)
-            rows.append((arm.task, arm.arm, f"{scores.mean():.3g} s", each, f"{failed} %"))
-        heading = ("task", "arm", "mean of all episodes", "each training seed", "failures of each")
+            rows.append((arm.task, arm.arm, each, f"{middle:.3g}", f"{failed} %"))
+        heading = ("task", "arm", "mean of each training [s]", "interquartile mean [s]", "failures of each")
         console().print(table(f"{self.episodes} test episodes", heading, rows, texts=2))
+        for sentence in self._sentences(done):
+            say(sentence)
         if self.ship is not None:
             for task, arm, seed, *_ in done:
-                if arm != _PLAIN:
+                if arm not in _BESIDE:
                     copy_policy(arguments(task, arm, seed, self.out).out, self.ship / task / arm / str(seed))
             say(f"policies: {self.ship}")
         curves = [{"key": key[:3], "points": unit["curve"]} for key, unit in done.items() if "curve" in unit]
@@ -137,15 +145,35 @@ class DirectPolicies(Results):
     def _stamps(self) -> dict[Key, str]:
         """Sources, and the configuration of the training; all arms of a seed before the next seed."""
         sources = stamp_of(*SOURCES)
-        stamps: dict[Key, str] = {
-            (task, _PLAIN, 0, self.episodes, self.test_seed): sources for task in self.tasks
-        }
+        stamps: dict[Key, str] = {}
         for seed in range(self.seeds):
             for task in self.tasks:
                 for arm in self.arms:
                     trained = configuration_hash(arguments(task, arm, seed, self.out))
                     stamps[task, arm, seed, self.episodes, self.test_seed] = f"{sources}-{trained}"
+        for task in self.tasks:
+            for name in _BESIDE:
+                stamps[task, name, 0, self.episodes, self.test_seed] = sources
         return stamps
+
+    def _sentences(self, done: Mapping[Key, Result]) -> list[str]:
+        """Every arm against those of the benchmark, and against the policies that see nothing of the soil."""
+        found = []
+        for task in self.tasks:
+            for arm in self.arms:
+                own = _scores(done, task, arm)
+                blind = (
+                    ("direct_oblivious",)
+                    if "direct_oblivious" in self.arms and arm != "direct_oblivious"
+                    else ()
+                )
+                for other in (*_BESIDE, *blind):
+                    beside = _scores(done, task, other).mean(axis=0)
+                    verdict = improvement_verdict(arm, other, improvement_interval(own, beside))
+                    found.append(
+                        f"{task}: {verdict} Time: {ratio_interval(own, beside):.2f} x that of {other}."
+                    )
+        return found
 
     def _summaries(self, done: Mapping[Key, Result]) -> list[LearnedArm]:
         found = []
@@ -154,3 +182,8 @@ class DirectPolicies(Results):
             episodes = {seed: (unit["scores"], unit["success"]) for seed, unit in units.items()}
             found.append(summarise_learned(task, arm, episodes))
         return found
+
+
+def _scores(done: Mapping[Key, Result], task: str, arm: str) -> np.ndarray:
+    """Scores (S, E) of an arm, a row for each training."""
+    return np.array([unit["scores"] for key, unit in done.items() if key[:2] == (task, arm)])
