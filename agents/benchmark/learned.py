@@ -97,7 +97,7 @@ def _pair_verdict(policies: str, scores: Mapping[str, Interval], kind: str, unit
 
 
 #: Resamples of the nested bootstrap.
-_RESAMPLES = 4000
+_RESAMPLES = 2000
 
 
 def _nested(

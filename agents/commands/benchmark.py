@@ -37,6 +37,8 @@ def known_forms(forms: Iterable[str]) -> tuple[str, ...]:
 
 #: Episodes of the quick form: one in each twentieth of the prior.
 _QUICK_EPISODES = 20
+#: Episodes and tasks of model-predictive control there, which takes seconds an episode, and beside whom.
+_PREDICTIVE_EPISODES, _PREDICTIVE_TASKS, _PREDICTIVE = 3, ("speed", "patches"), ("oracle", "nmpc_truth")
 
 
 @dataclass(kw_only=True)
@@ -74,6 +76,25 @@ class BenchmarkRun:
             f"{self.world.words()}"
         )
         write_results(results, args, self.out, self.json, command=command, trained=trained, seconds=seconds)
+        if self.quick:
+            self._show_predictive(args)
+
+    def _show_predictive(self, args: BenchmarkArgs) -> None:
+        """Model-predictive control on few episodes: that it runs, and what it does."""
+        from importlib.util import find_spec
+
+        from agents.benchmark.study import run_study
+
+        tasks = tuple(task for task in args.tasks if task in _PREDICTIVE_TASKS)
+        if not tasks or "matched" not in args.forms:
+            return
+        if find_spec("casadi") is None:
+            say("Model-predictive control is left out: pip install offroad-bekker[mpc]")
+            return
+        few = replace(
+            args, tasks=tasks, forms=("matched",), agents=_PREDICTIVE, episodes=_PREDICTIVE_EPISODES
+        )
+        show_results(run_study(few, self.out))
 
     def arguments(self) -> BenchmarkArgs:
         """What is compared on what."""
@@ -113,7 +134,7 @@ def write_results(
     """
     from agents.benchmark.drive import drive_section
     from agents.benchmark.learned import learned_verdict
-    from agents.benchmark.page import benchmark_sections, page_verdict, verdict
+    from agents.benchmark.page import benchmark_sections, page_verdict
     from agents.benchmark.runner import FORM_TITLES
     from agents.reports.page import figure_picture, render_page
     from agents.studies.tasks.figure import tasks_figure
@@ -141,13 +162,7 @@ def write_results(
     }
     path = write_bytes(out / "benchmark.html", page.encode())
     numbers = write_json(numbers or out / "benchmark.json", content)
-    for result in results.values():
-        rows = [
-            (s.name, f"{s.score:.3g}", f"{100.0 * (1.0 - s.success.value):.0f} %") for s in result.summaries
-        ]
-        title = f"{result.scenario}, {FORM_TITLES[result.form]}, {result.episodes} episodes"
-        console().print(table(title, ("agent", f"score [{result.unit}]", "failures"), rows))
-        say(f"{verdict(result)}\n")
+    show_results(results)
     for (task, form), arms in (trained or {}).items():
         unit = results[task, form].unit
         _print_learned(f"{task}, {FORM_TITLES[form]}, trained policies", arms, unit)
@@ -160,3 +175,17 @@ def _print_learned(title: str, arms: list[LearnedArm], unit: str) -> None:
         (arm.arm, f"{len(arm.seeds)}", f"{arm.score:.3g}", f"{100.0 * arm.failed:.0f} %") for arm in arms
     ]
     console().print(table(title, ("policy", "seeds", f"score [{unit}]", "failures"), rows))
+
+
+def show_results(results: Mapping[tuple[str, str], Benchmark]) -> None:
+    """Scores, failures and the verdict of every task and form on the screen."""
+    from agents.benchmark.page import verdict
+    from agents.benchmark.runner import FORM_TITLES
+
+    for result in results.values():
+        rows = [
+            (s.name, f"{s.score:.3g}", f"{100.0 * (1.0 - s.success.value):.0f} %") for s in result.summaries
+        ]
+        title = f"{result.scenario}, {FORM_TITLES[result.form]}, {result.episodes} episodes"
+        console().print(table(title, ("agent", f"score [{result.unit}]", "failures"), rows))
+        say(f"{verdict(result)}\n")

@@ -32,7 +32,8 @@ def merit(scores: np.ndarray, success: np.ndarray, most_failures: float) -> tupl
     most_failures
         Share of failures below which the faster policy is the better one [-].
     """
-    return max(float(1.0 - np.mean(success)), most_failures), float(np.mean(scores))
+    failures = float(np.mean(np.logical_not(success)))  # not 1 - mean: 2 of 100 are 0.02
+    return max(failures, most_failures), float(np.mean(scores))
 
 
 def drive_each(

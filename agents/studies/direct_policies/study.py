@@ -151,9 +151,10 @@ class DirectPolicies(Results):
                 for arm in self.arms:
                     trained = configuration_hash(arguments(task, arm, seed, self.out))
                     stamps[task, arm, seed, self.episodes, self.test_seed] = f"{sources}-{trained}"
+        beside = stamp_of(*SOURCES, "agents.driving.episode")
         for task in self.tasks:
             for name in _BESIDE:
-                stamps[task, name, 0, self.episodes, self.test_seed] = sources
+                stamps[task, name, 0, self.episodes, self.test_seed] = beside
         return stamps
 
     def _sentences(self, done: Mapping[Key, Result]) -> list[str]:

@@ -9,7 +9,7 @@ import pytest
 from agents.benchmark.natural import options_of
 from agents.benchmark.runner import ENV_ID, draw_episodes
 from agents.learning.action_interface import mirrored
-from agents.learning.checks import drive_each, scores_together
+from agents.learning.checks import drive_each, merit, scores_together
 from agents.learning.emulated_belief import EmulatedBelief
 from agents.learning.models import make_model, start_rolling
 from agents.learning.policies import PolicyAgent, scaled
@@ -184,3 +184,66 @@ def test_mirrored_rows_are_those_of_single_observations():
     for i in range(2):
         alone = mirrored({key: value[i] for key, value in seen.items()})
         assert all(np.array_equal(mirrored(seen)[key][i], alone[key]) for key in alone)
+
+
+def test_of_two_policies_the_one_that_fails_less_is_kept_and_the_faster_of_those_that_hardly_fail():
+    def found(seconds, failures):
+        success = np.arange(100) >= failures
+        return merit(np.where(success, seconds, 120.0), success, 0.02)
+
+    assert found(50.0, 3) < found(40.0, 4)
+    assert found(40.0, 2) < found(50.0, 0)
+    assert found(40.0, 0) < found(50.0, 2)
+
+
+def test_the_policy_that_does_best_on_validation_episodes_is_saved(tmp_path, monkeypatch):
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+
+    from agents.learning import keep_best
+
+    seen, arrived = [], iter([0, 3, 1])
+
+    def driven(predict, task, draws, **options):
+        seen.append((task, draws))
+        return np.full(4, 120.0), np.arange(4) < next(arrived)
+
+    monkeypatch.setattr(keep_best, "scores_together", driven)
+    scaler = VecNormalize(VecMonitor(episodes_with_edge()))
+    model = PPO("MultiInputPolicy", scaler, n_steps=4, batch_size=4, n_epochs=1, device="cpu")
+    best = keep_best.KeepBest(scaler, "speed", str(tmp_path / "kept"), every=4, episodes=4, env={})
+    files = tmp_path / "kept.zip", tmp_path / "kept.pkl"
+    model.learn(8, callback=best)
+    assert len(seen) == 2  # before the second batch, and at the end
+    kept = [file.read_bytes() for file in files]
+    model.learn(4, callback=best, reset_num_timesteps=False)  # does worse
+    assert [file.read_bytes() for file in files] == kept
+    assert best.best == (pytest.approx(0.25), 120.0)
+    tests = {draw.seed for draw in draw_episodes("speed", 4, 0)}
+    assert seen[0] == ("speed", draw_episodes("speed", 4, 0, split="validation"))
+    assert not tests & {draw.seed for draw in seen[0][1]}
+
+
+def test_a_run_that_is_to_fail_little_chooses_on_validation_soils(tmp_path, monkeypatch):
+    from agents.learning import train as module
+
+    splits = []
+
+    def draws(task, episodes, seed, **options):
+        splits.append(options.get("split", "test"))
+        return draw_episodes(task, episodes, seed, **options)
+
+    monkeypatch.setattr(module, "draw_episodes", draws)
+    monkeypatch.setattr(
+        module, "scores_together", lambda *_, **__: (np.array([40.0, 120.0]), np.array([True, False]))
+    )
+    small = {"total_steps": 4, "n_envs": 1, "n_steps": 4, "batch_size": 4, "n_epochs": 1, "eval_episodes": 0}
+    for most, split in ((None, "training"), (0.02, "validation")):
+        splits.clear()
+        train(
+            TrainArgs(
+                action_interface="direct", most_failures=most, check_episodes=2, out=tmp_path / split, **small
+            )
+        )
+        assert split in splits
+        assert len({*splits, split, "test"}) == 2

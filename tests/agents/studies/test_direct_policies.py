@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from agents.learning.arguments import configuration_hash
@@ -37,3 +38,20 @@ def test_the_weights_of_the_recipe_reach_the_environment(tmp_path):
 def test_what_cannot_be_run_is_refused(change, words, tmp_path):
     with pytest.raises(InvalidParameter, match=words):
         DirectPolicies(out=tmp_path, **change).run()
+
+
+def test_the_sentences_compare_policies_with_the_arms_on_the_same_episodes(tmp_path):
+    rng = np.random.default_rng(0)
+    course = rng.normal(50.0, 10.0, 60)
+    study = DirectPolicies(out=tmp_path, arms=("direct_oblivious", "direct_oracle"), seeds=2, episodes=60)
+    lead = {"direct_oracle": -5.0, "direct_oblivious": 5.0, "nominal": 0.0, "oracle": -8.0}
+    done = {
+        key: {"scores": (course + lead[key[1]] + rng.normal(0.0, 1.0, 60)).tolist(), "success": [True] * 60}
+        for key in study._stamps()
+    }
+    said = "\n".join(study._sentences(done))
+    assert "direct_oracle beats nominal" in said
+    assert "direct_oracle is beaten by oracle" in said
+    assert "direct_oracle beats direct_oblivious" in said
+    assert "direct_oblivious is beaten by nominal" in said
+    assert "Time: 0.90 [" in said

@@ -1,0 +1,56 @@
+"""Intervals of trained policies: training seeds and episodes are drawn, pairs stay pairs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from agents.benchmark.learned import (
+    improvement_interval,
+    improvement_verdict,
+    interquartile_interval,
+    ratio_interval,
+)
+
+RNG = np.random.default_rng(0)
+COURSES = RNG.normal(50.0, 10.0, 80)
+
+
+def test_trainings_that_differ_widen_the_interval_more_than_their_episodes_do():
+    alike = np.tile(COURSES, (4, 1))
+    apart = alike + np.array([[-20.0], [-5.0], [5.0], [20.0]])
+    close, wide = interquartile_interval(alike), interquartile_interval(apart)
+    assert close.low < close.value < close.high
+    assert wide.high - wide.low > 3.0 * (close.high - close.low)
+
+
+def test_the_interquartile_mean_leaves_out_a_quarter_of_failures():
+    scores = COURSES[None].copy()
+    scores[0, :8] = 1e6
+    assert interquartile_interval(scores).value < 60.0
+
+
+def test_a_policy_that_is_always_a_little_faster_beats_the_arm_on_courses_that_differ_widely():
+    faster = np.tile(COURSES - 0.1, (2, 1))
+    assert improvement_interval(faster, COURSES).low == 1.0
+    ratio = ratio_interval(faster, COURSES)
+    assert ratio.high < 1.0
+    assert ratio.value == pytest.approx(1.0 - 0.1 / COURSES.mean())
+
+
+def test_the_interval_of_a_policy_covers_a_coin_that_is_fair():
+    inside = 0
+    for _ in range(8):
+        scores = RNG.normal(size=(1, 60))
+        chance = improvement_interval(scores, np.zeros(60))
+        inside += chance.low <= 0.5 <= chance.high
+    assert inside >= 6
+
+
+@pytest.mark.parametrize(
+    ("shift", "words"), [(-30.0, "beats"), (30.0, "is beaten by"), (0.0, "do not differ")]
+)
+def test_the_sentence_follows_the_interval_whichever_way_it_falls(shift, words):
+    other = COURSES + RNG.normal(0.0, 1.0, COURSES.size)
+    verdict = improvement_verdict("a", "b", improvement_interval((COURSES + shift)[None], other))
+    assert words in verdict
