@@ -157,11 +157,11 @@ def ratio_interval(scores: np.ndarray, other: np.ndarray, *, level: float = 0.95
     return _nested(ratio, np.asarray(scores, np.float64), np.asarray(other, np.float64), level, seed)
 
 
-def improvement_verdict(arm: str, other: str, chance: Interval) -> str:
+def improvement_verdict(arm: str, other: str, better: Interval) -> str:
     """Whether the policies of an arm are better than another agent, by the interval."""
-    figure = f"better in {chance:.2f} of the episodes"
-    if chance.low > 0.5:
+    figure = f"better in {better:.2f} of the episodes"
+    if better.low > 0.5:
         return f"{arm} beats {other}: {figure}."
-    if chance.high < 0.5:
+    if better.high < 0.5:
         return f"{arm} is beaten by {other}: {figure}."
     return f"{arm} and {other} do not differ: {figure}."

@@ -83,9 +83,7 @@ class TrainArgs:
     hidden: tuple[int, ...] = (64, 64)  #: layers of policy and value network
     check_steps: int = 7_500  #: steps between two drives of the tuning episodes; the best policy is kept
     check_episodes: int = 16  #: of such a drive; 0 = none, the last policy is kept
-    most_failures: float | None = (
-        None  #: keep the best that fails no more on validation soils, not the best mean
-    )
+    most_failures: float | None = None  #: choose the fastest that fails no more, on validation soils [-]
     eval_episodes: int = 3  #: test episodes that the reloaded policy drives at the end
     world: WorldOptions = field(default_factory=WorldOptions)  #: what is driven on and with
 

@@ -42,8 +42,8 @@ def test_the_interval_of_a_policy_covers_a_coin_that_is_fair():
     inside = 0
     for _ in range(8):
         scores = RNG.normal(size=(1, 60))
-        chance = improvement_interval(scores, np.zeros(60))
-        inside += chance.low <= 0.5 <= chance.high
+        share = improvement_interval(scores, np.zeros(60))
+        inside += share.low <= 0.5 <= share.high
     assert inside >= 6
 
 
