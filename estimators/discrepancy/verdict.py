@@ -215,12 +215,12 @@ class Diagnosis(ABC):
 
     @property
     def remaining(self) -> float:
-        """Twice the log-likelihood that the causes leave to unknown inputs, or to refused effects."""
+        """Twice the log-likelihood that the causes leave to unknown inputs, or to other effects."""
         inputs = sum(rest.excess for rest in self.unknown_inputs)
-        refused = 0.0
-        if self.search is not None and self.search.refused:
-            refused = float(np.max(self.search.last.z**2, initial=0.0))
-        return max(inputs, refused)
+        left = 0.0
+        if self.search is not None and (self.search.refused or self.search.capped):
+            left = float(np.max(self.search.last.z**2, initial=0.0))
+        return max(inputs, left)
 
     @property
     def named(self) -> tuple[Cause, ...]:
@@ -230,9 +230,9 @@ class Diagnosis(ABC):
 
     @property
     def incomplete(self) -> bool:
-        """Whether a discrepancy remains: an unknown input, or effects that the hold-out test refuses."""
-        refused = self.search is not None and self.search.refused
-        return bool(self.unexplained) or (bool(self.causes) and refused) or not all(self.physical)
+        """Whether a discrepancy remains: an unknown input, or effects that are refused or one too many."""
+        left = self.search is not None and (self.search.refused or self.search.capped)
+        return bool(self.unexplained) or (bool(self.causes) and left) or not all(self.physical)
 
     @property
     def inaccurate(self) -> bool:

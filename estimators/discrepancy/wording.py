@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from estimators.discrepancy.checks.forecast import Prediction
+from estimators.discrepancy.search.stepwise import MOST
 from estimators.discrepancy.structure_comparison import StructureComparison
 from estimators.discrepancy.summary import CauseSummary, DiagnosisSummary, UnknownInput, UnknownInputShape
 from estimators.discrepancy.verdict import (
@@ -189,6 +190,8 @@ def _discrepancy_phrase(
     phrase = "effects that improve the fit in one part of the runs make it worse in another"
     if isinstance(diagnosis, RigDiagnosis):
         phrase = "no effect of a physical size explains it on the conditions of the hold-out test, too"
+    elif diagnosis.search is not None and diagnosis.search.capped:
+        phrase = f"more effects are significant than the {MOST} that one model holds"
     if unexplained:
         phrase = _largest(unexplained).phrase
     effects = [cause.best.effect for cause in causes if not cause.structural]

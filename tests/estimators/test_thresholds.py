@@ -18,6 +18,7 @@ from estimators.analysis.scores import score
 from estimators.discrepancy.checks.unmodelled_forces import JointSizes
 from estimators.discrepancy.search.holdout import HoldOutResult
 from estimators.discrepancy.verdict import RigChecks, RigDiagnosis, VehicleDiagnosis, Verdict
+from estimators.discrepancy.wording import _discrepancy_phrase
 from estimators.filters.belief_history import BeliefHistory
 from estimators.filters.model_evidence import EvidenceSettings, RobustPosterior
 
@@ -148,6 +149,7 @@ THRESHOLDS = (
     ("estimators.discrepancy.search.score_test", "", "_CLOSE", 0.5),
     ("estimators.discrepancy.search.score_test", "", "_CLOSER", 0.1),
     ("estimators.discrepancy.search.score_test", "", "DETECTABLE", 4.42),
+    ("estimators.discrepancy.search.stepwise", "", "MOST", 4),
     ("estimators.discrepancy.search.stepwise", "", "_CONFIRMED", 0.4),
     ("estimators.discrepancy.search.stepwise", "", "_NEAR_BEST", 0.8),
     ("estimators.discrepancy.search.stepwise", "", "_LARGE", 2.0),
@@ -248,7 +250,7 @@ def test_a_robust_flag_is_down_where_the_possible_soils_are_wider_than_a_share_o
 
 
 def diagnosis(solver=0.01, strongest=2.0, **parts):
-    search = SimpleNamespace(first=SimpleNamespace(z=np.array([strongest])), refused=False)
+    search = SimpleNamespace(first=SimpleNamespace(z=np.array([strongest])), refused=False, capped=False)
     checks = RigChecks(
         solver=solver, gate=(), converged=True, threshold=3.0, trials=9, left_out=0, conditions={"search": 3}
     )
@@ -277,6 +279,21 @@ def test_a_larger_model_that_the_hold_out_test_refused_is_not_used():
     assert VehicleDiagnosis(search=search, causes=(cause,)).model == "larger"
 
 
+@pytest.mark.parametrize(("refused", "capped"), [(True, False), (False, True), (False, False)])
+def test_effects_that_are_refused_or_one_too_many_leave_a_discrepancy(refused, capped):
+    last = SimpleNamespace(z=np.array([-5.0, 2.0]))
+    search = SimpleNamespace(refused=refused, capped=capped, last=last)
+    log = SimpleNamespace(rig=True)  # no vehicle that bounds the sizes
+    parts = {"logs": (log,), "search": search, "causes": (SimpleNamespace(alternatives=(1,)),)}
+    found = VehicleDiagnosis(**parts)
+    assert found.incomplete is (refused or capped)
+    assert found.remaining == (25.0 if refused or capped else 0.0)
+    best = SimpleNamespace(effect="payload")
+    shown = SimpleNamespace(best=best, effects=["payload"], structural=False)
+    if capped:
+        assert "more effects are significant than the 4" in _discrepancy_phrase(found, (shown,), ())
+
+
 def joint(kept=0.6, size=1.0, correlation=0.1, deviation=0.1):
     matrix = np.array([[0.0, correlation], [correlation, 0.0]])
     return JointSizes(
@@ -293,6 +310,7 @@ def named(found, remaining=0.0):
         extended=SimpleNamespace(sizes=np.array([1.0, 1.0])),
         first=SimpleNamespace(z=np.array([9.0])),
         refused=False,
+        capped=False,
         threshold=3.0,
     )
     cause = SimpleNamespace(alternatives=(1,))

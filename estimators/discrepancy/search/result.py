@@ -69,6 +69,8 @@ class SearchResult:
     holdout_gains: tuple[float, ...] = ()  #: of each tested model on windows apart, in the log-likelihood
     #: Whether scores of the fitted windows are significant, but the hold-out test rejects every larger model.
     refused: bool = False
+    #: Whether a model holds as many effects as one may, and scores of others are still significant.
+    capped: bool = False
     causes: tuple[Cause, ...] = ()
 
     def score_of(self, change: np.ndarray) -> np.ndarray:

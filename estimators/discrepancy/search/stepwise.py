@@ -294,6 +294,7 @@ def search(
         last = score_test(accepted.fit, outside(accepted.fit, candidates))
         fit, test = last.fit, test.onward(accepted.fit)
         bar = score_threshold(last, rate)
+    capped = len(fit.candidates) == MOST and float(np.abs(last.z).max(initial=0.0)) > bar
     causes = []
     for k in range(len(fit.candidates)):
         fit, cause = _cause(fit, last, k, first)
@@ -306,6 +307,7 @@ def search(
         threshold=threshold,
         holdout_gains=tuple(gains),
         refused=refused,
+        capped=capped,
         causes=tuple(causes),
     )
 

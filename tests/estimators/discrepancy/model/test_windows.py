@@ -14,6 +14,7 @@ from estimators.discrepancy.model.fit import fit_runs
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT, SELECT
+from estimators.discrepancy.search import stepwise
 from estimators.discrepancy.search.holdout import HoldOutResult, HoldOutTest
 from estimators.discrepancy.search.stepwise import refit
 from offroad_env.physics import state as at
@@ -51,6 +52,15 @@ def test_what_is_believed_of_a_sensor_counts_where_it_was_fitted_and_not_again(b
     result = HoldOutTest(fit, apart).result(larger)
     assert abs(result.gain) < 1.0
     assert result.expected < 1.0
+
+
+@pytest.mark.parametrize(("most", "capped"), [(0, True), (1, False)])
+def test_a_search_says_that_it_stopped_at_the_most_effects_of_a_model(biased, monkeypatch, most, capped):
+    fit, apart = biased
+    monkeypatch.setattr(stepwise, "MOST", most)
+    found = stepwise.search(fit, ("accel_bias_x", "accel_bias_y"), 0.06, apart)
+    assert len(found.causes) == most
+    assert found.capped is capped
 
 
 def test_a_true_effect_gains_what_is_expected(biased):
