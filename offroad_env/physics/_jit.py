@@ -23,7 +23,7 @@ import numba
 from offroad_env.physics._kernel_folder import own_folder
 from offroad_env.physics._kernel_notes import keep_apart
 
-__all__ = ["apart_kernel", "cache_folder", "exact_kernel", "inline_kernel", "kernel", "merged_kernel"]
+__all__ = ["apart_kernel", "cache_folder", "inline_kernel", "kernel", "merged_kernel"]
 
 #: Versions of numba, from the first to below the second, whose inner parts `_staged` fits; with any other
 #: kernels are plain.
@@ -178,11 +178,6 @@ def kernel(function: F) -> F:
     of a step.
     """
     return _compile(function)
-
-
-def exact_kernel(function: F) -> F:
-    """A kernel that rounds after every operation, as NumPy does: with the same numbers bit for bit."""
-    return _compile(function, fastmath=False)
 
 
 def inline_kernel(function: F) -> F:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -13,14 +12,8 @@ from numpy.typing import ArrayLike
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.path_geometry import PathTable
 from offroad_env.world.catalogue import Quantity
-from offroad_env.world.clothoids import (
-    BREAKS,
-    RoadLimits,
-    directions_along,
-    draw_bends,
-    place_nodes,
-    spread,
-)
+from offroad_env.world.clothoids import RoadLimits, draw_bends
+from offroad_env.world.path_nodes import clothoid_nodes, sine_nodes
 from offroad_env.world.yaml_text import shown
 
 __all__ = [
@@ -57,9 +50,15 @@ def _table(length: float, X: ArrayLike, Y: ArrayLike, yaw: ArrayLike, curvature:
     return PathTable(length / (len(nodes) - 1), np.ascontiguousarray(nodes))
 
 
+def _nodes_of(length: float) -> tuple[float, np.ndarray]:
+    """Distance between the nodes of a path [m], about ``NODE_DISTANCE``, and room for them."""
+    count = max(math.ceil(length / NODE_DISTANCE - 1e-9), 1)
+    return length / count, np.zeros((count + 1, 4))
+
+
 def _stations(length: float) -> np.ndarray:
     """Arc length at the nodes [m], about ``NODE_DISTANCE`` apart and ending exactly at ``length``."""
-    return np.linspace(0.0, length, max(math.ceil(length / NODE_DISTANCE - 1e-9), 1) + 1)
+    return np.linspace(0.0, length, len(_nodes_of(length)[1]))
 
 
 def _arc_length(curve: Curve, start: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -70,14 +69,14 @@ def _arc_length(curve: Curve, start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return length
 
 
-def _sample(curve: Curve, marks: np.ndarray, length: float | None = None) -> PathTable:
+def _sample(curve: Curve, marks: np.ndarray) -> PathTable:
     """Nodes at uniform arc length along a curve given by any parameter.
 
     ``marks`` divides the parameter's range so finely that the speed |dC/dt| is smooth in between; the
-    path ends at ``length`` [m], or with the marks.
+    path ends with them.
     """
     travelled = np.concatenate([[0.0], np.cumsum(_arc_length(curve, marks[:-1], marks[1:]))])
-    length = float(travelled[-1]) if length is None else length
+    length = float(travelled[-1])
     s = _stations(length)
     piece = np.clip(np.searchsorted(travelled, s, side="right") - 1, 0, len(marks) - 2)
     t = np.interp(s, travelled, marks)
@@ -142,15 +141,9 @@ def sine_path(length: float, amplitude: float = 5.0, wavelength: float = 60.0) -
             "smallest radius wavelength^2 / (4 pi^2 amplitude)", min(1.0 / (amplitude * k * k), 1e4)
         )
 
-    def curve(t: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
-        if order == 0:
-            return t, amplitude * np.sin(k * t)
-        if order == 1:
-            return np.ones_like(t), amplitude * k * np.cos(k * t)
-        return np.zeros_like(t), -amplitude * k * k * np.sin(k * t)
-
-    # The curve is never shorter than its extent in X.
-    return _sample(curve, np.linspace(0.0, length, math.ceil(length / min(1.0, 0.3 / k)) + 1), length)
+    ds, nodes = _nodes_of(length)
+    sine_nodes(amplitude, k, _GAUSS, _WEIGHT, ds, nodes)
+    return PathTable(ds, nodes)
 
 
 def figure_eight(size: float, laps: float = 1.0) -> PathTable:
@@ -219,34 +212,6 @@ def from_waypoints(points: ArrayLike) -> PathTable:
     return path
 
 
-@lru_cache(maxsize=8)
-def _nodes_within(length: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(arc length at the nodes (N + 1,), at the Gauss nodes in between (N, 6), distances (N,)) [m]."""
-    s = _stations(length)
-    steps = np.diff(s)
-    kept = s, s[:-1, None] + steps[:, None] * _GAUSS, steps
-    for array in kept:
-        array.flags.writeable = False  # kept for the next road
-    return kept
-
-
-def _integrate(breaks: np.ndarray, values: np.ndarray, length: float) -> PathTable:
-    """The path of a piecewise linear curvature (straights, clothoids, arcs) from the origin along X.
-
-    The last break lies at or beyond the end of the path.
-    """
-    s, inner, steps = _nodes_within(length)
-    nodes = np.zeros((len(s), 4))
-    yaw, place_of = np.empty(inner.size), np.empty(inner.shape, np.int32)
-    direction = yaw[: directions_along(breaks, values, s, inner, nodes, yaw, place_of)]
-    part = np.empty(inner.shape)
-    spread(np.cos(direction), place_of, part)
-    forward = part @ _WEIGHT
-    spread(np.sin(direction), place_of, part)
-    place_nodes(steps, forward, part @ _WEIGHT, nodes)
-    return PathTable(length / (len(nodes) - 1), nodes)
-
-
 def winding_corridor(
     rng: np.random.Generator,
     length: float = 300.0,
@@ -297,10 +262,11 @@ def winding_corridor(
     limits = RoadLimits(length, *radii, *straights, transition, max_heading)
     # As many draws as the shortest possible bends need: the state of rng afterwards does not depend on luck.
     bends = math.ceil(length / (0.5 * max_heading * radii[0] + straights[0]))
-    breaks, values = np.zeros((2, 2 + BREAKS * bends))
-    breaks[1] = max(_STRAIGHT.check("lead_in", lead_in), 1e-3)
-    known = draw_bends(rng.random((bends, 3)), limits, breaks, values)
-    return _integrate(breaks[:known], values[:known], length)
+    lead_in = max(_STRAIGHT.check("lead_in", lead_in), 1e-3)
+    breaks, values = draw_bends(rng.random((bends, 3)), limits, lead_in)
+    ds, nodes = _nodes_of(length)
+    clothoid_nodes(breaks, values, _GAUSS, _WEIGHT, ds, nodes)
+    return PathTable(ds, nodes)
 
 
 def _ordered(name: str, limits: tuple[float, float], quantity: Quantity) -> tuple[float, float]:

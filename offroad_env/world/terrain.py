@@ -16,7 +16,6 @@ from offroad_env.errors import InvalidParameter
 from offroad_env.physics.ground import ground_heights
 from offroad_env.physics.path_geometry import PathTable, path_point
 from offroad_env.physics.records import Ground, SoilMap
-from offroad_env.world.bin_search import ANGLE, HIGH, LOW, TRIED, WANTED, search_step
 from offroad_env.world.catalogue import Quantity
 
 __all__ = [
@@ -52,9 +51,10 @@ _PLACE = Quantity("in [-1e4, 1e4] m", -1e4, 1e4)
 _LENGTH = Quantity("in (0, 1e4] m", 0.0, 1e4, low_open=True)
 _EXPONENT = Quantity("in (0.05, 2.5]", 0.05, 2.5, low_open=True)
 
-#: Half the length, over the frequency, of an interval that surely encloses a root: rounding errors are less
-#: than a tenth of it.
-_CLOSE = 2e-14
+#: Angles from 0 to a quarter of a turn between which the search for frequencies begins [rad]; from the line
+#: between two of them two steps of Newton's method reach rounding.
+_ANGLES = np.linspace(0.0, 0.5 * math.pi, 2001)[:-1]
+_RATIOS = _ANGLES / np.cos(_ANGLES)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -191,63 +191,17 @@ def _bins(low: float, high: float, count: int) -> _Bins:
     return found
 
 
-def _narrow(rows: np.ndarray, top: float) -> None:
-    """Close intervals of the search around where the variance beyond is what is wanted.
-
-    Where the ends of what Newton's method finds do not enclose the root, the interval stays as it was.
-    """
-    tried, angle, wanted, low, high = rows[TRIED], rows[ANGLE], rows[WANTED], rows[LOW], rows[HIGH]
-    np.multiply(0.5, np.add(low, high, out=tried), out=tried)
-    np.divide(tried, top, out=angle)
-    for _ in range(6):
-        np.arccos(angle, out=angle)
-        search_step(rows, top, False)
-    below, above = tried * (1.0 - _CLOSE), tried * (1.0 + _CLOSE)
-    np.copyto(low, below, where=(below > low) & (_variance_beyond(below, top) > wanted))
-    np.copyto(high, above, where=(above < high) & (_variance_beyond(above, top) <= wanted))
-    for i in np.flatnonzero(high - low > 8.0 * _CLOSE * low).tolist():
-        low[i], high[i] = _halved(float(low[i]), float(high[i]), top, float(wanted[i]))
-
-
-def _halved(low: float, high: float, top: float, wanted: float) -> tuple[float, float]:
-    """The interval that bisection of ``low`` ... ``high`` reaches around the frequency, without trying.
-
-    Close below the top of the band the slope of the variance over the frequency has no bound, and Newton's
-    method fails. In the angle a = arccos(k / top) the variance a / (top cos a) has no such place: from there
-    it is known on which side of a middle the root lies, unless they are as close as rounding errors.
-    """
-    a = math.acos(min(low / top, 1.0))
-    for _ in range(30):
-        cos = math.cos(a)
-        step = (a - wanted * top * cos) * cos / (cos + a * math.sin(a))
-        a -= step
-        if abs(step) <= 1e-12 * abs(a):  # the next step would be its square
-            break
-    else:
-        return low, high
-    root = top * math.cos(a)
-    below, above = root * (1.0 - _CLOSE), root * (1.0 + _CLOSE)
-    while low < (middle := 0.5 * (low + high)) < high and not below <= middle <= above:
-        low, high = (middle, high) if middle < root else (low, middle)
-    return low, high
-
-
 def _draw_frequencies(bins: _Bins, rng: np.random.Generator) -> np.ndarray:
     """One frequency [cycles/m] from each bin, with probability in proportion to the variance density."""
     edges, beyond = bins.edges, bins.beyond
-    top, rows = float(edges[-1]), np.empty((5, len(edges) - 1))
-    share = rng.random(rows.shape[1])
-    rows[WANTED] = (1.0 - share) * beyond[:-1] + share * beyond[1:]
-    rows[LOW], rows[HIGH] = edges[:-1], edges[1:]
-    _narrow(rows, top)
-    tried, angle = rows[TRIED], rows[ANGLE]
-    np.multiply(0.5, np.add(rows[LOW], rows[HIGH], out=tried), out=tried)
-    np.divide(tried, top, out=angle)
-    for _ in range(60):  # bisection: the variance beyond a frequency falls with it
-        np.arccos(angle, out=angle)
-        if search_step(rows, top, True) == 0:
-            break
-    drawn: np.ndarray = tried.copy()
+    share = rng.random(len(edges) - 1)
+    ratio = edges[-1] * ((1.0 - share) * beyond[:-1] + share * beyond[1:])
+    # The variance beyond k = K cos a is a / (K cos a). In the angle it has no place of infinite slope.
+    angle = np.interp(ratio, _RATIOS, _ANGLES)
+    for _ in range(2):
+        cos, sin = np.cos(angle), np.sin(angle)
+        angle -= (angle - ratio * cos) / (1.0 + ratio * sin)
+    drawn: np.ndarray = edges[-1] * np.cos(angle)
     return drawn
 
 

@@ -7,9 +7,12 @@ import pickle
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_simpson, cumulative_trapezoid
+from scipy.special import ellipeinc
 
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.path_geometry import nearest_index, path_point, preview, project
+from offroad_env.world.path_nodes import clothoid_nodes
 from offroad_env.world.paths import (
     circle,
     figure_eight,
@@ -66,6 +69,33 @@ def test_the_circle_and_the_sine_are_their_closed_forms_between_nodes_too():
         assert math.tan(yaw) == pytest.approx(
             6.0 * 2 * math.pi / 50.0 * math.cos(2 * math.pi * x / 50.0), abs=1e-5
         )
+
+
+@pytest.mark.parametrize(("amplitude", "wavelength"), [(6.0, 80.0), (0.5, 6.4), (900.0, 300.0)])
+def test_the_nodes_of_a_sine_lie_at_their_arc_length_of_it(amplitude, wavelength):
+    path, k = sine_path(60.0, amplitude, wavelength), 2.0 * math.pi / wavelength
+    squared = (amplitude * k) ** 2
+    # Speed^2 = 1 + squared cos^2 = (1 + squared) (1 - m sin^2): an elliptic integral of the second kind.
+    length = math.sqrt(1.0 + squared) / k * ellipeinc(k * path.nodes[:, 0], squared / (1.0 + squared))
+    np.testing.assert_allclose(length, path.s, rtol=0.0, atol=1e-11)
+
+
+def test_the_nodes_of_a_road_are_the_integral_of_its_curvature():
+    breaks, values = np.array([0.0, 5.0, 9.0, 12.0, 31.0]), np.array([0.0, 0.0, 0.2, 0.2, -0.3])
+    nodes = np.zeros((121, 4))
+    clothoid_nodes(breaks, values, *gauss(6), 0.25, nodes)
+    fine = np.linspace(0.0, 30.0, 120 * 256 + 1)
+    yaw = cumulative_trapezoid(np.interp(fine, breaks, values), fine, initial=0.0)
+    place = [cumulative_simpson(part, x=fine, initial=0.0)[::256] for part in (np.cos(yaw), np.sin(yaw))]
+    np.testing.assert_allclose(nodes[:, :2], np.transpose(place), rtol=0.0, atol=1e-7)
+    np.testing.assert_allclose(nodes[:, 2], yaw[::256], rtol=0.0, atol=1e-7)
+    np.testing.assert_allclose(nodes[:, 3], np.interp(fine[::256], breaks, values), rtol=0.0, atol=1e-14)
+
+
+def gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights on 0 ... 1."""
+    nodes, weight = np.polynomial.legendre.leggauss(count)
+    return 0.5 * (1.0 + nodes), 0.5 * weight
 
 
 def test_a_path_through_waypoints_passes_through_each_of_them_in_order():

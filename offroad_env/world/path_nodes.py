@@ -1,0 +1,86 @@
+"""Nodes of reference paths at equal distances along them: roads of clothoids, and sine curves."""
+
+from __future__ import annotations
+
+import math
+
+from offroad_env.physics._jit import kernel
+from offroad_env.physics.numerics import sin_cos
+from offroad_env.physics.records import FloatArray
+
+__all__ = ["clothoid_nodes", "sine_nodes"]
+
+#: Newton's method squares what is missing of an arc length: one step from here it is rounding [m].
+_CLOSE = 1e-7
+_NEWTON_STEPS = 6
+
+
+@kernel
+def clothoid_nodes(
+    breaks: FloatArray,
+    values: FloatArray,
+    gauss: FloatArray,
+    weight: FloatArray,
+    ds: float,
+    nodes: FloatArray,
+) -> None:
+    """A path whose curvature is linear between breaks, from the origin along X.
+
+    Parameters
+    ----------
+    breaks, values : (K,) rising arc lengths [m], the first at the start and the last at or beyond the end,
+        and the curvature there [1/m]
+    gauss, weight : (G,) nodes and weights of a quadrature on 0 ... 1
+    ds : distance between the nodes of the path [m]
+    nodes : (N + 1, 4) of zeros, becomes X, Y [m], yaw [rad] and curvature [1/m]
+    """
+    piece, reached = 0, 0.0  # yaw at the start of the piece
+    slope = (values[1] - values[0]) / (breaks[1] - breaks[0])
+    X = Y = 0.0
+    for i in range(len(nodes) - 1):
+        forward = left = 0.0
+        for j in range(len(gauss) + 1):
+            s = (i + gauss[j]) * ds if j < len(gauss) else (i + 1) * ds
+            while s >= breaks[piece + 1] and piece < len(breaks) - 2:
+                reached += 0.5 * (breaks[piece + 1] - breaks[piece]) * (values[piece] + values[piece + 1])
+                piece += 1
+                slope = (values[piece + 1] - values[piece]) / (breaks[piece + 1] - breaks[piece])
+            gone = s - breaks[piece]
+            yaw = reached + (values[piece] + 0.5 * slope * gone) * gone
+            if j < len(gauss):
+                sine, cosine = sin_cos(yaw)
+                forward += weight[j] * cosine
+                left += weight[j] * sine
+            else:
+                nodes[i + 1, 2], nodes[i + 1, 3] = yaw, values[piece] + slope * gone
+        X += ds * forward
+        Y += ds * left
+        nodes[i + 1, 0], nodes[i + 1, 1] = X, Y
+
+
+@kernel
+def sine_nodes(
+    amplitude: float, k: float, gauss: FloatArray, weight: FloatArray, ds: float, nodes: FloatArray
+) -> None:
+    """The curve Y = amplitude sin(k X) from the origin; the other arguments as of `clothoid_nodes`."""
+    X, speed = 0.0, math.hypot(1.0, amplitude * k)  # dC/dX
+    for i in range(len(nodes)):
+        if i > 0:
+            start = X
+            X += ds / speed
+            for _ in range(_NEWTON_STEPS):
+                missing = ds
+                for j in range(len(gauss)):
+                    steepness = amplitude * k * sin_cos(k * (start + (X - start) * gauss[j]))[1]
+                    missing -= (X - start) * weight[j] * math.sqrt(1.0 + steepness * steepness)
+                steepness = amplitude * k * sin_cos(k * X)[1]
+                speed = math.sqrt(1.0 + steepness * steepness)
+                X += missing / speed
+                if abs(missing) < _CLOSE:
+                    break
+        sine, cosine = sin_cos(k * X)
+        steepness = amplitude * k * cosine
+        speed = math.sqrt(1.0 + steepness * steepness)
+        nodes[i, 0], nodes[i, 1] = X, amplitude * sine
+        nodes[i, 2] = math.atan(steepness)
+        nodes[i, 3] = -amplitude * k * k * sine / (speed * speed * speed)
