@@ -12,8 +12,9 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import offroad_env
 from offroad_env.environment.env import OffroadBekkerEnv
+from offroad_env.environment.soil_draws import MeasuredSoils
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv
-from offroad_env.errors import InvalidParameter
+from offroad_env.errors import InvalidParameter, SolverFailure
 
 ENV_ID = "offroad_env:OffroadBekker-v0"
 N = 5
@@ -264,3 +265,27 @@ def test_the_adapter_tells_how_an_episode_ended():
     assert not infos[0]["is_success"]
     assert identical(infos[0]["terminal_observation"], expected)
     assert not identical({key: value[0] for key, value in observations.items()}, expected)
+
+
+@pytest.mark.parametrize(("world", "drawn"), [({"randomise": {"soil": MeasuredSoils()}}, True), ({}, False)])
+def test_a_drawn_soil_that_does_not_carry_the_vehicle_is_drawn_again(world, drawn, monkeypatch):
+    from offroad_env.environment import env as module
+
+    settle, soils = module.settled_state, []
+
+    def refuse_the_first(plant, **start):
+        soils.append(plant.soil.n)
+        if len(soils) == 1:
+            raise SolverFailure("does not carry the vehicle")
+        return settle(plant, **start)
+
+    monkeypatch.setattr(module, "settled_state", refuse_the_first)
+    envs = OffroadBekkerVectorEnv(2, scenario="speed", **world)
+    if not drawn:  # one that is given is not exchanged
+        with pytest.raises(SolverFailure, match="does not carry"):
+            envs.reset(seed=3)
+        return
+    _, infos = envs.reset(seed=3)
+    assert len(soils) == 3
+    assert infos["n"].tolist() == soils[1:]
+    assert soils[1] != soils[0]
