@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import pairwise
@@ -303,13 +303,14 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         One drawn soil in some hundred carries its vehicle on the whole, but not where it is softest. A run of
         thousands of episodes must not end there.
         """
-        env, given = self.envs[row], options.get("context") or {}
+        env, given = self.envs[row], options.get("context")
+        fixed = isinstance(given, Mapping) and "soil" in given
         for left in reversed(range(_DRAWS)):
             try:
                 env.reset(seed=seed, options=options)
                 break
             except SolverFailure:
-                if not left or "soil" in given or "soil" not in (env.context or {}):
+                if not left or fixed or "soil" not in (env.context or {}):
                     raise
                 seed = None
         self._elapsed[row], self._over[row], self._begun[row] = 0, False, True

@@ -109,7 +109,7 @@ def test_a_discrepancy_remains_where_the_hold_out_test_refuses_a_significant_eff
         ground_deviation=0.1,
     )
     cause = Cause(alternatives=(rival,), likelihood_ratio=50.0, p_value=1e-6)
-    kept, refused = SimpleNamespace(refused=False), SimpleNamespace(refused=True)
+    kept, refused = SimpleNamespace(refused=False, capped=False), SimpleNamespace(refused=True, capped=False)
     incomplete = VehicleDiagnosis(causes=(cause,), search=refused)
     assert incomplete.incomplete
     assert not VehicleDiagnosis(causes=(cause,), search=kept).incomplete
