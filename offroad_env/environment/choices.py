@@ -79,8 +79,8 @@ class Choices:
     @classmethod
     def read(
         cls,
-        *,
         scenario: Scenario | Description,
+        *,
         soil: Soil | Description | None,
         vehicle: Vehicle | FourWheelVehicle | Description | None,
         weights: RewardWeights | Description | None,

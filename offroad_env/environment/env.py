@@ -52,7 +52,7 @@ from offroad_env.environment.randomisation import Randomisation, Truth, apply_co
 from offroad_env.environment.rewards import ENDINGS, RewardWeights
 from offroad_env.environment.scenarios import Course, Scenario
 from offroad_env.environment.snapshot import Briefing, Measurements, Snapshot
-from offroad_env.errors import InvalidParameter
+from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.imu import GNSS, IMU, WHEEL
 from offroad_env.physics.packing import pack
@@ -72,19 +72,13 @@ from offroad_env.world.soils import make_soil
 if TYPE_CHECKING:
     from offroad_env.rendering import Renderer
 
-__all__ = [
-    "CONTROL_PERIOD",
-    "PREVIEW",
-    "TERRAIN_INFO",
-    "Briefing",
-    "Measurements",
-    "OffroadBekkerEnv",
-    "Snapshot",
-]
+__all__ = ["CONTROL_PERIOD", "PREVIEW", "TERRAIN_INFO", "Briefing", "Measurements"]
+__all__ += ["OffroadBekkerEnv", "Snapshot"]
 
 TERRAIN_INFO = ("none", "estimate", "truth", "belief", "limits")
 _STEPS = round(CONTROL_PERIOD / SAMPLES / FULL_STEP)  # steps of the plant per IMU sample
 _EVERYTHING = DRIVE | BELIEVE | REPORT
+_DRAWS = 20  # most soils that are drawn for an episode until one carries the vehicle
 
 
 class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray]):
@@ -198,12 +192,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         render_mode: str | None = None,
     ) -> None:
         self._choices = chosen = Choices.read(
-            scenario=scenario,
-            soil=soil,
-            vehicle=vehicle,
-            weights=weights,
-            n_range=n_range,
-            randomise=randomise,
+            scenario, soil=soil, vehicle=vehicle, weights=weights, n_range=n_range, randomise=randomise
         )
         self.scenario, self.weights, self.n_range = chosen.scenario, chosen.weights, chosen.n_range
         require_choice("terrain_info", terrain_info, TERRAIN_INFO)
@@ -271,11 +260,41 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
 
         ``options={"mismatch": (mass, k_phi, lag)}`` multiplies the true vehicle's mass and torque lag and
         the true soil's k_phi by these factors; what estimator and briefing hold stays nominal. The draws
-        happen in the same order whatever is observed: same seed, same episode.
+        happen in the same order whatever is observed: same seed, same episode. Of soils that are drawn whole
+        one in some hundred does not carry the vehicle where it is softest: such an episode is drawn again.
         """
         require_seed(seed)
         chosen = ResetOptions.read(options)
         super().reset(seed=seed)
+        for left in reversed(range(_DRAWS)):
+            try:
+                self._draw(chosen)
+                break
+            except SolverFailure:
+                if not left or "soil" in chosen.context or "soil" not in (self._context or {}):
+                    raise
+        start, (X, Y, yaw) = self.scenario.start_speed, self.course.path.nodes[0, :3].tolist()
+        self._start(start)
+        self._navigation.reset(X, Y, yaw, start)
+        self._choose_estimator()
+        self._memory.set_rules(
+            self._row, self._driven, self._navigation, self.scenario, self.weights, self._layout
+        )
+        self._memory.rules["truth_shown"] = self.terrain_info == "truth"
+        self._memory.assumptions = None if self._learner is None else self._learner.assumptions
+        self._bind()
+        # The start is a state, not an interval: readings of the state itself, one sample of the sensors.
+        self._episode["count"], self._episode["steps"] = 1, 0
+        self._advance()
+        self._episode["count"], self._episode["steps"] = SAMPLES, _STEPS
+        self._begun = True
+        info = self.result()[0]
+        if self.render_mode == "human":
+            self.render()
+        return self.observation, info
+
+    def _draw(self, chosen: ResetOptions) -> None:
+        """Draw the truth of an episode and settle the vehicle on it; `SolverFailure` if it is not carried."""
         randomisation = self._choices.randomisation
         context = chosen.drawn(randomisation, self.np_random)
         self._context = context if context or randomisation is not None else None
@@ -297,30 +316,11 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         if self._plants.is_natural:
             field = self._plants.soil_field(soil, int(self.np_random.integers(2**63)))
         self.plant = self._plants.truth(vehicle, soil, truth.ground, soils, field)
-        X, Y, yaw = self.course.path.nodes[0, :3].tolist()
-        start = self.scenario.start_speed
+        (X, Y, yaw), start = self.course.path.nodes[0, :3].tolist(), self.scenario.start_speed
         if self.extension is not None:
             self._extended = ExtendedTruth(self.extension, self.plant, self._sensing.mount)
             self.plant = self._extended.setup.plant
         self.state[:], self.warm[:] = settled_state(self.plant, x=X, y=Y, yaw=yaw, v_x=start)
-        self._start(start)
-        self._navigation.reset(X, Y, yaw, start)
-        self._choose_estimator()
-        self._memory.set_rules(
-            self._row, self._driven, self._navigation, self.scenario, self.weights, self._layout
-        )
-        self._memory.rules["truth_shown"] = self.terrain_info == "truth"
-        self._memory.assumptions = None if self._learner is None else self._learner.assumptions
-        self._bind()
-        # The start is a state, not an interval: readings of the state itself, one sample of the sensors.
-        self._episode["count"], self._episode["steps"] = 1, 0
-        self._advance()
-        self._episode["count"], self._episode["steps"] = SAMPLES, _STEPS
-        self._begun = True
-        info = self.result()[0]
-        if self.render_mode == "human":
-            self.render()
-        return self.observation, info
 
     def _choose_estimator(self) -> None:
         """A new estimator at the start of the course, if one runs."""

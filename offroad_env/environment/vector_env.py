@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import pairwise
@@ -34,7 +34,7 @@ from offroad_env.environment.episode_records import (
 )
 from offroad_env.environment.observation import Layout
 from offroad_env.environment.rewards import ENDINGS, TERMS
-from offroad_env.errors import InvalidParameter, SolverFailure
+from offroad_env.errors import InvalidParameter
 from offroad_env.world.yaml_text import shown
 
 __all__ = ["OffroadBekkerVectorEnv", "make_vec"]
@@ -45,8 +45,6 @@ _FAILURES = np.array(["" if ending == "goal" else ending for ending in ENDINGS],
 _TERM_COLUMNS = range(REPORTED_TERMS.start, REPORTED_TERMS.stop)
 #: Fewest episodes that are worth a thread: handing over costs as much as one period or two.
 _FEWEST = 4
-#: Soils that are drawn for an episode until one carries the vehicle.
-_DRAWS = 20
 
 
 def make_vec(num_envs: int, **options: Any) -> VectorEnv:
@@ -298,21 +296,7 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         return self._layout.split(self._memory.shown, [row for env in self.envs for row in env.soil_belief])
 
     def _restart(self, row: int, seed: int | None, options: dict[str, Any]) -> None:
-        """A new episode in a row, on the first drawn soil that carries the vehicle.
-
-        One drawn soil in some hundred carries its vehicle on the whole, but not where it is softest. A run of
-        thousands of episodes must not end there.
-        """
-        env, given = self.envs[row], options.get("context")
-        fixed = isinstance(given, Mapping) and "soil" in given
-        for left in reversed(range(_DRAWS)):
-            try:
-                env.reset(seed=seed, options=options)
-                break
-            except SolverFailure:
-                if not left or fixed or "soil" not in (env.context or {}):
-                    raise
-                seed = None
+        self.envs[row].reset(seed=seed, options=options)
         self._elapsed[row], self._over[row], self._begun[row] = 0, False, True
 
     def _advance(self, moving: np.ndarray) -> None:

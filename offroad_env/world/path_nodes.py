@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 
-from offroad_env.physics._jit import kernel
+from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.numerics import sin_cos
 from offroad_env.physics.records import FloatArray
 
 __all__ = ["clothoid_nodes", "sine_nodes"]
 
-#: Newton's method squares what is missing of an arc length: one step from here it is rounding [m].
-_CLOSE = 1e-7
-_NEWTON_STEPS = 6
+#: A step leaves about the cube of what is missing of an arc length: from here that is rounding [m].
+_CLOSE = 2e-5
+_STEPS = 6
 
 
 @kernel
@@ -37,6 +37,7 @@ def clothoid_nodes(
     piece, reached = 0, 0.0  # yaw at the start of the piece
     slope = (values[1] - values[0]) / (breaks[1] - breaks[0])
     X = Y = 0.0
+    seen, sine, cosine = 0.0, 0.0, 1.0  # on straights the yaw stays
     for i in range(len(nodes) - 1):
         forward = left = 0.0
         for j in range(len(gauss) + 1):
@@ -48,7 +49,9 @@ def clothoid_nodes(
             gone = s - breaks[piece]
             yaw = reached + (values[piece] + 0.5 * slope * gone) * gone
             if j < len(gauss):
-                sine, cosine = sin_cos(yaw)
+                if yaw != seen:
+                    seen = yaw
+                    sine, cosine = sin_cos(yaw)
                 forward += weight[j] * cosine
                 left += weight[j] * sine
             else:
@@ -58,29 +61,37 @@ def clothoid_nodes(
         nodes[i + 1, 0], nodes[i + 1, 1] = X, Y
 
 
+@inline_kernel
+def _sine_at(steepest: float, k: float, X: float) -> tuple[float, float, float]:
+    """(sin k X, dY/dX, dC/dX) of a sine curve, C its arc length; ``steepest`` is dY/dX at the origin."""
+    sine, cosine = sin_cos(k * X)
+    steepness = steepest * cosine
+    return sine, steepness, math.sqrt(1.0 + steepness * steepness)
+
+
 @kernel
 def sine_nodes(
     amplitude: float, k: float, gauss: FloatArray, weight: FloatArray, ds: float, nodes: FloatArray
 ) -> None:
     """The curve Y = amplitude sin(k X) from the origin; the other arguments as of `clothoid_nodes`."""
-    X, speed = 0.0, math.hypot(1.0, amplitude * k)  # dC/dX
+    steepest, X = amplitude * k, 0.0
+    sine, steepness, speed = _sine_at(steepest, k, X)
     for i in range(len(nodes)):
         if i > 0:
-            start = X
-            X += ds / speed
-            for _ in range(_NEWTON_STEPS):
-                missing = ds
-                for j in range(len(gauss)):
-                    steepness = amplitude * k * sin_cos(k * (start + (X - start) * gauss[j]))[1]
-                    missing -= (X - start) * weight[j] * math.sqrt(1.0 + steepness * steepness)
-                steepness = amplitude * k * sin_cos(k * X)[1]
-                speed = math.sqrt(1.0 + steepness * steepness)
-                X += missing / speed
+            start, missing = X, ds
+            for _ in range(_STEPS):
+                # Half of the slope of ln(dC/dX): dX to second order in what is missing.
+                bend = -0.5 * steepest * k * sine * steepness / (speed * speed)
+                step = missing / speed
+                X += step * (1.0 - bend * step)
+                sine, steepness, speed = _sine_at(steepest, k, X)
                 if abs(missing) < _CLOSE:
                     break
-        sine, cosine = sin_cos(k * X)
-        steepness = amplitude * k * cosine
-        speed = math.sqrt(1.0 + steepness * steepness)
+                missing = ds
+                for j in range(len(gauss)):
+                    missing -= (
+                        (X - start) * weight[j] * _sine_at(steepest, k, start + (X - start) * gauss[j])[2]
+                    )
         nodes[i, 0], nodes[i, 1] = X, amplitude * sine
         nodes[i, 2] = math.atan(steepness)
-        nodes[i, 3] = -amplitude * k * k * sine / (speed * speed * speed)
+        nodes[i, 3] = -steepest * k * sine / (speed * speed * speed)

@@ -50,15 +50,20 @@ def _table(length: float, X: ArrayLike, Y: ArrayLike, yaw: ArrayLike, curvature:
     return PathTable(length / (len(nodes) - 1), np.ascontiguousarray(nodes))
 
 
-def _nodes_of(length: float) -> tuple[float, np.ndarray]:
-    """Distance between the nodes of a path [m], about ``NODE_DISTANCE``, and room for them."""
-    count = max(math.ceil(length / NODE_DISTANCE - 1e-9), 1)
-    return length / count, np.zeros((count + 1, 4))
+def _distances(length: float) -> int:
+    """How many distances between nodes a path has, each about ``NODE_DISTANCE``."""
+    return max(math.ceil(length / NODE_DISTANCE - 1e-9), 1)
 
 
 def _stations(length: float) -> np.ndarray:
-    """Arc length at the nodes [m], about ``NODE_DISTANCE`` apart and ending exactly at ``length``."""
-    return np.linspace(0.0, length, len(_nodes_of(length)[1]))
+    """Arc length at the nodes [m], ending exactly at ``length``."""
+    return np.linspace(0.0, length, _distances(length) + 1)
+
+
+def _empty(length: float) -> PathTable:
+    """A path whose nodes are still to be written."""
+    count = _distances(length)
+    return PathTable(length / count, np.zeros((count + 1, 4)))
 
 
 def _arc_length(curve: Curve, start: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -141,9 +146,9 @@ def sine_path(length: float, amplitude: float = 5.0, wavelength: float = 60.0) -
             "smallest radius wavelength^2 / (4 pi^2 amplitude)", min(1.0 / (amplitude * k * k), 1e4)
         )
 
-    ds, nodes = _nodes_of(length)
-    sine_nodes(amplitude, k, _GAUSS, _WEIGHT, ds, nodes)
-    return PathTable(ds, nodes)
+    path = _empty(length)
+    sine_nodes(amplitude, k, _GAUSS, _WEIGHT, path.ds, path.nodes)
+    return path
 
 
 def figure_eight(size: float, laps: float = 1.0) -> PathTable:
@@ -264,9 +269,9 @@ def winding_corridor(
     bends = math.ceil(length / (0.5 * max_heading * radii[0] + straights[0]))
     lead_in = max(_STRAIGHT.check("lead_in", lead_in), 1e-3)
     breaks, values = draw_bends(rng.random((bends, 3)), limits, lead_in)
-    ds, nodes = _nodes_of(length)
-    clothoid_nodes(breaks, values, _GAUSS, _WEIGHT, ds, nodes)
-    return PathTable(ds, nodes)
+    path = _empty(length)
+    clothoid_nodes(breaks, values, _GAUSS, _WEIGHT, path.ds, path.nodes)
+    return path
 
 
 def _ordered(name: str, limits: tuple[float, float], quantity: Quantity) -> tuple[float, float]:

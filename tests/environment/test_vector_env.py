@@ -280,12 +280,26 @@ def test_a_drawn_soil_that_does_not_carry_the_vehicle_is_drawn_again(world, draw
         return settle(plant, **start)
 
     monkeypatch.setattr(module, "settled_state", refuse_the_first)
-    envs = OffroadBekkerVectorEnv(2, scenario="speed", **world)
+    single = OffroadBekkerEnv(scenario="speed", **world)
     if not drawn:  # one that is given is not exchanged
         with pytest.raises(SolverFailure, match="does not carry"):
-            envs.reset(seed=3)
+            single.reset(seed=3)
         return
-    _, infos = envs.reset(seed=3)
+    _, info = single.reset(seed=3)
+    assert soils[1] != soils[0]
+    soils.clear()
+    _, infos = OffroadBekkerVectorEnv(2, scenario="speed", **world).reset(seed=3)
     assert len(soils) == 3
     assert infos["n"].tolist() == soils[1:]
-    assert soils[1] != soils[0]
+    assert infos["n"][0] == info["n"]  # single and vector draw the same
+
+
+def test_no_soil_that_carries_the_vehicle_is_an_error_after_some_draws(monkeypatch):
+    from offroad_env.environment import env as module
+
+    def refuse(plant, **start):
+        raise SolverFailure("does not carry the vehicle")
+
+    monkeypatch.setattr(module, "settled_state", refuse)
+    with pytest.raises(SolverFailure, match="does not carry"):
+        OffroadBekkerEnv(scenario="speed", randomise={"soil": MeasuredSoils()}).reset(seed=3)

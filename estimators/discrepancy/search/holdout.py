@@ -37,9 +37,8 @@ class HoldOutResult:
     gain: float  #: in the log-likelihood
     expected: float  #: the same, if the larger model is right
     deviation: float  #: standard deviation of that
-    inflation: float = (
-        1.0  #: variance of the residuals along the difference of the models, over white noise's
-    )
+    #: Variance of the residuals along the difference of the models, over that of white noise.
+    inflation: float = 1.0
 
     @property
     def evidence(self) -> float:
