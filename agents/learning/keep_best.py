@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from agents.benchmark.runner import draw_episodes
 from agents.learning.checks import merit, scores_together
-from agents.learning.policies import scaled
+from agents.learning.policies import scaled, scaling_of
 
 __all__ = ["FEWEST_FAILURES", "KeepBest"]
 
@@ -63,11 +63,7 @@ class KeepBest(BaseCallback):
 
     def _check(self) -> None:
         self._last = self.num_timesteps
-        statistics = self._scaler.obs_rms
-        assert isinstance(statistics, dict)
-        scaling = {
-            key: (rms.mean, np.sqrt(rms.var + self._scaler.epsilon)) for key, rms in statistics.items()
-        }
+        scaling = scaling_of(self._scaler)
 
         def predict(seen: dict[str, np.ndarray]) -> np.ndarray:
             return self.model.predict(scaled(seen, scaling), deterministic=True)[0]

@@ -41,6 +41,7 @@ __all__ = [
     "packed_arrays",
     "policy_kind",
     "scaled",
+    "scaling_of",
     "shipped_seeds",
 ]
 
@@ -206,6 +207,14 @@ def scaled(
     return {
         key: np.clip((observation[key] - mean) / sd, -CLIP, CLIP).astype(np.float32)
         for key, (mean, sd) in scaling.items()
+    }
+
+
+def scaling_of(scaler: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Mean and standard deviation of each key of the observations, as a ``VecNormalize`` has them now."""
+    return {
+        key: (statistics.mean.copy(), np.sqrt(statistics.var + scaler.epsilon))
+        for key, statistics in scaler.obs_rms.items()
     }
 
 

@@ -58,6 +58,7 @@ from agents.learning.policies import (
     load_policy,
     packed_arrays,
     scaled,
+    scaling_of,
 )
 from agents.reports.output import only_writer, write_bytes
 from offroad_env.environment.env import CONTROL_PERIOD
@@ -189,13 +190,6 @@ def _settings(args: TrainArgs) -> dict[str, Any]:
     return {**common, "n_steps": args.n_steps, "n_epochs": args.n_epochs, "gae_lambda": args.gae_lambda}
 
 
-def _scaling(scaler: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    return {
-        key: (statistics.mean.copy(), np.sqrt(statistics.var + scaler.epsilon))
-        for key, statistics in scaler.obs_rms.items()
-    }
-
-
 def _save(model: Any, scaler: Any, args: TrainArgs) -> None:
     """Write the policy so that `load_policy` finds it."""
     folder = args.out
@@ -207,7 +201,7 @@ def _save(model: Any, scaler: Any, args: TrainArgs) -> None:
     kind = {"configuration": configuration_hash(args), **decisive(args)}
     write_bytes(folder / KIND, f"{json.dumps(kind, indent=1)}\n".encode())
     table = {}
-    for key, (mean, sd) in _scaling(scaler).items():
+    for key, (mean, sd) in scaling_of(scaler).items():
         table[f"{key}.mean"], table[f"{key}.sd"] = mean, sd
     write_bytes(folder / SCALING, packed_arrays(table))
 
@@ -329,13 +323,13 @@ def _check(model: Any, scaler: Any, args: TrainArgs) -> tuple[np.ndarray, np.nda
     network = Network.of(model) if args.algorithm == "ppo" else model
     if not together:
         agent = PolicyAgent(
-            network, _scaling(scaler), frames=args.frames, action_interface=args.action_interface
+            network, scaling_of(scaler), frames=args.frames, action_interface=args.action_interface
         )
         driven = drive_each(agent, args.scenario, draws, form=args.form, **options)
         return np.array([e.score for e in driven]), np.array([e.success for e in driven])
 
     def predict(seen: dict[str, np.ndarray]) -> np.ndarray:
-        return network.predict(scaled(seen, _scaling(scaler)))[0]
+        return network.predict(scaled(seen, scaling_of(scaler)))[0]
 
     interface = args.action_interface
     options |= {"threads": args.threads, "terrain_info": _shown(args)}
