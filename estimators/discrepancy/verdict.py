@@ -235,6 +235,13 @@ class Diagnosis(ABC):
         return bool(self.unexplained) or (bool(self.causes) and left) or not all(self.physical)
 
     @property
+    def crowded(self) -> bool:
+        """Whether all that remains are effects beyond the most that a model holds."""
+        if self.search is None or not self.search.capped or self.search.refused:
+            return False
+        return bool(self.causes) and not self.unexplained and all(self.physical)
+
+    @property
     def inaccurate(self) -> bool:
         """Whether the fit has not converged, or the solver is not accurate enough for the scores."""
         if self.search is None or self.checks is None:
@@ -273,9 +280,11 @@ class VehicleDiagnosis(Diagnosis):
     def inadequate(self) -> tuple[bool, ...]:
         """Of every cause, whether something is left that resembles it: its law may be another one.
 
-        Beside a discrepancy this is not asked: there, unknown inputs fitted jointly decide.
+        Beside unknown inputs and refused effects this is not asked: there, unknown inputs fitted jointly
+        decide. Of a model that holds as many effects as one may it is: they may do together what one does
+        that the library lacks.
         """
-        rests = () if self.incomplete else self.significant_rests
+        rests = self.significant_rests if self.crowded or not self.incomplete else ()
         return tuple(any(rest.alike[k] > OVERLAP for rest in rests) for k in range(len(self.causes)))
 
     @property
@@ -300,11 +309,11 @@ class VehicleDiagnosis(Diagnosis):
             return Verdict.OUTSIDE if outside else Verdict.DATA_PROBLEM
         if self.inaccurate:
             return Verdict.NUMERICS
-        if self.incomplete:
+        together = self.overlapping or any(self.inadequate)
+        if self.incomplete and not (self.crowded and together):
             return Verdict.NAMED_WITH_REST if self.named else Verdict.UNEXPLAINED
         if self.causes:
-            several = self._with_alternatives() or self.overlapping or any(self.inadequate)
-            return Verdict.ONE_OF if several else Verdict.NAMED
+            return Verdict.ONE_OF if together or self._with_alternatives() else Verdict.NAMED
         return self._without_causes(len(self.limits) + len(self.missing))
 
 

@@ -64,7 +64,13 @@ def test_a_significant_rest_takes_the_certainty_from_a_name_that_it_resembles():
     assert uncertain.verdict is Verdict.ONE_OF
     for rest in (_rest(1.1 * REST_RATE, 1.0), _rest(0.0, 0.9 * OVERLAP)):
         assert replace(plain, rests=(rest,)).verdict is Verdict.NAMED
-    # Beside a discrepancy unknown inputs, fitted jointly, decide.
+    # A model that is full, and beside which effects are significant, may stand for one cause that is missing.
+    full = replace(plain, search=SimpleNamespace(**vars(search) | {"capped": True}))
+    assert full.verdict is Verdict.NAMED_WITH_REST
+    assert replace(full, rests=uncertain.rests).verdict is Verdict.ONE_OF
+    correlated = SimpleNamespace(**vars(checks) | {"overlap": 1.1 * OVERLAP})
+    assert replace(full, checks=correlated).verdict is Verdict.ONE_OF
+    # Beside other discrepancies unknown inputs, fitted jointly, decide.
     assert replace(uncertain, search=SimpleNamespace(**vars(search) | {"refused": True})).inadequate == (
         False,
     )
