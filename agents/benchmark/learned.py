@@ -100,31 +100,44 @@ def _pair_verdict(policies: str, scores: Mapping[str, Interval], kind: str, unit
 _RESAMPLES = 2000
 
 
-def _nested(
+def _crossed(
     statistic: Callable[[np.ndarray, np.ndarray], float],
     scores: np.ndarray,
     beside: np.ndarray,
     level: float,
     seed: int,
 ) -> Interval:
-    """Percentile interval; in every resample training seeds are drawn, and within each its episodes.
+    """Percentile interval; in every resample the trainings of both agents are drawn, and the episodes.
 
-    Episodes are drawn with what ``beside`` (E,) holds of them, so that pairs stay pairs. With one training
-    the interval is one over episodes alone.
+    All trainings drive the same episodes, so that the episodes that are drawn are the same for all: drawn for
+    each training anew, the scatter of soils and courses would seem to average out over trainings. With one
+    training the interval is one over episodes alone.
+
+    Parameters
+    ----------
+    statistic
+        Of scores (S, E) and scores beside them (T, E).
+    scores, beside : (S, E), (T, E)
+        A row for each training.
+    level, seed
     """
     rng = np.random.default_rng(seed)
-    runs, episodes = scores.shape
     found = np.empty(_RESAMPLES)
     for i in range(_RESAMPLES):
-        rows = rng.integers(0, runs, (runs, 1))
-        columns = rng.integers(0, episodes, (runs, episodes))
-        found[i] = statistic(scores[rows, columns], beside[columns])
+        rows, others = (rng.integers(0, len(table), (len(table), 1)) for table in (scores, beside))
+        columns = rng.integers(0, scores.shape[1], scores.shape[1])
+        found[i] = statistic(scores[rows, columns], beside[others, columns])
     low, high = np.quantile(found, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
-    return Interval(statistic(scores, np.tile(beside, (runs, 1))), float(low), float(high), level)
+    return Interval(statistic(scores, beside), float(low), float(high), level)
+
+
+def _rows(scores: np.ndarray) -> np.ndarray:
+    """(S, E) scores; those of an agent that is not trained are one row."""
+    return np.atleast_2d(np.asarray(scores, dtype=np.float64))
 
 
 def interquartile_interval(scores: np.ndarray, *, level: float = 0.95, seed: int = 0) -> Interval:
-    """Interquartile mean of all trainings and episodes, with its interval by stratified bootstrap.
+    """Interquartile mean of all trainings and episodes, with its interval by bootstrap.
 
     Parameters
     ----------
@@ -133,28 +146,33 @@ def interquartile_interval(scores: np.ndarray, *, level: float = 0.95, seed: int
     level, seed
         Of the interval, of the resampling.
     """
-    scores = np.asarray(scores, dtype=np.float64)
-    return _nested(lambda own, _: interquartile_mean(own.ravel()), scores, scores[0], level, seed)
+    scores = _rows(scores)
+    return _crossed(lambda own, _: interquartile_mean(own.ravel()), scores, scores, level, seed)
 
 
 def improvement_interval(
     scores: np.ndarray, other: np.ndarray, *, level: float = 0.95, seed: int = 0
 ) -> Interval:
-    """Share of the episodes (S, E) that are better than those of another agent (E,); a tie counts half."""
+    """Share of the episodes in which an agent (S, E) is better than another, (T, E) or (E,); ties count half.
+
+    Every training of the one is compared with every training of the other (R. Agarwal et al., Deep
+    reinforcement learning at the edge of the statistical precipice, NeurIPS 2021), episode by episode.
+    """
 
     def share(own: np.ndarray, beside: np.ndarray) -> float:
-        return float(np.mean((own < beside) + 0.5 * (own == beside)))
+        first, second = own[:, None], beside[None]
+        return float(np.mean((first < second) + 0.5 * (first == second)))
 
-    return _nested(share, np.asarray(scores, np.float64), np.asarray(other, np.float64), level, seed)
+    return _crossed(share, _rows(scores), _rows(other), level, seed)
 
 
 def ratio_interval(scores: np.ndarray, other: np.ndarray, *, level: float = 0.95, seed: int = 0) -> Interval:
-    """Mean score (S, E) over the mean score of another agent (E,) in the same episodes."""
+    """Mean score (S, E) over the mean score of another agent, (T, E) or (E,), in the same episodes."""
 
     def ratio(own: np.ndarray, beside: np.ndarray) -> float:
         return float(own.mean() / beside.mean())
 
-    return _nested(ratio, np.asarray(scores, np.float64), np.asarray(other, np.float64), level, seed)
+    return _crossed(ratio, _rows(scores), _rows(other), level, seed)
 
 
 def improvement_verdict(arm: str, other: str, better: Interval) -> str:

@@ -32,7 +32,7 @@ class Diagnose(Results):
     """Find the errors of the simulation in measured runs, name their causes, and measure the gain.
 
     Writes diagnosis.html (a page with all figures), diagnosis.json (all numbers), and extended.json where
-    causes were found: the environment takes it as model="extended.json". Several logs are runs of one
+    causes are named: the environment takes it as model="extended.json". Several logs are runs of one
     vehicle on one soil. With --rig they are steady trials of one wheel, and rig.png shows them in place of
     a page. Data that must be corrected first end in exit status 1.
     """
@@ -149,8 +149,8 @@ class Diagnose(Results):
 
         logs = with_structure(read_logs(self.check), self.structure)
         found = restructured_gains_on(diagnosis, logs)
-        if not diagnosis.causes and not found:
-            say("no causes, so nothing to gain on other runs")
+        if not diagnosis.stated and not found:
+            say("no cause is named, so there is nothing to gain on other runs")
             return {"gain_on_other_runs": {}}
         found = found or gains_on(diagnosis, logs)
         for name, gains in found.items():

@@ -82,7 +82,7 @@ class Train(TrainArgs):
         for name in ("total_steps", "frames", "n_envs", "n_steps", "batch_size", "n_epochs", "check_steps"):
             if getattr(self, name) < 1:
                 raise InvalidParameter(f"{name} must be >= 1, got {getattr(self, name)}")
-        for name in ("checkpoint_steps", "check_episodes", "eval_episodes"):
+        for name in ("checkpoint_steps", "check_from", "check_episodes", "eval_episodes"):
             if getattr(self, name) < 0:
                 raise InvalidParameter(f"{name} must be >= 0, got {getattr(self, name)}")
         for name in ("gamma", "gae_lambda"):

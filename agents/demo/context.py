@@ -29,7 +29,7 @@ class DemoSettings:
     scenario: str = "speed"  #: of the episode, the arms and learning
     episodes: int = 20  #: paired episodes an arm
     n_jobs: int = 2  #: local processes of the arms
-    learning_time: float = 20.0  #: wall time of learning [s]
+    learning_time: float = 10.0  #: wall time of learning [s]
     test_episodes: int = 3  #: episodes that the trained policy drives
     log_duration: float = 60.0  #: drive in which something is hidden [s]
 

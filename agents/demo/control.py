@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from agents.benchmark.figure import arms_figure
 from agents.benchmark.runner import run_arms
 from agents.benchmark.summary import Benchmark
@@ -9,6 +11,7 @@ from agents.demo.context import Run
 from agents.learning.policies import MissingExtraError
 from agents.learning.train import TrainArgs, TrainResult, train
 from agents.reports.page import Section, Table, figure_picture
+from offroad_env.environment.vector_env import make_vec
 
 __all__ = ["arms_section", "arms_sentence", "learning_section"]
 
@@ -99,6 +102,7 @@ def learning_section(run: Run) -> Section:
         checkpoint_steps=0,
         eval_episodes=settings.test_episodes,
     )
+    _compile_before(args)
     try:
         result = train(args, progress=lambda _, seconds: run.tick(seconds / settings.learning_time))
     except MissingExtraError as error:
@@ -120,6 +124,14 @@ def learning_section(run: Run) -> Section:
         key=(("Short run of PPO", f"{result.periods} steps in {result.wall_time:.0f} s"),),
         data={"result": result},
     )
+
+
+def _compile_before(args: TrainArgs) -> None:
+    """Drive a period of what will learn: compiling it must not take from the time of learning."""
+    envs = make_vec(args.n_envs, threads=args.threads, scenario=args.scenario, terrain_info=args.terrain_info)
+    envs.reset(seed=args.seed)
+    envs.step(np.zeros(envs.action_space.shape or ()))
+    envs.close()
 
 
 def _learning_table(result: TrainResult) -> Table:

@@ -38,6 +38,7 @@ _ADDED: dict[str, Any] = {
     "first_drive": 0.0,
     "emulated": False,
     "most_failures": None,
+    "check_from": 0,
 }
 #: With the option's former spelling.
 ActionInterfaceName = Annotated[str, tyro.conf.arg(aliases=["--guide"])]  # alias
@@ -82,6 +83,7 @@ class TrainArgs:
     first_drive: float = 0.0  #: drive that an untrained policy asks for (not SAC)
     hidden: tuple[int, ...] = (64, 64)  #: layers of policy and value network
     check_steps: int = 7_500  #: steps between two drives of the tuning episodes; the best policy is kept
+    check_from: int = 0  #: steps before the first of them; policies that arrive nowhere drive the longest
     check_episodes: int = 16  #: of such a drive; 0 = none, the last policy is kept
     most_failures: float | None = None  #: choose the fastest that fails no more, on validation soils [-]
     eval_episodes: int = 3  #: test episodes that the reloaded policy drives at the end

@@ -249,7 +249,8 @@ class _Watch:
             restore_random_state(model, self._held)
             self._held = None
         self._envs.episodes.charge = failure_charge(args, steps)
-        if args.check_episodes > 0 and (steps == 0 or self._due("check", steps, args.check_steps)):
+        checked = args.check_episodes > 0 and steps >= args.check_from
+        if checked and (steps == 0 or self._due("check", steps, args.check_steps)):
             self.check(model)
         if self._due("checkpoint", steps, args.checkpoint_steps):
             watch = {"configuration": configuration_hash(args), "watch": self.state()}

@@ -88,8 +88,8 @@ def _unreached(summary: DiagnosisSummary) -> str:
         return (
             "Not judged: the structure of the model is wrong, and effects within it would stand in for that."
         )
-    if not summary.causes:
-        return "Nothing to show: no cause was found, so there is no extended model."
+    if not summary.extended:
+        return "Nothing to show: no cause is named, so there is no extended model."
     return "Nothing to show: the runs are too short to keep test data."
 
 
@@ -175,12 +175,12 @@ def _misfit(summary: DiagnosisSummary, evidence: Evidence) -> Section:
     ratio = misfit.nominal / misfit.extended[:, :1]
     i, j = np.unravel_index(int(np.nanargmax(ratio)), ratio.shape)
     regime = "over the whole run" if j == 0 else f"while {misfit.regimes[j]}".replace("\n", " ")
-    better = "the extended model" if summary.causes else "the same model"
+    better = "the extended model" if summary.extended else "the same model"
     sees = (
         f"The nominal simulation is worst in {misfit.channels[i]} {regime}: its error there is "
         f"{ratio[i, j]:.1f} times that of {better} in that channel over the whole run."
     )
-    extended = bool(summary.causes)
+    extended = summary.extended
     pictures = [
         figure_picture(
             figures.misfit_figure(misfit, extended=extended),
@@ -209,9 +209,11 @@ def _dependence(summary: DiagnosisSummary, evidence: Evidence) -> Section:
         f"The error of {most.channel} depends on {most.quantity.split(' [')[0]} most, which explains "
         f"{100.0 * most.share:.0f} % of its variance"
     )
-    sees += f", {100.0 * most.share_extended:.0f} % with the causes in the model." if summary.causes else "."
+    sees += (
+        f", {100.0 * most.share_extended:.0f} % with the causes in the model." if summary.extended else "."
+    )
     picture = figure_picture(
-        figures.dependence_figure(misfit, extended=bool(summary.causes)),
+        figures.dependence_figure(misfit, extended=summary.extended),
         "Mean error in bins of equal counts, for every channel over the quantity that explains most of it. "
         "Bars are simultaneous 95 % intervals; samples of one second count as one draw.",
     )
@@ -326,9 +328,9 @@ def _prediction(summary: DiagnosisSummary, evidence: Evidence) -> Section:
             "Error of forecasts on the inputs alone, each started from one second of data, against measured "
             "position, speed and heading: both errors contain the noise of the sensors."
         )
-        figure = figures.prediction_figure(evidence.predictions, extended=bool(summary.causes))
+        figure = figures.prediction_figure(evidence.predictions, extended=summary.extended)
         pictures.append(figure_picture(figure, caption))
-        tables.append(_prediction_table(evidence.predictions, extended=bool(summary.causes)))
+        tables.append(_prediction_table(evidence.predictions, extended=summary.extended))
     sees = _exponent_sentence(summary)
     return Section(name="prediction", title=title, sees=sees, pictures=tuple(pictures), tables=tuple(tables))
 

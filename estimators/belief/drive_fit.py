@@ -35,6 +35,8 @@ _ENOUGH = 1e-3
 _INSIDE = 1e-6
 #: Residual that every mean counts with where the soil does not carry the vehicle, in standard deviations.
 _STUCK = 30.0
+#: Step of the difference quotients by the slope of the ground [-].
+_SLOPE_STEP = 0.002
 #: Draws from the prior that are tried as starts beside its middle, and searches from the best of them.
 _DRAWS, _SEED, _STARTS = 12, 0, 2
 
@@ -191,12 +193,15 @@ def fit_drive(plant: Plant, samples: DriveSamples, earlier: DriveFit | None = No
     )
 
 
-def drive_bound(plant: Plant, samples: DriveSamples, numbers: FloatArray, scales: FloatArray) -> FloatArray:
+def drive_bound(
+    plant: Plant, samples: DriveSamples, numbers: FloatArray, scales: FloatArray, grade: float = 0.0
+) -> FloatArray:
     """(10, 10) least covariance of an estimate from a drive, given the prior, at the true ``numbers`` (10,).
 
     The posterior Cramer-Rao bound (H. L. Van Trees, Detection, Estimation, and Modulation Theory I, 1968,
     section 2.4) with the information taken at the truth: noise, constant errors of the sensors and, with
-    factors ``scales`` (3,) above zero, errors of the model are unknown.
+    factors ``scales`` (3,) above zero, errors of the model are unknown. So is the slope of the ground towards
+    each of two axes, which is that of ``plant``, where its standard deviation ``grade`` [-] is above zero.
 
     Raises
     ------
@@ -209,5 +214,25 @@ def drive_bound(plant: Plant, samples: DriveSamples, numbers: FloatArray, scales
     errors = errors_of(samples, problem.counts, np.maximum(problem.means[:, 5], 0.0))
     problem.whiten = errors.factor(scales)
     J = problem.slopes(numbers)
+    if grade > 0.0:
+        white = solve_triangular(problem.whiten, _by_slope(problem, numbers), lower=True)
+        own = np.zeros((len(J) - len(white), 2))
+        prior = np.column_stack([np.zeros((2, len(numbers))), np.eye(2) / grade])
+        J = np.vstack([np.column_stack([J, np.vstack([white, own])]), prior])
     found: FloatArray = np.linalg.inv(J.T @ J).astype(np.float64)
-    return found
+    return found[: len(numbers), : len(numbers)]
+
+
+def _by_slope(problem: _Problem, numbers: FloatArray) -> FloatArray:
+    """(7 B, 2) derivatives of the errors by the slope of the ground towards X and Y."""
+    columns, ground = [], problem.plant.ground
+    for axis in ("S_x", "S_y"):
+        ends = []
+        for side in (_SLOPE_STEP, -_SLOPE_STEP):
+            moved = ground._replace(**{axis: getattr(ground, axis) + side})
+            errors = _Problem(problem.plant._replace(ground=moved), problem.samples).errors(numbers)
+            if errors is None:
+                raise SolverFailure("the vehicle gets stuck on a slope a little steeper")
+            ends.append(errors)
+        columns.append((ends[0] - ends[1]) / (2.0 * _SLOPE_STEP))
+    return np.column_stack(columns)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +19,16 @@ from estimators.discrepancy.model.windows import FIT, REPORT, SELECT, SHORTEST
 from estimators.discrepancy.search.result import Cause, SearchResult
 from estimators.discrepancy.search.stepwise import scored_only, search
 from estimators.discrepancy.sections import attempt
+from estimators.discrepancy.stated_model import model_with
 from estimators.discrepancy.structure_comparison import StructureComparison, compare_structures
-from estimators.discrepancy.verdict import JOINT_SIZES, NOMINAL, SEARCH, VehicleChecks, VehicleDiagnosis
+from estimators.discrepancy.verdict import (
+    JOINT_SIZES,
+    NOMINAL,
+    SEARCH,
+    VehicleChecks,
+    VehicleDiagnosis,
+    solver_limit,
+)
 from estimators.logs.clocks import pose_age
 from estimators.logs.log import Log
 from estimators.logs.quality import QualityReport, quality
@@ -93,18 +102,14 @@ def diagnose(
     if problems:
         return VehicleDiagnosis(logs=ordered, quality=reports, findings=problems)
     splits = split_runs(ordered)
-    progress("nominal model")
+    failed: dict[str, str] = {}
+    allowed = [name for name in EFFECTS if library is None or name in library]
     try:
-        nominal = fit_runs(splits[FIT], white=white)
+        done = _searched(splits, allowed, failed, white=white, progress=progress)
     except (SolverFailure, ArithmeticError, np.linalg.LinAlgError) as error:
         return _without_nominal(ordered, reports, error, progress)
-    not_judged = _not_judged(nominal)
-    allowed = [name for name in EFFECTS if (library is None or name in library) and name not in not_judged]
-    failed: dict[str, str] = {}
-    progress("search")
-    found = _search(nominal, allowed, splits[SELECT], failed)
-    progress("solver")
-    solver_error = found.solver_error()
+    done = _refined(done, allowed, failed, white=white, progress=progress)
+    nominal, found, splits = done.nominal, done.found, done.splits
     progress("unknown inputs")
     limits = found.first.limits()
     result = VehicleDiagnosis(
@@ -117,12 +122,69 @@ def diagnose(
         rests=attempt("rest by regime", lambda: regime_rests(found.extended), (), failed),
         limits=limits,
         not_testable=_not_testable(nominal, limits, found.causes),
-        missing=_missing(nominal, allowed),
-        not_judged=not_judged,
-        checks=_checks(found, solver_error, ordered),
+        missing=_missing(nominal, [name for name in allowed if name not in done.not_judged]),
+        not_judged=done.not_judged,
+        checks=_checks(found, done.solver_error, ordered),
         failed=failed,
     )
     return _completed(result, found, splits[REPORT], failed, progress)
+
+
+class _Searched(NamedTuple):
+    """A search and the windows that it used."""
+
+    splits: dict[int, list[RunModel]]
+    nominal: FitResult
+    not_judged: dict[str, str]
+    found: SearchResult
+    solver_error: float
+
+
+def _searched(
+    splits: dict[int, list[RunModel]],
+    allowed: Sequence[str],
+    failed: dict[str, str],
+    *,
+    white: bool,
+    progress: Callable[[str], None],
+) -> _Searched:
+    """The search in these windows.
+
+    Raises
+    ------
+    SolverFailure
+        When the nominal model cannot be driven through them.
+    """
+    progress("nominal model")
+    nominal = fit_runs(splits[FIT], white=white)
+    not_judged = _not_judged(nominal)
+    progress("search")
+    names = [name for name in allowed if name not in not_judged]
+    found = _search(nominal, names, splits[SELECT], failed)
+    progress("solver")
+    return _Searched(splits, nominal, not_judged, found, found.solver_error())
+
+
+def _refined(
+    done: _Searched,
+    allowed: Sequence[str],
+    failed: dict[str, str],
+    *,
+    white: bool,
+    progress: Callable[[str], None],
+) -> _Searched:
+    """The search again by half the step, where that is needed and helps: a vehicle that crawls is stiff."""
+    if done.solver_error <= solver_limit(done.found) or SEARCH in failed:
+        return done
+    finer = {use: [run.refined() for run in runs] for use, runs in done.splits.items()}
+    try:
+        again = _searched(finer, allowed, failed, white=white, progress=progress)
+    except (SolverFailure, ArithmeticError, np.linalg.LinAlgError):
+        return done
+    if SEARCH in failed or again.solver_error >= done.solver_error:
+        failed.pop(SEARCH, None)
+        return done
+    return again
 
 
 def _completed(
@@ -143,8 +205,18 @@ def _completed(
     if result.causes and result.incomplete:
         joint = attempt(JOINT_SIZES, lambda: sizes_with_unknown_inputs(found.extended), None, failed)
         result = replace(result, joint=joint)
+    if 0 < len(result.stated) < len(result.causes):
+        partial = attempt("model of the named causes", lambda: _partial(result, found), None, failed)
+        result = replace(result, partial=partial)
     progress("test data")
     return attempt("test data", lambda: _on_test_data(result, found, apart), result, failed)
+
+
+def _partial(result: VehicleDiagnosis, found: SearchResult) -> FitResult:
+    """The model with the named causes alone: their sizes with unknown inputs in the place of the others."""
+    kept = [k for k, one in enumerate(result.identifiable) if one]
+    sizes = found.extended.sizes if result.joint is None else result.joint.sizes
+    return model_with(found.extended, kept, sizes[kept])
 
 
 def _without_nominal(
@@ -277,8 +349,8 @@ def _on_test_data(
     result: VehicleDiagnosis, found: SearchResult, runs: Sequence[RunModel]
 ) -> VehicleDiagnosis:
     """The result with both models on the test data: used once, after everything is decided."""
-    if not found.causes or not runs:
+    if not result.stated or result.model is None or not runs:
         return result
     nominal = held_out(found.nominal, runs)
-    extended = held_out(found.extended, runs, nominal)
+    extended = held_out(result.model, runs, nominal)
     return replace(result, on_test_data=(nominal, extended), gains=channel_gains(nominal, extended))

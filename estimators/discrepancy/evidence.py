@@ -71,6 +71,8 @@ def gather(diagnosis: VehicleDiagnosis, progress: Callable[[str], None] = lambda
     if diagnosis.search is None or extended is None:
         return Evidence(quality=diagnosis.quality)
     nominal = diagnosis.search.nominal
+    # Causes that are not named have sizes, too.
+    found = diagnosis.search.extended if diagnosis.causes else nominal
     parts = split_runs(diagnosis.logs)
     failed: dict[str, str] = {}
     progress("forecasts")
@@ -78,7 +80,7 @@ def gather(diagnosis: VehicleDiagnosis, progress: Callable[[str], None] = lambda
         "forecasts", lambda: predictions(nominal, extended, parts[REPORT], seed=SEED), (), failed
     )
     progress("profiles")
-    profiles: tuple[Profile, ...] = attempt("profiles", lambda: profiles_of(extended), (), failed)
+    profiles: tuple[Profile, ...] = attempt("profiles", lambda: profiles_of(found), (), failed)
     progress("next experiment")
     advice = attempt("next experiment", lambda: advise(diagnosis), None, failed)
     pair = diagnosis.on_test_data

@@ -135,9 +135,11 @@ def _usual_speed(fit: FitResult) -> float:
 
 def _question(diagnosis: Diagnosis) -> _Question | None:
     """What is open; None where nothing was fitted."""
-    fit, search = diagnosis.model, diagnosis.search
-    if fit is None or search is None:
+    search = diagnosis.search
+    if search is None:
         return None
+    # Causes that are not named are in question, too.
+    fit = search.extended if diagnosis.causes else search.nominal
     return _Question(
         fit=fit,
         search=search,

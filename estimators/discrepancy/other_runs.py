@@ -37,12 +37,12 @@ def gains_on(diagnosis: Diagnosis, logs: Sequence[Log]) -> dict[str, tuple[Chann
     ValueError
         If nothing was fitted.
     """
-    search = diagnosis.search
-    if search is None:
+    search, model = diagnosis.search, diagnosis.model
+    if search is None or model is None:
         raise ValueError("the diagnosis ended before a model was fitted: there is nothing to compare")
     found = {}
     for log in logs:
         run = RunModel(log, whole=REPORT, nuisances=search.nominal.problem.nuisances)
-        nominal, extended = (held_out(fit, [run]) for fit in (search.nominal, search.extended))
+        nominal, extended = (held_out(fit, [run]) for fit in (search.nominal, model))
         found[log.name] = channel_gains(nominal, extended)
     return found

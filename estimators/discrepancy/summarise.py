@@ -233,7 +233,7 @@ def _joint(joint: JointSizes, k: int) -> JointEstimate:
 
 def _extension(diagnosis: Diagnosis) -> tuple[tuple[str, dict[str, float]], ...]:
     fit = diagnosis.model
-    if not diagnosis.causes or fit is None:
+    if not diagnosis.stated or fit is None:
         return ()
     pairs = zip(fit.candidates, fit.sizes, strict=True)
     return tuple((candidate.effect, candidate.values(float(size))) for candidate, size in pairs)

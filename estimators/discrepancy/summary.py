@@ -14,7 +14,7 @@ from estimators.discrepancy.checks.regime_rest import RegimeRest
 from estimators.discrepancy.evidence import Evidence, rounded
 from estimators.discrepancy.next_experiment import Advice
 from estimators.discrepancy.structure_comparison import StructureComparison
-from estimators.discrepancy.verdict import FitChecks, Verdict
+from estimators.discrepancy.verdict import STATING, FitChecks, Verdict
 from offroad_env.effects import Extension
 
 __all__ = [
@@ -277,6 +277,11 @@ class DiagnosisSummary:
         return [list(cause.families) for cause in self.causes]
 
     @property
+    def extended(self) -> bool:
+        """Whether there is a model with causes; those that are found and not named are in none."""
+        return bool(self.extension)
+
+    @property
     def extended_model(self) -> Extension | None:
         """The model with the causes for the environment; None where there is none."""
         if self.comparison is not None and self.comparison.found:
@@ -287,7 +292,7 @@ class DiagnosisSummary:
                 structure=case.structure,
                 vehicle_model=case.vehicle_model,
             )
-        if not self.extension and self.structure is None:
+        if self.verdict not in STATING or (not self.extension and self.structure is None):
             return None
         return Extension(model=self.model, effects=self.extension, structure=self.structure)
 

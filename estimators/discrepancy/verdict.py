@@ -29,6 +29,7 @@ __all__ = [
     "OVERLAP",
     "REST_RATE",
     "SEARCH",
+    "STATING",
     "Diagnosis",
     "FitChecks",
     "RigChecks",
@@ -36,6 +37,7 @@ __all__ = [
     "VehicleChecks",
     "VehicleDiagnosis",
     "Verdict",
+    "solver_limit",
 ]
 
 #: Sections without which a verdict is less certain, as `Diagnosis.failed` calls them.
@@ -69,6 +71,16 @@ class Verdict(StrEnum):
     ONE_OF = "ONE OF"  #: causes, at least one of which has an alternative
     NAMED = "NAMED"  #: causes without alternative
     NO_EFFECT = "NO EFFECT"  #: no model error is detected
+
+
+def solver_limit(search: SearchResult) -> float:
+    """Largest change of a score by a finer solver with which a search counts as accurate."""
+    strongest = float(np.abs(search.first.z).max(initial=0.0))
+    return max(_SOLVER, _SOLVER_SHARE * strongest)
+
+
+#: Verdicts that state causes.
+STATING = (Verdict.NAMED_WITH_REST, Verdict.ONE_OF, Verdict.NAMED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,6 +164,8 @@ class Diagnosis(ABC):
     gains: tuple[ChannelGain, ...] = ()
     checks: FitChecks | None = None
     on_test_data: tuple[Held, Held] | None = None  #: nominal and extended model on windows that no fit uses
+    #: The fit with the causes that are named alone, where others were found besides.
+    partial: FitResult | None = None
 
     @property
     @abstractmethod
@@ -160,11 +174,13 @@ class Diagnosis(ABC):
 
     @property
     def model(self) -> FitResult | None:
-        """The fit with the causes, or the nominal one without any; None where nothing was fitted."""
+        """The fit with the causes that are stated, or the nominal one without; None if nothing was fitted."""
         if self.search is None:
             return None
-        # A larger model that the hold-out test refused is not used.
-        return self.search.extended if self.causes else self.search.nominal
+        # A larger model that the hold-out test refused is not used, nor a cause that is not named.
+        if not self.stated:
+            return self.search.nominal
+        return self.search.extended if len(self.stated) == len(self.causes) else self.partial
 
     @property
     def unexplained(self) -> tuple[UnmodelledForce, ...]:
@@ -229,10 +245,20 @@ class Diagnosis(ABC):
         return tuple(cause for cause, identifiable in pairs if identifiable)
 
     @property
+    def stated(self) -> tuple[Cause, ...]:
+        """Causes that the extended model holds: those that a verdict of this kind names."""
+        return self.named if self.verdict in STATING else ()
+
+    @property
     def incomplete(self) -> bool:
         """Whether a discrepancy remains: an unknown input, or effects that are refused or one too many."""
-        left = self.search is not None and (self.search.refused or self.search.capped)
-        return bool(self.unexplained) or (bool(self.causes) and left) or not all(self.physical)
+        if self.unexplained or not all(self.physical):
+            return True
+        search = self.search
+        if search is None:
+            return False
+        left = bool(self.causes) and (search.refused or search.capped)
+        return left or (search.refused and search.beyond_null_logs) or bool(search.strayed)
 
     @property
     def crowded(self) -> bool:
@@ -246,8 +272,7 @@ class Diagnosis(ABC):
         """Whether the fit has not converged, or the solver is not accurate enough for the scores."""
         if self.search is None or self.checks is None:
             return False
-        strongest = float(np.abs(self.search.first.z).max(initial=0.0))
-        limit = max(_SOLVER, _SOLVER_SHARE * strongest)
+        limit = solver_limit(self.search)
         return self.checks.solver > limit or not self.checks.converged or SEARCH in self.failed
 
     def _without_causes(self, asked: int) -> Verdict:
@@ -327,7 +352,7 @@ class RigDiagnosis(Diagnosis):
 
     @property
     def model(self) -> FitResult | None:
-        """The fit with the causes, laws of the wheel among them, or the nominal one without any."""
+        """The fit with all causes, named or not, and laws of the wheel, or the nominal one without any."""
         if self.search is None:
             return None
         return self.search.extended if self.causes or self.structure else self.search.nominal

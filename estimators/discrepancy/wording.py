@@ -192,6 +192,9 @@ def _discrepancy_phrase(
         phrase = "no effect of a physical size explains it on the conditions of the hold-out test, too"
     elif diagnosis.search is not None and diagnosis.search.capped:
         phrase = f"more effects are significant than the {MOST} that one model holds"
+    elif diagnosis.search is not None and diagnosis.search.strayed:
+        moved = ", ".join(name.replace("_", " ") for name in diagnosis.search.strayed)
+        phrase = f"numbers would have to lie beyond any tolerance of theirs ({moved})"
     if unexplained:
         phrase = _largest(unexplained).phrase
     effects = [cause.best.effect for cause in causes if not cause.structural]
@@ -339,7 +342,7 @@ def _forecast_lines(summary: DiagnosisSummary) -> list[str]:
     for one in summary.evidence.predictions:
         longest[one.quantity] = one
     parts = [
-        f"{one.quantity} {one.nominal:.3g}{f' -> {one.extended:.3g}' if summary.causes else ''} {one.unit}"
+        f"{one.quantity} {one.nominal:.3g}{f' -> {one.extended:.3g}' if summary.extended else ''} {one.unit}"
         for one in longest.values()
     ]
     horizon = next(iter(longest.values())).horizon

@@ -14,10 +14,11 @@ import numpy as np
 from estimators.belief.drive_fit import DriveFit, fit_drive
 from estimators.belief.drive_samples import DriveSamples
 from estimators.experiments.motion_sequences import AT, HORIZON
-from estimators.experiments.unknown_soils import VEHICLE, SoilRun
+from estimators.experiments.unknown_soils import VEHICLE, SoilRun, sloping
 from estimators.filters.online import OnBoard, Thinned, make_estimator
 from estimators.filters.online_soil_belief import POPULATION_RANGE, OnlineSoilBelief, population_n
 from estimators.filters.protocol import Estimate, Estimator
+from estimators.filters.registry import SOIL_FILTERS
 from offroad_env.errors import SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics.records import Soil
@@ -72,9 +73,9 @@ def nominal_plant(soil: str) -> Plant:
 
 
 def true_plant(run: SoilRun) -> Plant:
-    """True vehicle and soil; road and scatter of the soil are in nobody's model."""
+    """True vehicle, soil and slope of the ground; road and scatter of the soil are in nobody's model."""
     plant = run.record.plant
-    return make_plant(plant.vehicle, plant.soil, flat())
+    return make_plant(plant.vehicle, plant.soil, sloping(run.slopes))
 
 
 def predicted(plants: Sequence[Plant], run: SoilRun, start: float) -> np.ndarray:
@@ -130,10 +131,10 @@ def _watched(run: SoilRun, filter_: Estimator, look: Callable[[Estimate], list[P
 
 
 def _estimator(kind: str, soil: str) -> Estimator:
+    """Every method knows that the ground is level."""
     unit, receiver = ImuConfig(kind="specific_force"), GnssConfig(position_sd=1.5)
-    return make_estimator(
-        OnBoard(kind=kind, rate=50.0), nominal_plant(soil), POPULATION_RANGE, unit, receiver
-    )
+    choice = OnBoard(kind=kind, rate=50.0, grade=0.0 if kind in SOIL_FILTERS else None)
+    return make_estimator(choice, nominal_plant(soil), POPULATION_RANGE, unit, receiver)
 
 
 def filtered_n(run: SoilRun, soil: str) -> list[list[Plant]]:

@@ -1,7 +1,7 @@
 """Drives on unseen soils in steps of 0.1 s: what models of the motion are learnt from and tested on.
 
-A drive is one of `estimators.experiments.unknown_soils` with all nuisances. At three times every method
-predicts where the vehicle will be 3 s later under the commands that follow.
+A drive is one of `estimators.experiments.unknown_soils` on level ground, with all other nuisances. At three
+times every method predicts where the vehicle will be 3 s later under the commands that follow.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ class DriveSequence:
 
 @cache
 def drive_of(seed: int, split: str) -> SoilRun:
-    """A drive with all nuisances, long enough for the last prediction."""
-    return draw_run("nuisances", seed, split=split, duration=_DURATION)
+    """A drive on level ground with all other nuisances, long enough for the last prediction."""
+    return draw_run("level", seed, split=split, duration=_DURATION)
 
 
 def prediction_error(run: SoilRun, start: float, end: np.ndarray) -> Errors:

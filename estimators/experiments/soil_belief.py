@@ -23,10 +23,7 @@ from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig
-from offroad_env.simulation.simulator import make_plant
 from offroad_env.simulation.soil_holds import SoilHolds
-from offroad_env.world.soils import SOILS
-from offroad_env.world.terrain import flat
 from offroad_env.world.vehicles import VEHICLES
 
 __all__ = ["BeliefHistory", "LimitErrors", "believe", "foreseen", "limit_errors", "stuck_at"]
@@ -56,16 +53,16 @@ class BeliefHistory:
 def believe(run: SoilRun, filter_: Estimator | None = None, *, until: float | None = None) -> BeliefHistory:
     """Run the belief over a drive, or over its part ``until`` [s].
 
-    Its model is the nominal vehicle on level ground, structure "full".
+    Its model is what the run states.
     """
     record = run.record
     last = len(record.t) if until is None else round(until / record.timing.period) + 1
-    nominal = make_plant(VEHICLES[VEHICLE], SOILS["dry_sand"], flat())
     unit = ImuConfig(kind="specific_force") if CASES[run.case].nuisances else ImuConfig()
     if filter_ is None:
         receiver = GnssConfig(position_sd=1.5) if CASES[run.case].nuisances else GnssConfig()
-        choice = OnBoard(kind="online_soil_belief", rate=50.0)
-        filter_ = make_estimator(choice, nominal, POPULATION_RANGE, unit, receiver)
+        known = 0.0 if CASES[run.case].level else None
+        choice = OnBoard(kind="online_soil_belief", rate=50.0, grade=known)
+        filter_ = make_estimator(choice, run.stated, POPULATION_RANGE, unit, receiver)
     inner = filter_.inner if isinstance(filter_, Thinned) else filter_
     if not isinstance(inner, OnlineSoilBelief):
         raise InvalidParameter("filter_ must be a belief over whole soils")

@@ -10,7 +10,8 @@ from estimators.belief.drive_errors import GROUPS
 from estimators.belief.drive_fit import drive_bound
 from estimators.belief.drive_numbers import STEPS, numbers_of, plant_of_drive
 from estimators.experiments.adaptation import nominal_plant, samples_until
-from estimators.experiments.unknown_soils import CASES, SoilRun
+from estimators.experiments.unknown_soils import CASES, SoilRun, sloping
+from estimators.filters.online_soil_belief import SoilBeliefSettings
 from estimators.filters.soil_belief_holds import LIMITS, transform_limits
 from estimators.filters.soil_belief_points import N
 from offroad_env.physics.numerics import GRAVITY
@@ -28,7 +29,8 @@ _SHARE = 0.2
 def limit_bounds(run: SoilRun, end: float) -> FloatArray:
     """(2, 6) bounds after a drive until ``end`` [s]: of the limits but the best slip, then of n.
 
-    The unknowns and their prior are those of the belief over whole soils, with lag and drag. First row: the
+    The unknowns and their prior are those of the belief over whole soils, with lag and drag; so is the
+    slope of the ground unless it is known. First row: the
     model is exact, sensors err; second row: road and scatter are unknown, too, of the usual size. On the
     scale of `BeliefHistory`.
 
@@ -37,7 +39,9 @@ def limit_bounds(run: SoilRun, end: float) -> FloatArray:
     SolverFailure
         Where the soil does not carry the vehicle.
     """
-    nominal, truth = nominal_plant("population"), numbers_of(run.record.plant, nominal_plant("population"))
+    nominal = nominal_plant("population")._replace(ground=sloping(run.slopes))
+    truth = numbers_of(run.record.plant, nominal)
+    grade = 0.0 if CASES[run.case].level else SoilBeliefSettings().grade
     samples = samples_until(run, end)
     if not CASES[run.case].nuisances:
         samples = replace(samples, unit=ImuConfig())
@@ -49,7 +53,8 @@ def limit_bounds(run: SoilRun, end: float) -> FloatArray:
     slopes = np.vstack([np.array(columns).T[kept], np.eye(len(truth))[N]])
     rows = []
     for scale in (0.0, 1.0):
-        covariance = drive_bound(nominal, samples, truth, np.full(len(GROUPS), scale))
+        factors = np.full(len(GROUPS), scale)
+        covariance = drive_bound(nominal, samples, truth, factors, grade)
         rows.append(np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)))
     return np.array(rows)
 

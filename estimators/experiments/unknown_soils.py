@@ -1,23 +1,23 @@
 """Simulated drives over soils that nobody knows.
 
 A case says what is known and what is not. In "nuisances" the soil is drawn from the population of measured
-ones, and vehicle, sensors, start, road and scatter of the soil are drawn with it. The others take a soil of
-the catalogue and change one thing. Soils of tuning, test and training come from disjoint streams of random
-numbers.
+ones, and vehicle, sensors, start, road, slope of the ground and scatter of the soil are drawn with it. The
+others take a soil of the catalogue and change one thing. Soils of tuning, test and training come from
+disjoint streams of random numbers.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 
 from estimators.filters.protocol import Pose
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics.numerics import GRAVITY
-from offroad_env.physics.records import Soil, Vehicle
+from offroad_env.physics.records import Ground, Soil, Tyre, Vehicle
 from offroad_env.simulation.drive import Command, DriveRecord, simulate_drive
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
 from offroad_env.simulation.simulator import Plant, make_plant
@@ -25,10 +25,11 @@ from offroad_env.simulation.soil_holds import SoilHolds, what_soil_holds
 from offroad_env.world.natural_soil import SoilSpread, natural_soil
 from offroad_env.world.soil_prior import SoilPrior
 from offroad_env.world.soils import SOILS, make_soil
-from offroad_env.world.terrain import add, flat, grade, rough_terrain
+from offroad_env.world.terrain import add, flat, paper_terrain, rough_terrain
+from offroad_env.world.tyres import TYRES, make_tyre
 from offroad_env.world.vehicles import VEHICLES, make_vehicle
 
-__all__ = ["CASES", "SPLITS", "TEST_CASES", "VEHICLE", "Case", "SoilRun", "draw_run"]
+__all__ = ["CASES", "SPLITS", "TEST_CASES", "VEHICLE", "Case", "SoilRun", "draw_run", "sloping"]
 
 #: Streams of random numbers: no soil of one is in another.
 SPLITS = ("tuning", "test", "training")
@@ -40,6 +41,8 @@ _DEEPEST, _LEAST_PULL = 0.5, 0.03
 _START_SPEED = 5.0
 #: Scatter of the soil in space, standard deviations of `SoilSpread`.
 _SPREAD = {"pressure": 0.05, "n": 0.03, "c": 0.05, "tan_phi": 0.05, "K": 0.05}
+#: Standard deviation of the ground's slope towards each of two axes [-].
+_SLOPE = 0.03
 #: Net pull per weight of soft soils: about half of them stop the vehicle.
 _SOFT = (-0.12, 0.08)
 
@@ -61,19 +64,30 @@ class Case:
     width: float = 1.0  #: factor of the wheels' width, or one over it
     drag: float = 1.0  #: factor of the drag: four is a head wind as fast as the vehicle
     grade: float = 0.0  #: slope of the ground along the start heading, either way [-]
+    level: bool = False  #: the ground does not slope, and the filter knows it
     latency: float = 0.0  #: age of the receiver's fixes, which are taken for new [s]
     scatter: float = 0.0  #: of the soil in space, over that of the nuisances
+    start: float = 0.0  #: error of the start, either way, along both axes [m]
+    waves: float = 0.0  #: height of the paper's field of waves on the ground [m]
+    shift: float | None = None  #: by which a map of these waves is off along both axes [m]; None: no map
+    inflation: float | None = None  #: factor of the tyres' pressure, or one over it; None: rigid rims
+    random: bool = False  #: what only tests have, of a random size up to that of the second case of each
 
     @property
     def is_modelled(self) -> bool:
         """Whether some soil and vehicle of the belief's population make the same drive."""
-        return self.structure is None and self.width == 1.0 and self.grade == 0.0 and self.latency == 0.0
+        same_laws = self.structure is None and self.width == 1.0 and self.inflation is None
+        return same_laws and self.latency == 0.0 and self.waves == 0.0 and not self.random
 
 
 _DEGREE = math.radians(1.0)
 CASES: dict[str, Case] = {
     "nuisances": Case(title="whole soils, all nuisances", nuisances=True),
+    "level": Case(title="whole soils, all nuisances, known ground", nuisances=True, level=True),
     "soft": Case(title="soft soils, all nuisances", nuisances=True, soft=True),
+    "soft_level": Case(
+        title="soft soils, all nuisances, known ground", nuisances=True, soft=True, level=True
+    ),
     "matched": Case(title="nothing differs", soil="clay"),
     "phi_1": Case(title="phi ±1°", soil="clay", phi=_DEGREE),
     "phi_2": Case(title="phi ±2°", soil="clay", phi=2.0 * _DEGREE),
@@ -94,6 +108,21 @@ CASES: dict[str, Case] = {
     "clock_2": Case(title="fixes 0.3 s late", soil="clay", latency=0.3),
     "scatter_1": Case(title="soil scatters as usual", soil="clay", scatter=1.0),
     "scatter_2": Case(title="soil scatters twice as much", soil="clay", scatter=2.0),
+    "soil_phi": Case(title="phi ±4°", soil="clay", phi=4.0 * _DEGREE),
+    "soil_c": Case(title="c ±50 %", soil="clay", c=0.5),
+    "soil_K_low": Case(title="K x 0.5", soil="clay", K=0.5),
+    "soil_K_high": Case(title="K x 2", soil="clay", K=2.0),
+    "soil_exit": Case(title="exit angle -0.2", soil="clay", exit=-0.2),
+    "start_1": Case(title="start off by 0.5 m", soil="clay", start=0.5),
+    "start_2": Case(title="start off by 1.5 m", soil="clay", start=1.5),
+    "waves_1": Case(title="waves of 2 cm, no map", soil="clay", waves=0.02),
+    "waves_2": Case(title="waves of 5 cm, no map", soil="clay", waves=0.05),
+    "map_1": Case(title="map of waves of 5 cm, off by 0.3 m", soil="clay", waves=0.05, shift=0.3),
+    "map_2": Case(title="the same, off by 1 m", soil="clay", waves=0.05, shift=1.0),
+    "tyre_0": Case(title="tyres, structure grid, nothing differs", soil="clay", inflation=1.0),
+    "tyre_1": Case(title="their pressure 15 % higher or lower", soil="clay", inflation=1.15),
+    "tyre_2": Case(title="their pressure 40 % higher or lower", soil="clay", inflation=1.4),
+    "random": Case(title="whole soils, all nuisances, all of these at random", nuisances=True, random=True),
     "together": Case(
         title="whole soils, all nuisances, and these at the smaller size",
         nuisances=True,
@@ -114,6 +143,8 @@ class SoilRun(NamedTuple):
     record: DriveRecord
     holds: SoilHolds  #: what the soil truly holds for the true vehicle
     pose: Pose  #: start that the filter is given
+    stated: Plant  #: what it is given of vehicle, wheels and ground; not of the soil
+    slopes: tuple[float, float]  #: of the ground towards X and Y [-]
 
 
 def _drawn_soil(case: Case, rng: np.random.Generator, prior: SoilPrior) -> Soil:
@@ -159,20 +190,98 @@ def _sensors(case: Case, rng: np.random.Generator) -> SensorSuite:
     return SensorSuite(imu=unit, wheel=WheelSpeedConfig(), gnss=receiver)
 
 
-def _drawn_plant(case: Case, rng: np.random.Generator, prior: SoilPrior, sides: tuple[float, float]) -> Plant:
+def sloping(slopes: tuple[float, float]) -> Ground:
+    """A plane through the origin with these slopes towards X and Y [-]."""
+    return flat()._replace(S_x=slopes[0], S_y=slopes[1])
+
+
+class _Laws(TypedDict):
+    """Laws of the wheels as `make_plant` takes them."""
+
+    structure: str | None
+    tyre: Tyre | None
+
+
+class _Apart(NamedTuple):
+    """What is drawn from a stream of its own: whether it acts changes nothing else."""
+
+    wide: float  #: 1.0 or -1.0
+    up: float
+    slopes: tuple[float, float]  #: standard normal numbers
+
+
+def _drawn_apart(split: int, seed: int) -> _Apart:
+    rng = np.random.default_rng([split, seed, 1])
+    wide, up = rng.choice([-1.0, 1.0], 2).tolist()
+    first, second = rng.standard_normal(2).tolist()
+    return _Apart(wide, up, (first, second))
+
+
+def _with_sizes(case: Case, split: int, seed: int) -> Case:
+    """The case itself, or one whose sizes are drawn up to those of the second case of each."""
+    if not case.random:
+        return case
+    size = np.random.default_rng([split, seed, 2]).random(6).tolist()
+    return replace(
+        case,
+        width=1.2 ** size[0],
+        drag=4.0 ** size[1],
+        grade=0.05 * size[2],
+        latency=0.1 * round(3.0 * size[3]),
+        start=1.5 * size[4],
+        waves=0.05 * size[5],
+    )
+
+
+def _stated(case: Case) -> Plant:
+    """The nominal vehicle, its wheels as they are believed to be, and the map of the ground."""
+    laws, ground = _laws(case, 0.0), flat()
+    if case.shift is not None:
+        ground = _moved(paper_terrain(case.waves), case.shift)
+    return make_plant(VEHICLES[VEHICLE], SOILS["dry_sand"], ground, **laws)
+
+
+def _moved(ground: Ground, shift: float) -> Ground:
+    """The waves of a ground moved by ``shift`` [m] along both axes."""
+    waves = ground.waves.copy()
+    waves[:, 3] -= shift * (waves[:, 1] + waves[:, 2])
+    return ground._replace(waves=waves)
+
+
+def _laws(case: Case, side: float) -> _Laws:
+    """Structure and tyres; their pressure is off towards ``side``, 0: as stated."""
+    if case.inflation is None:
+        return {"structure": case.structure if side else None, "tyre": None}
+    tyre = TYRES[VEHICLE]
+    return {
+        "structure": "grid",
+        "tyre": make_tyre(tyre, inflation=tyre.inflation * case.inflation**side),
+    }
+
+
+def _slopes(case: Case, apart: _Apart) -> tuple[float, float]:
+    """Slopes of the ground towards X and Y [-]."""
+    drawn = _SLOPE * (case.nuisances and not case.level and case.grade == 0.0)
+    along, across = apart.slopes
+    return case.grade * apart.up + drawn * along, drawn * across
+
+
+def _drawn_plant(case: Case, rng: np.random.Generator, prior: SoilPrior, apart: _Apart) -> Plant:
     """Truth; what is drawn does not depend on the case, so cases of one seed differ in one thing."""
-    soil, (wide, up) = _drawn_soil(case, rng, prior), sides
-    vehicle = _drawn_vehicle(case, case.width**wide, rng)
+    soil = _drawn_soil(case, rng, prior)
+    vehicle = _drawn_vehicle(case, case.width**apart.wide, rng)
     road, seed = 10.0 ** rng.uniform(-6.0, -4.5), int(rng.integers(2**31))
-    ground = flat() if case.grade == 0.0 else grade(case.grade * up)
+    ground = sloping(_slopes(case, apart))
+    if case.waves > 0.0:
+        ground = add(ground, paper_terrain(case.waves))
     if case.nuisances:
         ground = add(ground, rough_terrain(None, np.random.default_rng(seed), roughness=road, waves=32))
     scatter = 1.0 if case.nuisances else case.scatter
     if scatter == 0.0:
-        return make_plant(vehicle, soil, ground, structure=case.structure)
+        return make_plant(vehicle, soil, ground, **_laws(case, apart.up))
     spread = SoilSpread(**{name: scatter * sd for name, sd in _SPREAD.items()})
     field = natural_soil(soil, seed + 1, spread=spread, waves=32)
-    return make_plant(vehicle, soil, ground, structure=case.structure, soil_field=field)
+    return make_plant(vehicle, soil, ground, soil_field=field, **_laws(case, apart.up))
 
 
 class _Manoeuvre:
@@ -223,11 +332,12 @@ def draw_run(case: str, seed: int, *, split: str = "test", duration: float = 12.
         raise InvalidParameter(f"case must be one of {', '.join(CASES)}, split of {', '.join(SPLITS)}")
     if case in TEST_CASES and split != "test":
         raise InvalidParameter(f"case {case!r} is for tests only: nothing may be chosen on it")
-    wide, up = np.random.default_rng([SPLITS.index(split), seed, 1]).choice([-1.0, 1.0], 2).tolist()
-    rng, prior, chosen = np.random.default_rng([SPLITS.index(split), seed]), SoilPrior.fitted(), CASES[case]
+    stream = SPLITS.index(split)
+    apart, chosen = _drawn_apart(stream, seed), _with_sizes(CASES[case], stream, seed)
+    rng, prior = np.random.default_rng([stream, seed]), SoilPrior.fitted()
     for _ in range(_TRIES):
         try:
-            plant = _drawn_plant(chosen, rng, prior, (wide, up))
+            plant = _drawn_plant(chosen, rng, prior, apart)
         except InvalidParameter:  # no natural soil spreads around so small an exponent
             continue
         manoeuvre, sensors = _Manoeuvre(plant.vehicle, rng), _sensors(chosen, rng)
@@ -243,5 +353,7 @@ def draw_run(case: str, seed: int, *, split: str = "test", duration: float = 12.
             record = simulate_drive(plant, manoeuvre, sensors, rng, duration=duration, speed=_START_SPEED)
         except SolverFailure:
             continue
-        return SoilRun(case, record, held, Pose(0.0, 0.0, wrong, _START_SPEED))
+        off = chosen.start * apart.wide
+        pose = Pose(off, off, wrong, _START_SPEED)
+        return SoilRun(case, record, held, pose, _stated(chosen), _slopes(chosen, apart))
     raise SolverFailure(f"{_TRIES} draws of {case!r} gave no drive")

@@ -26,8 +26,8 @@ class OnBoard:
     Raises
     ------
     InvalidParameter
-        For an unknown kind or vehicle model, a rate outside [50, 1000] Hz, or ``changing`` with a filter that
-        has no setting for it.
+        For an unknown kind or vehicle model, a rate outside [50, 1000] Hz, or ``changing`` or ``grade`` with
+        a filter that has no setting for it.
     """
 
     kind: str = "online_joint_ukf"  #: one of `KINDS`, or a short name: "parameter", "joint", "bank", "belief"
@@ -37,6 +37,9 @@ class OnBoard:
     ground: Ground | None = None  #: its ground
     vehicle_model: str | None = None  #: "half_car" or "bicycle"
     changing: bool = False  #: n is known to change every few tens of metres; online_parameter_ukf only
+    #: Standard deviation of the slope of the ground beyond that of its map [-], 0: the ground is known; None:
+    #: that of `SoilBeliefSettings`. online_soil_belief only.
+    grade: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "kind", filter_id(self.kind, KINDS, label="kind"))
@@ -44,6 +47,8 @@ class OnBoard:
             raise InvalidParameter(f"rate must be in [50, 1000] Hz, got {self.rate} - a period in s?")
         if self.changing and self.kind != "online_parameter_ukf":
             raise InvalidParameter(f'changing needs kind "online_parameter_ukf", got {self.kind!r}')
+        if self.grade is not None and self.kind not in SOIL_FILTERS:
+            raise InvalidParameter(f"grade needs kind {SOIL_FILTERS[0]!r}, got {self.kind!r}")
         if self.vehicle_model not in (None, *VEHICLE_MODELS):
             raise InvalidParameter(
                 f"vehicle_model must be one of {', '.join(VEHICLE_MODELS)}, got {self.vehicle_model!r}"
@@ -145,6 +150,7 @@ def make_estimator(
         imu=imu,
         gnss=gnss,
         changing=choice.changing,
+        grade=choice.grade,
     )
     inner = make(setup)
     return inner if every == 1 else Thinned(inner, every)

@@ -19,6 +19,10 @@ duration. What the means of the innovations show beyond it is learnt as a discre
 When the mean over 2 s leaves its band, no soil explains the drive: the flag goes down and part of the prior
 comes back.
 
+*Ground.* Gravity along a slope that no map shows adds to the rolling resistance. The slope towards two axes
+is unknown, too, within what is stated (`SoilBeliefSettings.grade`): a vehicle that turns tells the two apart,
+and where it does not turn the interval of the resistance holds both.
+
 *Wrong laws.* Eight numbers of a soil reproduce much of what other laws do, and the limits are then wrong.
 Sideways motion gives it away: its means over 0.5 s err by more than belief and sensors explain, and the flag
 goes down. It is up only after 2 s of driving that has passed this test, or earlier where all innovations are
@@ -35,20 +39,31 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.filters.navigation import NavigationFilter, NavigationNoise, V
+from estimators.filters.navigation import YAW, NavigationFilter, NavigationNoise, V
 from estimators.filters.online_base import OnlineFilter, check_positive
 from estimators.filters.protocol import Estimate
 from estimators.filters.soil_belief_holds import (
     LIMITS,
     LOGARITHMIC,
     SHIFT,
-    limits_of_belief,
     new_surrogate,
     refresh_surrogate,
+    share_of_slope,
     sharpen,
+    sharpened_limits,
     whole_surrogate,
 )
-from estimators.filters.soil_belief_points import COPIES, LOG_MASS, SAMPLED, SIZE, N, Sigma, plant_of_point
+from estimators.filters.soil_belief_points import (
+    COPIES,
+    GRADE,
+    LOG_MASS,
+    SAMPLED,
+    SIZE,
+    N,
+    Sigma,
+    plant_of_point,
+)
+from estimators.filters.soil_belief_prior import POPULATION_RANGE, base_soil, population_n, population_of
 from estimators.filters.soil_belief_step import (
     CHANNELS,
     DISCREPANCY,
@@ -70,12 +85,10 @@ from offroad_env.physics import state as at
 from offroad_env.physics.axle import contact_shape
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.packing import pack
-from offroad_env.physics.records import FloatArray, Soil
+from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig
 from offroad_env.simulation.simulator import Plant, plant_model
 from offroad_env.simulation.soil_holds import SoilHolds
-from offroad_env.world.soil_prior import ANGLE_SLOPE, EXIT_SHARE, LARGEST_PRESSURE_SHARE, SoilPrior
-from offroad_env.world.soils import make_soil
 
 __all__ = [
     "BELIEF_VECTOR",
@@ -96,12 +109,13 @@ BELIEF_VECTOR = (
 )
 #: Longest time to a stop that is reported [s].
 LONGEST = 100.0
-#: Range of n that the population of soils reaches [-].
-POPULATION_RANGE = (0.1, 1.9)
+_PULL, _PULL_SLIP = SoilHolds._fields.index("pull"), SoilHolds._fields.index("pull_slip")
 #: Certainty [standard deviations] beyond which an immobilisation is not announced sooner.
 _SURE = 5.0
 #: Times to a stop below this one count as this: a vehicle that is nearly at rest may have stopped [s].
 _SOONEST = 0.5
+#: Speed of the rims below which no slip is measured [m/s].
+_SLOWEST = 0.1
 #: Quantile of a normal distribution that a 95 % interval ends at.
 _Z95 = 1.959964
 
@@ -128,6 +142,7 @@ _POSITIVE = (
         "discrepancy",
         "refresh_time",
         "slowing_time",
+        "reserve",
     ),
 )
 
@@ -162,6 +177,9 @@ class SoilBeliefSettings:
     misalignment: float = math.radians(2.0)  #: of the unit; where it measures gravity, it has a share of that
     rate_bias: float = 0.005  #: of the gyro, beyond what the navigation filter has found [rad/s]
     rim_scale: float = 0.01  #: of the rolling radius [-]
+    #: Of the slope of the ground beyond that of its map, towards each of two axes [-]: ground that is called
+    #: level, a map as good as the mounting of the unit. 0: the ground is known.
+    grade: float = 0.03
     short_time: float = 0.5  #: of the mean in which a discrepancy shows [s]
     memory_time: float = 5.0  #: over which its variance is averaged [s]
     misfit_time: float = 2.0  #: over which what neither belief nor sensors explain is averaged [s]
@@ -178,47 +196,24 @@ class SoilBeliefSettings:
     discrepancy: float = 2.5  #: largest discrepancy of a channel for a valid belief, over `error`
     widening: float = 0.2  #: share of the prior's variance that comes back when no soil explains the drive
     unsettled_time: float = 3.0  #: how long the flag then stays down [s]
-    #: An immobilisation is announced where the soil gives no pull with probability 0.5 and the speed falls to
-    #: zero within the first time; each standard deviation of certainty makes that time e times as long, up to
-    #: the second [s].
-    stuck: tuple[float, float] = (2.4, 9.0)
+    #: An immobilisation is announced where the soil gives no pull with probability 0.5, the wheels slip as
+    #: for the largest pull, and the speed falls to zero within the first time; each standard deviation of
+    #: certainty makes that time e times as long, up to the second [s]. So does slip beyond that of the
+    #: largest pull, by one over ``reserve``: who has no pull in reserve cannot push harder.
+    stuck: tuple[float, float] = (2.5, 5.0)
+    reserve: float = 2.5
     slowing_time: float = 1.0  #: over which the loss of speed is averaged [s]
     #: Information that a drive gives about each limit, over that which the filter counts: its noise has to
     #: cover errors that do not act on all of them alike. Chosen so that 95 % of the intervals hold on tuning
     #: soils. Of n likewise.
     information: tuple[float, ...] = (1.4, 1.2, 1.0, 3.3, 1.0, 1.0)
-    information_n: float = 0.75
+    information_n: float = 0.6
     refresh_time: float = 2.0  #: from one reference of the limits to the next [s]
 
     def __post_init__(self) -> None:
         check_positive(self, _POSITIVE)
-
-
-def population_of(n_prior: float | None = None, sd: float | None = None) -> tuple[FloatArray, FloatArray]:
-    """Mean (7,) and covariance (7, 7) of a soil's numbers in the order of the belief.
-
-    The population of measured soils; with ``n_prior`` and ``sd`` what it becomes where n is known so well:
-    the other numbers follow n as they do in the population.
-    """
-    prior = SoilPrior.fitted()
-    mean, cov = np.zeros(7), np.zeros((7, 7))
-    dof = prior.degrees_of_freedom
-    mean[:5] = prior.mean
-    cov[:5, :5] = prior.scale
-    cov[:4, :4] *= dof / (dof - 2.0)
-    for i, (low, high) in ((5, LARGEST_PRESSURE_SHARE), (6, EXIT_SHARE)):
-        mean[i], cov[i, i] = 0.5 * (low + high), (high - low) ** 2 / 12.0
-    if n_prior is not None and sd is not None:
-        gain = cov[:, N] / cov[N, N]
-        mean = mean + gain * (n_prior - mean[N])
-        cov = cov + np.outer(gain, gain) * (sd * sd - cov[N, N])
-    return mean, cov
-
-
-def population_n() -> tuple[float, float]:
-    """Mean and standard deviation of n among the soils of the population."""
-    mean, cov = population_of()
-    return float(mean[N]), math.sqrt(float(cov[N, N]))
+        if not 0.0 <= self.grade <= 0.3:
+            raise InvalidParameter(f"grade must be in [0, 0.3], got {self.grade} - in %?")
 
 
 class OnlineSoilBelief(OnlineFilter):
@@ -264,22 +259,23 @@ class OnlineSoilBelief(OnlineFilter):
             raise InvalidParameter("the belief over soils needs a half-car or bicycle of the full model")
         self.settings = settings or SoilBeliefSettings()
         self._mount = (imu or ImuConfig()).mount()
-        self._packed = pack(plant._replace(soil=_base_soil(), soil_field=None))
+        self._packed = pack(plant._replace(soil=base_soil(), soil_field=None))
         self._rules = self._constants(imu or ImuConfig())
         self._memory = _new_memory(plant)
         self._surrogate = new_surrogate()
         self._limits = np.zeros(LIMITS), np.zeros(LIMITS)
+        self._with_slopes = np.zeros((LIMITS, 2))
         self._prior_sd = np.full(LIMITS, math.inf)
         self._information = np.array(self.settings.information)
         self._since, self._refreshing = 0.0, False
-        self._speed, self._gain = math.nan, 0.0
+        self._speed, self._gain, self._slip = math.nan, 0.0, 0.0
         self._start()
 
     def _constants(self, imu: ImuConfig) -> BeliefRules:
         s, vehicle = self.settings, self.plant.vehicle
         tilt = self._mount.gravity * s.misalignment
         bias = math.hypot(s.acceleration_bias, tilt)
-        own = np.square([s.mass, bias, bias, s.rate_bias, s.rim_scale])
+        own = np.square([s.mass, bias, bias, s.rate_bias, s.rim_scale, s.grade, s.grade])
         sensor = np.array([imu.accel_noise, imu.accel_noise, imu.gyro_noise, 0.0, 0.0, 0.0])
         error = np.array([*s.error, s.error[-1]])
         return BeliefRules(
@@ -320,7 +316,7 @@ class OnlineSoilBelief(OnlineFilter):
         self._memory.last[:] = self._memory.flags[NIS] = math.nan
         whole_surrogate(self._surrogate, self._packed, self._memory.mean, self._memory.cov)
         self._since, self._refreshing = 0.0, False
-        self._speed, self._gain = math.nan, 0.0
+        self._speed, self._gain, self._slip = math.nan, 0.0, 0.0
         self._prior_sd[:] = math.inf
         self._note_limits()
         self._prior_sd[:] = self._limits[1]
@@ -337,6 +333,7 @@ class OnlineSoilBelief(OnlineFilter):
         learn_soil(memory, self._rules, self._packed, self._mount, nav, imu, rim_speeds, command)
         _, _, brake = command
         self._note_loss_of_speed(float(nav[V]), brake)
+        self._note_slip(float(nav[V]), 0.5 * (float(rim_speeds[0]) + float(rim_speeds[1])))
         self._since += self.dt
         if self._refreshing or self._since >= self.settings.refresh_time:
             done = refresh_surrogate(self._surrogate, self._packed, memory.mean, memory.cov, 1)
@@ -353,10 +350,14 @@ class OnlineSoilBelief(OnlineFilter):
             unbraked = (speed - before) / self.dt + brake / (vehicle.m * vehicle.r)
             self._gain += self.dt / self.settings.slowing_time * (unbraked - self._gain)
 
+    def _note_slip(self, speed: float, rims: float) -> None:
+        """Slip of the wheels, where their speed [m/s] is measured."""
+        if math.isfinite(rims):
+            self._slip = min(max(1.0 - speed / max(rims, _SLOWEST), -1.0), 1.0)
+
     def _note_limits(self) -> None:
-        memory = self._memory
-        limits_of_belief(self._surrogate, memory.mean, memory.cov, *self._limits)
-        sharpen(self._limits[1], self._prior_sd, self._information)
+        memory, out = self._memory, (*self._limits, self._with_slopes)
+        sharpened_limits(self._surrogate, memory.mean, memory.cov, out, self._prior_sd, self._information)
 
     @property
     def estimate(self) -> Estimate:
@@ -365,7 +366,8 @@ class OnlineSoilBelief(OnlineFilter):
         low, high = self.n_range
         sd = np.array([math.sqrt(float(memory.cov[N, N]))])
         prior = np.array([math.sqrt(float(self._rules.prior[N]))])
-        sharpen(sd, prior, np.array([self.settings.information_n]))
+        spared = np.array([share_of_slope(memory.cov[N, GRADE:], memory.cov)])
+        sharpen(sd, prior, np.array([self.settings.information_n]), spared)
         inside, sd_n = min(max(float(memory.mean[N]), low), high), float(sd[0])
         return Estimate(inside, sd_n, float(memory.flags[NIS]), self.is_valid, int(memory.flags[REPAIRS]))
 
@@ -414,21 +416,40 @@ class OnlineSoilBelief(OnlineFilter):
 
     @property
     def immobilisation(self) -> Immobilisation:
-        """Risk of getting stuck."""
-        i = SoilHolds._fields.index("pull")
-        none = math.log(SHIFT[i] * self.plant.vehicle.m * GRAVITY)
-        z = (none - float(self._limits[0][i])) / max(float(self._limits[1][i]), 1e-9)
-        probability = 0.5 * math.erfc(-z / math.sqrt(2.0))
+        """Risk of getting stuck; the probability is that on level ground, the alarm for the ground here."""
+        none = math.log(SHIFT[_PULL] * self.plant.vehicle.m * GRAVITY)
+        centre, sd = self._pull()
+        probability = 0.5 * math.erfc((centre - none) / sd / math.sqrt(2.0))
         stop_in = LONGEST
         if self._gain < 0.0:
             stop_in = min(max(self._speed, 0.0) / -self._gain, LONGEST)
         soon, latest = self.settings.stuck
-        announced = max(stop_in, _SOONEST) < min(soon * math.exp(min(z, _SURE)), latest)
+        announced = max(stop_in, _SOONEST) < min(soon * math.exp(min(self._certainty(), _SURE)), latest)
         return Immobilisation(probability, stop_in, announced)
+
+    def _pull(self) -> tuple[float, float]:
+        """Mean and standard deviation of the logarithm of the shifted pull."""
+        return float(self._limits[0][_PULL]), max(float(self._limits[1][_PULL]), 1e-9)
+
+    def _certainty(self) -> float:
+        """How certain it is that there is no more pull [standard deviations]: by the soil, and by the slip.
+
+        A slope s takes s times the weight: the logarithm of what is needed is log(shift + s) weights, and
+        what is not known of s is not known of the pull, with the other sign: their sum is known.
+        """
+        memory, yaw, (centre, sd) = self._memory, float(self.navigation.x[YAW]), self._pull()
+        along = np.array([math.cos(yaw), math.sin(yaw)])
+        needed = max(SHIFT[_PULL] + float(along @ memory.mean[GRADE:]), 0.1 * SHIFT[_PULL])
+        rate = along / needed
+        shared = self._with_slopes[_PULL]
+        variance = sd * sd + float(rate @ (memory.cov[GRADE:, GRADE:] @ rate - 2.0 * shared))
+        none = math.log(needed * self.plant.vehicle.m * GRAVITY)
+        beyond = min(max(self._slip - float(self._limits[0][_PULL_SLIP]), -0.5), 0.5)
+        return (none - centre) / math.sqrt(max(variance, 1e-18)) + self.settings.reserve * beyond
 
     @property
     def soil(self) -> tuple[FloatArray, FloatArray]:
-        """Mean (12,) and covariance (12, 12) of the numbers of `BELIEF_NAMES`, in copies."""
+        """Mean (14,) and covariance (14, 14) of the numbers of `BELIEF_NAMES`, in copies."""
         return self._memory.mean.copy(), self._memory.cov.copy()
 
     @property
@@ -437,7 +458,9 @@ class OnlineSoilBelief(OnlineFilter):
 
         The mean of what they predict is the prediction of the belief.
         """
-        base = self.plant._replace(soil=_base_soil())
+        ground, slope = self.plant.ground, self._memory.mean[GRADE:].tolist()
+        tilted = ground._replace(S_x=ground.S_x + slope[0], S_y=ground.S_y + slope[1])
+        base = self.plant._replace(soil=base_soil(), ground=tilted)
         points = [self._memory.mean[:SAMPLED], *self._memory.sigma.points[1:]]
         return [plant_of_point(base, point) for point in points]
 
@@ -450,11 +473,6 @@ class OnlineSoilBelief(OnlineFilter):
     def changes(self) -> int:
         """How often no soil has explained the drive since the reset."""
         return int(self._memory.flags[RESETS])
-
-
-def _base_soil() -> Soil:
-    """What soils of a belief have in common: how contact angles grow with slip."""
-    return make_soil(k_phi=1e6, n=0.7, c=1e3, phi=0.5, k_x=0.02, a_0=0.3, a_1=ANGLE_SLOPE, b_0=-0.1, b_1=0.0)
 
 
 def _new_memory(plant: Plant) -> BeliefMemory:
@@ -470,5 +488,6 @@ def _new_memory(plant: Plant) -> BeliefMemory:
         short_innovation=np.zeros(CHANNELS),
         discrepancy=np.zeros(CHANNELS),
         misfit=np.zeros(CHANNELS),
+        lean=np.zeros(2),
         flags=np.zeros(FLAGS),
     )

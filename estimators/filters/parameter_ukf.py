@@ -29,6 +29,7 @@ from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.axle import Plant
 from offroad_env.physics.contact import SUNK
+from offroad_env.physics.numerics import all_finite, copy_into
 from offroad_env.physics.records import FloatArray
 
 __all__ = [
@@ -123,29 +124,38 @@ def _run(
     predicted, imu = np.empty((3, model.channels.shape[0])), np.empty(5)
     innovation = np.empty(model.channels.shape[0])
     own, warms = np.empty((3, states.shape[1])), np.empty((4, 2, 3))
-    own[:], warms[:] = states[0], warm
+    # Rows one by one: by broadcasting, a kernel takes seconds longer to compile.
+    for i in range(3):
+        copy_into(own[i], states[0])
+    for i in range(4):
+        for j in range(2):
+            copy_into(warms[i, j], warm[j])
     repairs = skipped = 0
     for k in range(1, z.shape[0]):
         step, x = inputs[2 * k - 2 : 2 * k + 1], states[k - 1]
         if known:
-            own[:] = x
+            for i in range(3):
+                copy_into(own[i], x)
         cov[0, 0] += model.R_n
         repairs += sigma_points(mean, cov, weights.scale, factor, points)
-        worst = 0.0
+        worst, sound = 0.0, True
         for i in range(3):
             share_horizontal(x, own[i])
             there = plant_with_exponent(model.plant, to_range(points[i, 0], model.low, model.high))
             worst = max(worst, paper_observation(own[i], warms[i], step, there, model.dt, imu))
-            predicted[i] = imu[model.channels]
-        if worst < SUNK and np.isfinite(predicted).all() and np.isfinite(own).all():
+            for j in range(model.channels.shape[0]):
+                predicted[i, j] = imu[model.channels[j]]
+            sound = sound and all_finite(predicted[i]) and all_finite(own[i])
+        if worst < SUNK and sound:
             update = unscented_update(mean, cov, points, predicted, z[k], model.R_e, weights, innovation)
             record.nis[k] = update.nis
             repairs += update.repairs
         else:
             skipped += 1
-            own[:] = x
+            for i in range(3):
+                copy_into(own[i], x)
         if not known:
-            states[k] = x
+            copy_into(states[k], x)
             here = plant_with_exponent(model.plant, to_range(mean[0], model.low, model.high))
             paper_observation(states[k], warms[3], step, here, model.dt, imu)
         belief[k, 0], belief[k, 1] = mean[0], cov[0, 0]

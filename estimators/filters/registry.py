@@ -52,6 +52,7 @@ class OnlineSetup(NamedTuple):
     imu: ImuConfig
     gnss: GnssConfig
     changing: bool = False  #: n is known to change every few tens of metres
+    grade: float | None = None  #: standard deviation of the ground's slope beyond its map; None: the filter's
 
 
 # Each filter is imported where it is made: its kernels take as long to read as those of a vehicle.
@@ -78,9 +79,12 @@ def _joint_bank(setup: OnlineSetup) -> Estimator:
 
 
 def _soil_belief(setup: OnlineSetup) -> Estimator:
-    from estimators.filters.online_soil_belief import OnlineSoilBelief
+    from estimators.filters.online_soil_belief import OnlineSoilBelief, SoilBeliefSettings
 
-    return OnlineSoilBelief(setup.belief, setup.n_range, dt=setup.dt, imu=setup.imu, gnss=setup.gnss)
+    settings = None if setup.grade is None else SoilBeliefSettings(grade=setup.grade)
+    return OnlineSoilBelief(
+        setup.belief, setup.n_range, dt=setup.dt, imu=setup.imu, gnss=setup.gnss, settings=settings
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

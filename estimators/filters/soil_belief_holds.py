@@ -12,7 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.filters.soil_belief_points import COPIES, SAMPLED, Sigma, place_sigma_points, plant_of_point
+from estimators.filters.soil_belief_points import (
+    COPIES,
+    GRADE,
+    SAMPLED,
+    Sigma,
+    place_sigma_points,
+    plant_of_point,
+)
 from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.axle import Plant
 from offroad_env.physics.numerics import GRAVITY
@@ -28,7 +35,9 @@ __all__ = [
     "limits_of_belief",
     "new_surrogate",
     "refresh_surrogate",
+    "share_of_slope",
     "sharpen",
+    "sharpened_limits",
     "transform_limits",
     "whole_surrogate",
 ]
@@ -165,10 +174,30 @@ def whole_surrogate(
 
 
 @kernel
+def _with_slopes(L: FloatArray, slope: FloatArray, cov: FloatArray, out: FloatArray) -> None:
+    """Covariance (2,) with the slopes of the ground of a limit with ``slope`` (SAMPLED,) per column of L."""
+    for j in range(2):
+        out[j], u = 0.0, np.empty(SAMPLED)
+        for i in range(SAMPLED):
+            total = cov[i, GRADE + j]
+            for k in range(i):
+                total -= L[i, k] * u[k]
+            u[i] = total / L[i, i]
+            out[j] += slope[i] * u[i]
+
+
+@kernel
 def limits_of_belief(
-    surrogate: LimitSurrogate, mean: FloatArray, cov: FloatArray, out_mean: FloatArray, out_sd: FloatArray
+    surrogate: LimitSurrogate,
+    mean: FloatArray,
+    cov: FloatArray,
+    out_mean: FloatArray,
+    out_sd: FloatArray,
+    out_slope: FloatArray,
 ) -> None:
     """Mean and standard deviation (LIMITS,) of the limits, of the logarithm of the positive ones.
+
+    ``out_slope`` (LIMITS, 2) : their covariances with the slopes of the ground.
 
     Of parabolas of a normal u with the mean m and the covariance S: value + slope m + bend (m^2 + S_ii)/2,
     and the variance g S g + sum (bend S_ii)^2/2 with g = slope + bend m, the squares of different columns
@@ -206,19 +235,55 @@ def limits_of_belief(
             for j in range(SAMPLED):
                 variance += slope[i] * S[i, j] * slope[j]
         out_mean[k], out_sd[k] = centre, max(math.sqrt(max(variance, 0.0)), _LEAST_SD)
+        _with_slopes(L, slope, cov, out_slope[k])
     # Pull hardly changes around its best slip, and the search for it ends there or at the highest slip.
     out_mean[2] = min(max(out_mean[2], 0.0), HIGHEST_SLIP)
     out_sd[2] = max(out_sd[2], _SLIP_SD)
 
 
 @kernel
-def sharpen(sd: FloatArray, prior_sd: FloatArray, information: FloatArray) -> None:
+def sharpen(sd: FloatArray, prior_sd: FloatArray, information: FloatArray, spared: FloatArray) -> None:
     """Count the information beyond a prior's ``information`` times, number by number (K,), in place.
 
     A likelihood to a power (tempering), for what is nearly normal: 1/sd^2 = 1/prior^2 + information x gained.
+    ``spared`` (K,) is the part of the variances of which this is not so.
     """
     for k in range(sd.shape[0]):
-        known = 1.0 / (prior_sd[k] * prior_sd[k])
-        gained = 1.0 / (sd[k] * sd[k]) - known
+        apart = min(spared[k], 0.999 * sd[k] * sd[k])
+        known, own = 1.0 / (prior_sd[k] * prior_sd[k]), sd[k] * sd[k] - apart
+        gained = 1.0 / own - known
         if gained > 0.0 and math.isfinite(prior_sd[k]):
-            sd[k] = 1.0 / math.sqrt(known + information[k] * gained)
+            sd[k] = math.hypot(1.0 / math.sqrt(known + information[k] * gained), math.sqrt(apart))
+
+
+@kernel
+def share_of_slope(shared: FloatArray, cov: FloatArray) -> float:
+    """Variance of a number that knowing the slopes of the ground would take away.
+
+    ``shared`` (2,) : its covariances with them; ``cov`` (SIZE, SIZE) : of the belief.
+    """
+    first, second, both = cov[GRADE, GRADE], cov[GRADE + 1, GRADE + 1], cov[GRADE, GRADE + 1]
+    determinant = first * second - both * both
+    if not determinant > 0.0:
+        return 0.0
+    square = shared[0] * shared[0] * second + shared[1] * shared[1] * first
+    share: float = max((square - 2.0 * shared[0] * shared[1] * both) / determinant, 0.0)
+    return share
+
+
+@kernel
+def sharpened_limits(
+    surrogate: LimitSurrogate,
+    mean: FloatArray,
+    cov: FloatArray,
+    out: tuple[FloatArray, FloatArray, FloatArray],
+    prior_sd: FloatArray,
+    information: FloatArray,
+) -> None:
+    """`limits_of_belief` into ``out``, and `sharpen` but for what the slopes of the ground leave unknown."""
+    means, sds, shared = out
+    limits_of_belief(surrogate, mean, cov, means, sds, shared)
+    spared = np.empty(LIMITS)
+    for k in range(LIMITS):
+        spared[k] = share_of_slope(shared[k], cov)
+    sharpen(sds, prior_sd, information, spared)

@@ -1,8 +1,8 @@
 """Sigma points of the online belief over whole soils, and the vehicle and soil that each of them stands for.
 
 The belief is a normal distribution over `SIZE` numbers. Those of the soil and the mass act on the vehicle in
-a way that only its model knows: a pair of sigma points each. The others add to readings: their effect is
-known.
+a way that only its model knows: a pair of sigma points each. The others add to readings, and gravity along a
+slope to the acceleration: their effect is known.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ __all__ = [
     "BELIEF_NAMES",
     "B_0",
     "COPIES",
+    "GRADE",
     "LOG_C",
     "LOG_K",
     "LOG_MASS",
@@ -50,9 +51,13 @@ BELIEF_NAMES = (
     "bias a_y",
     "bias yaw rate",
     "rim scale",
+    "slope X",
+    "slope Y",
 )
 (LOG_PRESSURE, N, LOG_C, PHI, LOG_K, A_0, B_0, LOG_MASS) = range(8)
 SIZE, SAMPLED = len(BELIEF_NAMES), 8
+#: The first of the slopes of the ground towards X and Y, beyond those of its map.
+GRADE = SIZE - 2
 #: The mean, and a pair for every sampled number.
 COPIES = 2 * SAMPLED + 1
 

@@ -11,6 +11,7 @@ from estimators.filters.navigation import GYRO_BIAS, V_SIDE, YAW, V, X, Y
 from estimators.filters.online_base import MEAN_TIME, follow_command
 from estimators.filters.soil_belief_points import (
     COPIES,
+    GRADE,
     LOG_PRESSURE,
     SAMPLED,
     SIZE,
@@ -26,7 +27,7 @@ from offroad_env.physics.axle import Plant
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.full_vehicle import WORK_ROWS, full_step
 from offroad_env.physics.imu import A_X, A_Y, PITCH_RATE, YAW_RATE, ImuMount
-from offroad_env.physics.numerics import all_finite, copy_into
+from offroad_env.physics.numerics import GRAVITY, all_finite, copy_into
 from offroad_env.physics.packing import PackedPlant, unpack
 from offroad_env.physics.records import FloatArray
 from offroad_env.physics.settle import settle
@@ -78,6 +79,7 @@ class BeliefMemory(NamedTuple):
     short_innovation: FloatArray  #: (CHANNELS,) over ``short_time``
     discrepancy: FloatArray  #: (CHANNELS,) variance of errors that the model has beyond those assumed
     misfit: FloatArray  #: (CHANNELS,) variance of errors that neither the belief nor the sensors explain
+    lean: FloatArray  #: (2,) by how much too fast the copies are for a slope of one towards X, Y [m/s]
     flags: FloatArray  #: (FLAGS,)
 
 
@@ -152,6 +154,7 @@ def _wake(memory: BeliefMemory, nav: FloatArray, plant: Plant) -> None:
             place_sigma_points(memory.mean, memory.cov, memory.sigma)
     memory.last[:] = math.nan
     memory.short_innovation[:] = 0.0
+    memory.lean[:] = 0.0
     memory.flags[AWAKE] = 1.0
 
 
@@ -178,6 +181,31 @@ def _pull(x: FloatArray, nav: FloatArray, imu: FloatArray, rules: BeliefRules) -
     x[at.V_Y] += rules.side_gain * dt * (nav[V_SIDE] - x[at.V_Y])
     x[at.YAW_RATE] += rules.yaw_rate_gain * dt * (imu[YAW_RATE] - nav[GYRO_BIAS] - x[at.YAW_RATE])
     x[at.PITCH_RATE] += rules.pitch_rate_gain * dt * (imu[PITCH_RATE] - x[at.PITCH_RATE])
+
+
+@kernel
+def _lean(memory: BeliefMemory, rules: BeliefRules, yaw: float) -> None:
+    """Let the copies become too fast for an unknown slope, which does not act on them."""
+    for i, along in enumerate((math.cos(yaw), math.sin(yaw))):
+        memory.lean[i] += rules.dt * (GRAVITY * along - rules.speed_gain * memory.lean[i])
+
+
+@kernel
+def _add_slope(
+    memory: BeliefMemory, mount: ImuMount, yaw: float, expected: FloatArray, rows: FloatArray
+) -> None:
+    """What an unknown slope of the ground does to the channels (CHANNELS,) and their rows, in place.
+
+    Along it the vehicle accelerates less by g times the slope. An accelerometer that pitches with the body
+    and measures gravity reads the force of the ground, whatever the slope; one that does not reads the
+    acceleration.
+    """
+    unread = GRAVITY - mount.gravity * mount.body_axes
+    for i, along in enumerate((math.cos(yaw), math.sin(yaw))):
+        rows[0, GRADE + i] = -unread * along
+        rows[_SPEED, GRADE + i] = -memory.lean[i]
+        for j in (0, _SPEED):
+            expected[j] += rows[j, GRADE + i] * memory.mean[GRADE + i]
 
 
 @kernel
@@ -342,10 +370,16 @@ def _widen(memory: BeliefMemory, rules: BeliefRules) -> None:
 
 @kernel
 def _compare(
-    memory: BeliefMemory, rules: BeliefRules, nav: FloatArray, rims: FloatArray, predicted: FloatArray
+    memory: BeliefMemory,
+    rules: BeliefRules,
+    mount: ImuMount,
+    nav: FloatArray,
+    rims: FloatArray,
+    predicted: FloatArray,
 ) -> None:
     """Compare what the copies predicted with the samples that belong to it, and learn."""
     found = _linearise(memory, predicted, rims)
+    _add_slope(memory, mount, nav[YAW], found.expected, found.rows)
     z = np.empty(CHANNELS)
     copy_into(z[:_IMU_CHANNELS], memory.last)
     z[2] -= nav[GYRO_BIAS]
@@ -405,8 +439,9 @@ def learn_soil(
     if not _step_copies(memory, rules, plant, command, mount, predicted):
         _sleep(memory)
         return
+    _lean(memory, rules, nav[YAW])
     if math.isfinite(memory.last[0]):
-        _compare(memory, rules, nav, rims, predicted)
+        _compare(memory, rules, mount, nav, rims, predicted)
     for j in range(_IMU_CHANNELS):
         memory.last[j] = imu[_USED[j]]
     for i in range(COPIES):

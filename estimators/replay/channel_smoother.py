@@ -65,14 +65,27 @@ def _forward(
 @kernel
 def _backward(means: FloatArray, covs: FloatArray, step: float, q: float) -> None:
     """Pass of Rauch, Tung & Striebel: filtered becomes smoothed, in place."""
-    F = np.array([[1.0, step], [0.0, 1.0]])
-    Q = q * np.array([[step**3 / 3.0, 0.5 * step**2], [0.5 * step**2, step]])
-    for i in range(means.shape[0] - 1):
-        k = means.shape[0] - 2 - i
-        ahead = F @ covs[k] @ F.T + Q
-        G = np.linalg.solve(ahead, F @ covs[k]).T.copy()
-        means[k] += G @ (means[k + 1] - F @ means[k])
-        covs[k] += G @ (covs[k + 1] - ahead) @ G.T
+    for back in range(means.shape[0] - 1):
+        k = means.shape[0] - 2 - back
+        v, s = means[k, 0] + step * means[k, 1], means[k, 1]
+        p, r, w = covs[k, 0, 0], covs[k, 0, 1], covs[k, 1, 1]
+        # Covariance with the state one step on, and that state's own, predicted.
+        p_v, r_v = p + step * r, r + step * w
+        P, R = p_v + step * r_v + q * step**3 / 3.0, r_v + 0.5 * q * step**2
+        W = w + q * step
+        det = P * W - R * R
+        if not det > 0.0:  # lost to rounding
+            det = math.nan
+        g_vv, g_vs = (p_v * W - r * R) / det, (r * P - p_v * R) / det
+        g_sv, g_ss = (r_v * W - w * R) / det, (w * P - r_v * R) / det
+        late_v, late_s = means[k + 1, 0] - v, means[k + 1, 1] - s
+        means[k, 0] += g_vv * late_v + g_vs * late_s
+        means[k, 1] += g_sv * late_v + g_ss * late_s
+        P, R, W = covs[k + 1, 0, 0] - P, covs[k + 1, 0, 1] - R, covs[k + 1, 1, 1] - W
+        covs[k, 0, 0] += g_vv * g_vv * P + 2.0 * g_vv * g_vs * R + g_vs * g_vs * W
+        covs[k, 0, 1] += g_vv * g_sv * P + (g_vv * g_ss + g_vs * g_sv) * R + g_vs * g_ss * W
+        covs[k, 1, 0] = covs[k, 0, 1]
+        covs[k, 1, 1] += g_sv * g_sv * P + 2.0 * g_sv * g_ss * R + g_ss * g_ss * W
 
 
 def smooth_channel(values: np.ndarray, step: float, sd: float) -> SmoothChannel:
@@ -84,6 +97,11 @@ def smooth_channel(values: np.ndarray, step: float, sd: float) -> SmoothChannel:
         Samples ``step`` [s] apart, NaN where there is none.
     sd : float
         Standard deviation of the noise; a negligible one leaves the samples as they are.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Where a covariance becomes singular to rounding.
     """
     values = np.array(values, dtype=np.float64)
     present = ~np.isnan(values)
@@ -102,4 +120,6 @@ def smooth_channel(values: np.ndarray, step: float, sd: float) -> SmoothChannel:
     q = unit * 10.0**found.x
     _forward(values, step, q, variance, means, covs)
     _backward(means, covs, step, q)
+    if not np.isfinite(means).all():
+        raise np.linalg.LinAlgError("a covariance of the trend is singular to rounding")
     return SmoothChannel(value=means[:, 0].copy(), slope=means[:, 1].copy(), sd=np.sqrt(covs[:, 0, 0]))

@@ -17,6 +17,7 @@ import numpy as np
 from estimators.logs.clocks import pose_age
 from estimators.logs.log import Log
 from estimators.logs.signals import noise_sd, unwrapped
+from estimators.numerics.small_matrices import multiply, multiply_transposed, solve_in_place
 from estimators.replay.channel_smoother import SmoothChannel, smooth_channel
 from offroad_env.errors import DataError
 from offroad_env.physics._jit import kernel
@@ -184,17 +185,32 @@ def _slopes(x: FloatArray, a: FloatArray, rates: FloatArray, h: float, F: FloatA
         x[j] = kept - 1e-5
         _advance(x, a, rates, h, low)
         x[j] = kept
-        F[:, j] = (high - low) / 2e-5
+        for i in range(_SIZE):
+            F[i, j] = (high[i] - low[i]) / 2e-5
 
 
 @kernel
 def _update(mean: FloatArray, P: FloatArray, H: FloatArray, innovation: float, variance: float) -> None:
-    """Kalman update by one number, in place; covariance in Joseph's form."""
-    across = P @ H
-    gain = across / (H @ across + variance)
-    mean += gain * innovation
-    J = np.eye(_SIZE) - np.outer(gain, H)
-    P[:] = J @ P @ J.T + variance * np.outer(gain, gain)
+    """Kalman update by one number, in place; covariance in Joseph's form (I - g H) P (I - g H)' + r g g'."""
+    gain, row, half = np.empty(_SIZE), np.empty(_SIZE), np.empty(_SIZE)
+    total = variance
+    for i in range(_SIZE):
+        gain[i] = row[i] = 0.0
+        for j in range(_SIZE):
+            gain[i] += P[i, j] * H[j]
+            row[i] += H[j] * P[j, i]
+        total += H[i] * gain[i]
+    for i in range(_SIZE):
+        gain[i] /= total
+        mean[i] += gain[i] * innovation
+    for i in range(_SIZE):
+        half[i] = 0.0
+        for j in range(_SIZE):
+            P[i, j] -= gain[i] * row[j]
+            half[i] += P[i, j] * H[j]
+    for i in range(_SIZE):
+        for j in range(_SIZE):
+            P[i, j] += (variance * gain[i] - half[i]) * gain[j]
 
 
 @kernel
@@ -213,10 +229,51 @@ def _take(
         _advance(point, a, rates, h, moved)
         point[j] = kept
         H[j] = (_measured(moved, kind) - base) / 1e-5
-    innovation = readings.value[m] - base - H @ (mean - point)
+    innovation = readings.value[m] - base
+    for j in range(_SIZE):
+        innovation -= H[j] * (mean[j] - point[j])
     if kind in (AT_YAW, AT_COURSE):
         innovation = (innovation + math.pi) % (2.0 * math.pi) - math.pi
     _update(mean, P, H, innovation, readings.sd[m] ** 2)
+
+
+@kernel
+def _predict(
+    mean: FloatArray, P: FloatArray, point: FloatArray, drive: Drive, k: int, F: FloatArray, work: FloatArray
+) -> None:
+    """From the instant before ``k`` to it, linearised at ``point``; the Jacobian into ``F`` (10, 10)."""
+    a, rates = np.empty(3), np.empty(3)
+    for i in range(3):
+        a[i] = 0.5 * (drive.a[k - 1, i] + drive.a[k, i])
+        rates[i] = 0.5 * (drive.rates[k - 1, i] + drive.rates[k, i])
+    _slopes(point, a, rates, drive.step, F)
+    moved = np.empty(_SIZE)
+    _advance(point, a, rates, drive.step, moved)
+    for i in range(_SIZE):
+        for j in range(_SIZE):
+            moved[i] += F[i, j] * (mean[j] - point[j])
+    for i in range(_SIZE):
+        mean[i] = moved[i]
+    multiply(F, P, work)
+    multiply_transposed(work, F, P)
+    for i in range(_SIZE):
+        P[i, i] += drive.Q[i]
+
+
+@kernel
+def _keep(mean: FloatArray, P: FloatArray, k: int, means: FloatArray, covs: FloatArray) -> None:
+    """Mean and covariance into row ``k``."""
+    for i in range(_SIZE):
+        means[k, i] = mean[i]
+        for j in range(_SIZE):
+            covs[k, i, j] = P[i, j]
+
+
+@kernel
+def _look_from(mean: FloatArray, guess: FloatArray, k: int, point: FloatArray) -> None:
+    """The point of linearisation at the instant ``k``: of ``guess``, or the mean where that is empty."""
+    for i in range(_SIZE):
+        point[i] = guess[k, i] if guess.shape[0] > 0 else mean[i]
 
 
 @kernel
@@ -224,51 +281,64 @@ def _forward(
     start: FloatArray, P_0: FloatArray, drive: Drive, readings: Readings, guess: FloatArray, done: Pass
 ) -> None:
     """Kalman filter linearised along ``guess`` (K, 10), or along itself where that is empty."""
-    mean, P = start.copy(), P_0.copy()
+    mean, P, work = start.copy(), P_0.copy(), np.empty((_SIZE, _SIZE))
     point, level = np.empty(_SIZE), np.zeros(_SIZE)
     m = 0
     for k in range(done.means.shape[0]):
         if k > 0:
-            a = 0.5 * (drive.a[k - 1] + drive.a[k])
-            rates = 0.5 * (drive.rates[k - 1] + drive.rates[k])
-            point[:] = mean
-            if guess.shape[0] > 0:
-                point[:] = guess[k - 1]
-            F = done.slopes[k]
-            _slopes(point, a, rates, drive.step, F)
-            moved = np.empty(_SIZE)
-            _advance(point, a, rates, drive.step, moved)
-            mean = moved + F @ (mean - point)
-            P = F @ P @ F.T + np.diag(drive.Q)
-        done.ahead[k], done.ahead_covs[k] = mean, P
+            _look_from(mean, guess, k - 1, point)
+            _predict(mean, P, point, drive, k, done.slopes[k], work)
+        _keep(mean, P, k, done.ahead, done.ahead_covs)
         while m < readings.instant.shape[0] and readings.instant[m] == k:
-            point[:] = mean
-            if guess.shape[0] > 0:
-                point[:] = guess[k]
+            _look_from(mean, guess, k, point)
             _take(mean, P, point, drive, readings, m)
             m += 1
         for i in (PITCH, ROLL):
-            level[:] = 0.0
             level[i] = 1.0
             # Once a second in all.
             _update(mean, P, level, -mean[i], _LEVEL**2 / drive.step)
-        done.means[k], done.covs[k] = mean, P
+            level[i] = 0.0
+        _keep(mean, P, k, done.means, done.covs)
+
+
+@kernel
+def _gain(slopes: FloatArray, cov: FloatArray, ahead: FloatArray, scaled: FloatArray, G: FloatArray) -> None:
+    """Transposed gain of the smoother: the solution of ahead G = slopes cov, into ``G``.
+
+    Unit diagonal first: positions and offsets differ by orders of magnitude.
+    """
+    multiply(slopes, cov, G)
+    for i in range(_SIZE):
+        scale = math.sqrt(ahead[i, i])
+        for j in range(_SIZE):
+            G[i, j] /= scale
+            scaled[i, j] = ahead[i, j] / scale / math.sqrt(ahead[j, j])
+    solve_in_place(scaled, G)
+    for i in range(_SIZE):
+        for j in range(_SIZE):
+            G[i, j] /= math.sqrt(ahead[i, i])
 
 
 @kernel
 def _backward(done: Pass) -> None:
     """Pass of Rauch, Tung & Striebel: filtered becomes smoothed, in place."""
     means, covs = done.means, done.covs
-    for i in range(means.shape[0] - 1):
-        k = means.shape[0] - 2 - i
-        # Unit diagonal first: positions and offsets differ by orders of magnitude.
-        scale = np.sqrt(np.diag(done.ahead_covs[k + 1]))
-        across = (done.slopes[k + 1] @ covs[k]) / scale.reshape(-1, 1)
-        scaled = done.ahead_covs[k + 1] / scale / scale.reshape(-1, 1)
-        G = np.linalg.solve(scaled, across).T.copy() / scale
-        means[k] += G @ (means[k + 1] - done.ahead[k + 1])
-        smoothed = covs[k] + G @ (covs[k + 1] - done.ahead_covs[k + 1]) @ G.T
-        covs[k] = 0.5 * (smoothed + smoothed.T)
+    G, late, work = np.empty((_SIZE, _SIZE)), np.empty((_SIZE, _SIZE)), np.empty((_SIZE, _SIZE))
+    for back in range(means.shape[0] - 1):
+        k = means.shape[0] - 2 - back
+        _gain(done.slopes[k + 1], covs[k], done.ahead_covs[k + 1], work, G)
+        for i in range(_SIZE):
+            for j in range(_SIZE):
+                means[k, i] += G[j, i] * (means[k + 1, j] - done.ahead[k + 1, j])
+                late[i, j] = covs[k + 1, i, j] - done.ahead_covs[k + 1, i, j]
+        multiply(late, G, work)
+        for i in range(_SIZE):
+            for j in range(_SIZE):
+                for h in range(_SIZE):
+                    covs[k, i, j] += G[h, i] * work[h, j]
+        for i in range(_SIZE):
+            for j in range(i):
+                covs[k, i, j] = covs[k, j, i] = 0.5 * (covs[k, i, j] + covs[k, j, i])
 
 
 def _on_grid(log: Log, name: str, t: np.ndarray) -> np.ndarray:
@@ -392,13 +462,10 @@ def smooth_motion(log: Log, t: np.ndarray) -> PlanarMotion:
     vectors, matrices = np.zeros((2, K, _SIZE)), np.zeros((3, K, _SIZE, _SIZE))
     done = Pass(vectors[0], matrices[0], vectors[1], matrices[1], matrices[2])
     guess, start = np.empty((0, _SIZE)), _start_of(log, readings)
-    try:
-        for _ in range(_PASSES):
-            _forward(start, np.diag(_START**2), drive, readings, guess, done)
-            _backward(done)
-            guess = done.means.copy()
-    except np.linalg.LinAlgError:
-        guess = np.full_like(done.means, np.nan)
+    for _ in range(_PASSES):
+        _forward(start, np.diag(_START**2), drive, readings, guess, done)
+        _backward(done)
+        guess = done.means.copy()
     if not np.isfinite(guess).all():
         raise DataError(f"{log.name}: no motion agrees with all channels - one of them in another unit?")
     rate, left = _heading_rows(done.means, drive)

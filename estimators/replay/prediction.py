@@ -20,6 +20,7 @@ from offroad_env.physics._jit import kernel
 from offroad_env.physics.axle import Plant, readings_size
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.full_vehicle import WORK_ROWS, full_continue, full_derivative
+from offroad_env.physics.numerics import copy_into
 from offroad_env.physics.record_operations import replace
 from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.simulator import settled_state
@@ -136,7 +137,7 @@ def _run(
                 command = _command(x, inputs, exact, k, (j / steps, (j + 1.0) / steps), gain)
                 full_derivative(x, command, local, warm, work[0], seen)
                 if j == 0 and i >= lead:
-                    out.states[w, i - lead] = x
+                    copy_into(out.states[w, i - lead], x)
                     out.a_y[w, i - lead] = seen[at.A_Y]
                 if i < last:
                     worst = max(worst, full_continue(x, warm, command, local, (dt, 1), work, seen))

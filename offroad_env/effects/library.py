@@ -12,19 +12,17 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import Any
 
-import numba
 import numpy as np
 
 from offroad_env.effects.protocol import Effect, Setup, Values
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import hooks
+from offroad_env.physics._jit import part_kernel
 from offroad_env.physics.records import FloatArray
 
 __all__ = ["EFFECTS", "FORMER_IDS", "apply", "find_effect"]
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = "offroad_env.effects"
 #: Hook of an effect -> argument of `hooks.install`.
@@ -76,14 +74,6 @@ FORMER_IDS: dict[str, str] = {
 _ROWS = {name: row for row, name in enumerate(name for name, e in EFFECTS.items() if e.law is not None)}
 
 
-def _compiled(function: F) -> F:
-    """Inlined and not cached by itself: the models that it becomes part of are."""
-    if numba.config.DISABLE_JIT:
-        return function
-    compiled: F = numba.njit(function, forceinline=True, error_model="numpy", fastmath={"contract"})
-    return compiled
-
-
 def _unchanged(effects: FloatArray, passed: Any, a: Any, b: Any) -> Any:
     return passed
 
@@ -97,12 +87,12 @@ def _chained(before: Callable[..., Any], law: Callable[..., Any], row: int) -> C
             result = law(result, effects[row, 1:], a, b)
         return result
 
-    return _compiled(chained)
+    return part_kernel(chained)
 
 
 def _composed(hook: str) -> Callable[..., Any]:
     """All laws of a hook, one after the other."""
-    laws = _compiled(_unchanged)
+    laws = part_kernel(_unchanged)
     for name, row in _ROWS.items():
         law = EFFECTS[name].law
         if law is not None and EFFECTS[name].hook == hook:

@@ -73,7 +73,10 @@ def checked_estimator(estimator: str | OnBoard | None, terrain_info: str, model:
         raise InvalidParameter(f'{what} needs model="full", got model="paper"')
     if isinstance(estimator, OnBoard) or estimator in ("none", COMPILED):
         return estimator
-    return OnBoard(kind=estimator, rate=_BELIEF_RATE) if kind == SOIL_BELIEF else OnBoard(kind=estimator)
+    if kind == SOIL_BELIEF:
+        # Courses are level but for their roughness, or the hill is in the map.
+        return OnBoard(kind=estimator, rate=_BELIEF_RATE, grade=0.0)
+    return OnBoard(kind=estimator)
 
 
 def require_count(name: str, value: object, *, least: int = 1) -> int:

@@ -32,7 +32,7 @@ from offroad_env.environment.episode_records import (
     REPORTED_TERMS,
     Memory,
 )
-from offroad_env.environment.observation import Layout
+from offroad_env.environment.observation import WHOLE_SOIL, Layout
 from offroad_env.environment.rewards import ENDINGS, TERMS
 from offroad_env.errors import InvalidParameter
 from offroad_env.world.yaml_text import shown
@@ -154,6 +154,7 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         self._elapsed = np.zeros(self.num_envs, np.int64)
         self._over = np.zeros(self.num_envs, np.bool_)
         self._begun = np.zeros(self.num_envs, np.bool_)
+        self._has_context = np.zeros(self.num_envs, np.bool_)
 
     def _make_pool(self) -> ThreadPoolExecutor | None:
         """Threads for all shares but the first, which the caller's own thread takes."""
@@ -293,11 +294,14 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
 
     def _observations(self) -> dict[str, np.ndarray]:
         """What all agents see now."""
+        if self.envs[0].terrain_info not in WHOLE_SOIL:
+            return self._layout.split(self._memory.shown)
         return self._layout.split(self._memory.shown, [row for env in self.envs for row in env.soil_belief])
 
     def _restart(self, row: int, seed: int | None, options: dict[str, Any]) -> None:
         self.envs[row].reset(seed=seed, options=options)
         self._elapsed[row], self._over[row], self._begun[row] = 0, False, True
+        self._has_context[row] = self.envs[row].context is not None
 
     def _advance(self, moving: np.ndarray) -> None:
         """One period of the episodes in the mask ``moving``."""
@@ -349,10 +353,8 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
             ),
         }
         found = self._with_masks(columns, present)
-        for i in np.flatnonzero(present).tolist():
-            context = self.envs[i].context
-            if context is not None:
-                found = self._add_info(found, {"context": context}, i)
+        for i in np.flatnonzero(present & self._has_context).tolist():
+            found = self._add_info(found, {"context": self.envs[i].context}, i)
         return found
 
     @staticmethod

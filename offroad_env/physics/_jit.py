@@ -23,7 +23,7 @@ import numba
 from offroad_env.physics._kernel_folder import own_folder
 from offroad_env.physics._kernel_notes import keep_apart
 
-__all__ = ["apart_kernel", "cache_folder", "inline_kernel", "kernel", "merged_kernel"]
+__all__ = ["apart_kernel", "cache_folder", "inline_kernel", "kernel", "merged_kernel", "part_kernel"]
 
 #: Versions of numba, from the first to below the second, whose inner parts `_staged` fits; with any other
 #: kernels are plain.
@@ -127,18 +127,19 @@ def cache_folder(module: str) -> Path:
     return Path(base) / "kernels" / _digest(ours)
 
 
-def _compile(function: F, **options: Any) -> F:
+def _compile(function: F, *, stored: bool = True, **options: Any) -> F:
     if numba.config.DISABLE_JIT:
         return function
     options |= {"nopython": True, "error_model": "numpy", "nogil": True}
     options.setdefault("fastmath", {"contract"})
     # Left open, it would be that of the first caller: the machine code would depend on who called first.
     options.setdefault("forceinline", False)
-    staged, folder = _staged(), str(cache_folder(function.__module__))
+    staged, folder = _staged(), str(cache_folder(function.__module__)) if stored else None
     if staged is None:
         return _plain(function, folder, options)
     compiled: Any = staged.Kernel(function, {}, options)
-    compiled.keep_in(folder)
+    if folder is not None:
+        compiled.keep_in(folder)
     return cast("F", compiled)
 
 
@@ -155,9 +156,11 @@ def _staged() -> Any:
         return None
 
 
-def _plain(function: F, folder: str, options: dict[str, Any]) -> F:
+def _plain(function: F, folder: str | None, options: dict[str, Any]) -> F:
     """A kernel as any numba makes it: the same numbers to rounding, compiled for longer."""
     compiled: Any = numba.jit(**options)(function)
+    if folder is None:
+        return cast("F", compiled)
     folder = f"{folder}-plain"
     if own_folder(folder):
         before = numba.config.CACHE_DIR
@@ -183,6 +186,11 @@ def kernel(function: F) -> F:
 def inline_kernel(function: F) -> F:
     """A kernel that is always inlined: a loop that calls it can still become vector instructions."""
     return _compile(function, forceinline=True)
+
+
+def part_kernel(function: F) -> F:
+    """A kernel that is always inlined, and stored only as a part of its callers: for one made in a loop."""
+    return _compile(function, stored=False, forceinline=True)
 
 
 def apart_kernel(function: F) -> F:

@@ -203,7 +203,7 @@ def body_forces(plant: Plant, x: FloatArray, traction: float, side: float, yawin
     """Forces of the wheels ([N], [N], [N m] in heading axes) and of the air on the body."""
     v_x, v_y = x[at.V_X], x[at.V_Y]
     drag = 0.5 * AIR_DENSITY * plant.vehicle.drag_area * math.sqrt(v_x * v_x + v_y * v_y)
-    forces = BodyForces(traction - drag * v_x, side - drag * v_y, yawing)
+    forces = BodyForces(traction - drag * v_x, side - drag * v_y, yawing, x[at.BRAKE])
     return change_body_forces(plant.effects, forces, x, plant.vehicle)
 
 

@@ -113,7 +113,8 @@ def paper_derivative(
         lift += push.F_s
         pitching += push.F_s * arm
         yawing += push.F_y * arm
-    forces = change_body_forces(plant.effects, BodyForces(force_x + F_u, force_y, yawing), x, v)
+    pushed = BodyForces(force_x + F_u, force_y, yawing, max(-F_u, 0.0) * v.r)
+    forces = change_body_forces(plant.effects, pushed, x, v)
     a_z = pitch_acc = 0.0
     if plant.half_car > 0.5:
         a_z = lift / v.m

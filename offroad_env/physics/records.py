@@ -228,6 +228,7 @@ class BodyForces(NamedTuple):
     F_x: float  #: forward [N]
     F_y: float  #: to the left [N]
     M_z: float  #: yaw moment, to the left positive [N m]
+    brake: float  #: torque of all brakes; a braking force at the rims, where the drive is a force [N m]
 
 
 class WheelReaction(NamedTuple):

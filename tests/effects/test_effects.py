@@ -15,9 +15,10 @@ from offroad_env.effects import EFFECTS, Extension, Inputs, Setup, apply, find_e
 from offroad_env.environment.extended import InputChain
 from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.physics import state as at
+from offroad_env.physics.axle import contact_shape
 from offroad_env.physics.full_vehicle import full_advance
 from offroad_env.physics.imu import imu_reading
-from offroad_env.physics.paper_vehicle import paper_advance
+from offroad_env.physics.paper_vehicle import paper_advance, paper_derivative
 from offroad_env.physics.slip_sinkage import lyasko_sinkage_factor
 from offroad_env.simulation.sensors import ImuConfig
 from offroad_env.simulation.simulator import make_plant, settled_state
@@ -122,11 +123,29 @@ def test_twice_a_small_effect_leaves_twice_the_trace(name):
     assert np.max(np.abs((two - off) - 2.0 * (one - off))) < 0.03 * np.max(np.abs(two - off))
 
 
-@pytest.mark.parametrize("name", ["aero_drag", "grade", "n_step", "multi_pass", "bulldozing"])
+@pytest.mark.parametrize(
+    "name", ["aero_drag", "grade", "n_step", "multi_pass", "bulldozing", "one_sided_brake"]
+)
 def test_effects_act_in_the_papers_model_too(name):
     setup = _setup("paper")
     reach = EFFECTS[name].plausible(setup.plant.vehicle)
     assert not np.array_equal(_drive(apply(setup, [(name, _values(name, 0.5 * reach))])), _drive(setup))
+
+
+def test_one_sided_braking_turns_the_vehicle_as_much_where_the_drive_is_a_force():
+    """A quarter of share, braking force and track, as from a brake torque; driving forces have no side."""
+    setup = apply(_setup("paper"), [("one_sided_brake", {"share": 0.4})])
+    state, _ = settled_state(_setup("paper").plant, v_x=4.0)
+    vehicle, turn = setup.plant.vehicle, []
+    for plant in (setup.plant, _setup("paper").plant):
+        for force in (-800.0, 800.0):
+            change, readings = np.zeros(at.STATE_SIZE), np.zeros(at.READINGS_SIZE)
+            warm = np.zeros(contact_shape(plant.structure))
+            paper_derivative(state, (0.0, force, np.nan), plant, warm, change, readings)
+            turn.append(change[at.YAW_RATE])
+    moment = 0.25 * 0.4 * 800.0 * vehicle.track
+    assert turn[0] - turn[2] == pytest.approx(moment / vehicle.I_z, rel=1e-6)
+    assert turn[1] == pytest.approx(turn[3], abs=1e-12)
 
 
 def test_two_effects_at_once_are_both_there():
@@ -176,7 +195,7 @@ def test_wrong_use_is_refused_with_the_reason():
         (setup, [("slip_sinkage", {"slope": 0.3})], "takes power, got slope - slip_exponent had this id"),
         (setup, [("sinkage_offset", {"depth": 0.01})], "means nothing in the full model"),
         (setup, [("payload", {"share": 30.0})], "payload: share must be in"),
-        (_setup("paper"), [("one_sided_brake", {"share": 0.1})], "means nothing in the paper model"),
+        (_setup("paper"), [("spin_rear", {"torque": 10.0})], "means nothing in the paper model"),
         (hard, [("multi_pass", {"share": 0.1})], "means nothing on hard ground"),
         (setup, [("road_grip", {"share": 0.1})], "means nothing on soil"),
         (setup, [("tyre_pressure", {"share": 0.1})], "means nothing on rigid rims"),

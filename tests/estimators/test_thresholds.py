@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,6 +18,7 @@ from estimators.analysis.consistency import innovation_flag
 from estimators.analysis.scores import score
 from estimators.discrepancy.checks.unmodelled_forces import JointSizes
 from estimators.discrepancy.search.holdout import HoldOutResult
+from estimators.discrepancy.search.stepwise import strayed
 from estimators.discrepancy.verdict import RigChecks, RigDiagnosis, VehicleDiagnosis, Verdict
 from estimators.discrepancy.wording import _discrepancy_phrase
 from estimators.filters.belief_history import BeliefHistory
@@ -68,6 +70,8 @@ THRESHOLDS = (
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "acceleration_bias", 0.1),
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "rate_bias", 0.005),
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "rim_scale", 0.01),
+    ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "grade", 0.03),
+    ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "reserve", 2.5),
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "short_time", 0.5),
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "memory_time", 5.0),
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "misfit_time", 2.0),
@@ -82,9 +86,9 @@ THRESHOLDS = (
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "unsettled_time", 3.0),
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "slowing_time", 1.0),
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "refresh_time", 2.0),
-    ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "information_n", 0.75),
+    ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "information_n", 0.6),
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "error", (0.15, 0.3, 0.03, 0.07, 0.22)),
-    ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "stuck", (2.4, 9.0)),
+    ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "stuck", (2.5, 5.0)),
     (
         "estimators.filters.online_soil_belief",
         "SoilBeliefSettings",
@@ -143,6 +147,9 @@ THRESHOLDS = (
     ("estimators.discrepancy.verdict", "", "_TESTABLE", 0.5),
     ("estimators.discrepancy.verdict", "", "_REMAINING", 0.3333333333333333),
     ("estimators.discrepancy.diagnosis", "", "SCREEN_RATE", 0.06),
+    ("estimators.discrepancy.model.linearisation", "", "_JUMP", 1.0),
+    ("estimators.discrepancy.model.linearisation", "", "_APART", 0.25),
+    ("estimators.discrepancy.model.linearisation", "", "_SHARE", 0.05),
     ("estimators.discrepancy.search.holdout", "", "_AGAINST", 2.33),
     ("estimators.discrepancy.search.result", "", "EQUIVALENT", 6.63),
     ("estimators.discrepancy.search.score_test", "", "_NOTHING", 0.4),
@@ -153,6 +160,10 @@ THRESHOLDS = (
     ("estimators.discrepancy.search.stepwise", "", "_CONFIRMED", 0.4),
     ("estimators.discrepancy.search.stepwise", "", "_NEAR_BEST", 0.8),
     ("estimators.discrepancy.search.stepwise", "", "_LARGE", 2.0),
+    ("estimators.discrepancy.search.stepwise", "", "_WIDER", 4.0),
+    ("estimators.discrepancy.search.stepwise", "", "_BEYOND", 0.002),
+    ("estimators.discrepancy.search.stepwise", "", "_IMPOSSIBLE", 6.0),
+    ("agents.studies.fault_detection.one_log", "", "_WITHIN", 0.9),
     ("estimators.discrepancy.checks.holdout_gain", "", "_BAD", 1.5),
     ("estimators.discrepancy.checks.holdout_gain", "", "_BESIDE", 0.25),
     ("estimators.discrepancy.checks.likelihood_profiles", "", "LEVEL", 3.841),
@@ -236,6 +247,16 @@ def test_a_larger_model_is_refused_where_it_gains_less_than_a_true_one_in_a_hund
     assert HoldOutResult(gain=gain, expected=expected, deviation=deviation).contradicts is contradicts
 
 
+@pytest.mark.parametrize(
+    ("gain", "expected", "deviation", "surpasses"),
+    [(1.0, 5.0, 2.0, True), (-0.1, 5.0, 2.0, False), (1.5, 5.0, 3.0, False), (2.1, 5.0, 3.0, True)],
+)
+def test_another_model_takes_a_place_where_the_present_one_would_lose_as_much_in_a_hundredth_of_logs(
+    gain, expected, deviation, surpasses
+):
+    assert HoldOutResult(gain=gain, expected=expected, deviation=deviation).surpasses is surpasses
+
+
 def test_a_robust_flag_is_down_where_the_possible_soils_are_wider_than_a_share_of_the_estimate():
     share = EvidenceSettings().widest
     n = np.array([0.5, 0.7])
@@ -250,7 +271,9 @@ def test_a_robust_flag_is_down_where_the_possible_soils_are_wider_than_a_share_o
 
 
 def diagnosis(solver=0.01, strongest=2.0, **parts):
-    search = SimpleNamespace(first=SimpleNamespace(z=np.array([strongest])), refused=False, capped=False)
+    search = SimpleNamespace(
+        first=SimpleNamespace(z=np.array([strongest])), refused=False, capped=False, strayed=()
+    )
     checks = RigChecks(
         solver=solver, gate=(), converged=True, threshold=3.0, trials=9, left_out=0, conditions={"search": 3}
     )
@@ -273,16 +296,47 @@ def test_a_log_tests_the_library_if_it_would_show_half_of_it(lost, verdict):
 
 
 def test_a_larger_model_that_the_hold_out_test_refused_is_not_used():
-    search = SimpleNamespace(extended="larger", nominal="nominal")
+    search = SimpleNamespace(extended="larger", nominal="nominal", refused=False, capped=False, strayed=())
     assert VehicleDiagnosis(search=search).model == "nominal"
     cause = SimpleNamespace(alternatives=(1,))
     assert VehicleDiagnosis(search=search, causes=(cause,)).model == "larger"
 
 
+def test_a_model_holds_the_causes_that_are_named_and_no_others():
+    search = SimpleNamespace(
+        extended=SimpleNamespace(sizes=np.array([1.0, 1.0])),
+        nominal="nominal",
+        refused=True,
+        capped=False,
+        strayed=(),
+        beyond_null_logs=False,
+        threshold=3.0,
+        last=SimpleNamespace(z=np.array([5.0])),
+    )
+    cause = SimpleNamespace(alternatives=(1,))
+    log = SimpleNamespace(rig=True)  # no vehicle that bounds the sizes
+    parts = {"logs": (log,), "search": search, "causes": (cause, cause), "partial": "partial"}
+    models = [
+        VehicleDiagnosis(**parts, joint=own).model
+        for own in (joint(), joint(size=1.55), joint(deviation=0.4))
+    ]
+    assert models == [search.extended, "partial", "nominal"]
+
+
+def test_a_score_beyond_null_logs_that_the_hold_out_test_refuses_leaves_a_discrepancy():
+    found = [
+        VehicleDiagnosis(
+            search=SimpleNamespace(refused=refused, capped=False, strayed=(), beyond_null_logs=True)
+        )
+        for refused in (True, False)
+    ]
+    assert [one.verdict for one in found] == [Verdict.UNEXPLAINED, Verdict.NO_EFFECT]
+
+
 @pytest.mark.parametrize(("refused", "capped"), [(True, False), (False, True), (False, False)])
 def test_effects_that_are_refused_or_one_too_many_leave_a_discrepancy(refused, capped):
     last = SimpleNamespace(z=np.array([-5.0, 2.0]))
-    search = SimpleNamespace(refused=refused, capped=capped, last=last)
+    search = SimpleNamespace(refused=refused, capped=capped, strayed=(), last=last, beyond_null_logs=False)
     log = SimpleNamespace(rig=True)  # no vehicle that bounds the sizes
     parts = {"logs": (log,), "search": search, "causes": (SimpleNamespace(alternatives=(1,)),)}
     found = VehicleDiagnosis(**parts)
@@ -292,6 +346,25 @@ def test_effects_that_are_refused_or_one_too_many_leave_a_discrepancy(refused, c
     shown = SimpleNamespace(best=best, effects=["payload"], structural=False)
     if capped:
         assert "more effects are significant than the 4" in _discrepancy_phrase(found, (shown,), ())
+
+
+def test_a_number_that_no_tolerance_explains_is_a_discrepancy_where_nothing_is_found():
+    search = {"refused": False, "capped": False, "beyond_null_logs": False}
+    found = VehicleDiagnosis(search=SimpleNamespace(**search, strayed=("shear_moduli",)))
+    assert found.verdict is Verdict.UNEXPLAINED
+    found = replace(found, search=SimpleNamespace(**search, strayed=("shear_moduli",), first=None))
+    assert "beyond any tolerance of theirs (shear moduli)" in _discrepancy_phrase(found, (), ())
+    assert VehicleDiagnosis(search=SimpleNamespace(**search, strayed=())).verdict is Verdict.NO_EFFECT
+
+
+def test_numbers_stray_where_a_fit_moves_them_far_from_the_stated_ones():
+    nuisances = [
+        SimpleNamespace(name=name, tolerated=name != "shift") for name in ("shift", "mass", "cohesion")
+    ]
+    problem = SimpleNamespace(nuisances=nuisances, nuisance_spread=np.array([1.0, 0.5, 2.0]))
+    fit = SimpleNamespace(nuisances=np.array([9.0, -1.6, 5.9]), problem=problem)
+    assert strayed(fit, 3.0) == ["mass"]
+    assert strayed(fit, 2.9) == ["mass", "cohesion"]
 
 
 def joint(kept=0.6, size=1.0, correlation=0.1, deviation=0.1):
@@ -311,6 +384,8 @@ def named(found, remaining=0.0):
         first=SimpleNamespace(z=np.array([9.0])),
         refused=False,
         capped=False,
+        strayed=(),
+        beyond_null_logs=False,
         threshold=3.0,
     )
     cause = SimpleNamespace(alternatives=(1,))

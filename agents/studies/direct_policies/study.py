@@ -3,11 +3,14 @@
 No planner and no tracker is inside: ten times a second a policy gives steering and drive. Four arms learn by
 one recipe (`agents/recipes/direct.yaml`) and differ in what they see of the soil: nothing, nothing but the
 last second of all observations, the belief (emulated in training, itself in the test), or the true limits.
+
+Every policy also drives validation episodes. By these, not by the test, one training of each arm is chosen to
+be shipped.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.resources import files
@@ -25,23 +28,27 @@ from agents.benchmark.learned import (
     ratio_interval,
     summarise_learned,
 )
-from agents.benchmark.runner import draw_episodes
+from agents.benchmark.runner import Draw, draw_episodes
+from agents.benchmark.statistics import wilson_interval
 from agents.commands.options import Scenarios
+from agents.controllers.protocol import Agent
 from agents.driving.episode import find_agent
 from agents.driving.world_options import WorldOptions
 from agents.learning.arguments import TrainArgs, configuration_hash
-from agents.learning.checks import drive_each
+from agents.learning.checks import drive_each, merit
 from agents.learning.policies import DIRECT, load_policy
 from agents.reports.output import Results, console, say, table
 from agents.studies.learning.study import SOURCES, copy_policy, train_one
 from agents.studies.runner import Key, Result, run_units, stamp_of
 from offroad_env.errors import InvalidParameter
 
-__all__ = ["FORM", "DirectPolicies", "arguments", "run_unit"]
+__all__ = ["FORM", "DirectPolicies", "arguments", "run_unit", "shipped_seed"]
 
 FORM = "natural"
 #: Observations that the arm with memory sees side by side: one second.
 _FRAMES = 10
+#: Validation episodes by which a training is chosen, and their seed: others than those of its checks.
+_VALIDATION_EPISODES, _VALIDATION_SEED = 100, 1
 #: Beside the policies, on the same episodes: the benchmark's arms that know nothing of the soil, and all.
 _BESIDE = ("nominal", "oracle")
 
@@ -79,16 +86,38 @@ def arguments(task: str, arm: str, seed: int, out: Path) -> TrainArgs:
 def run_unit(task: str, arm: str, seed: int, episodes: int, test_seed: int, *, out: Path) -> Result:
     """Train one policy, or take up its training, and drive the test episodes; a unit of `run_units`."""
     draws = draw_episodes(task, episodes, test_seed, form=FORM)
-    found: Result = {}
     if arm in _BESIDE:
         agent, shown = find_agent(arm, task, None, form=FORM)
-        driven = drive_each(agent, task, draws, form=FORM, terrain_info=shown)
-    else:
-        args = arguments(task, arm, seed, out)
-        found = train_one(args)
-        driven = drive_each(load_policy(args.out), task, draws, form=FORM, terrain_info=args.terrain_info)
-    scores, success = [episode.score for episode in driven], [episode.success for episode in driven]
-    return {**found, "scores": scores, "success": success}
+        return _driven(agent, task, draws, shown)
+    args = arguments(task, arm, seed, out)
+    found = train_one(args)
+    agent = load_policy(args.out)
+    validation = draw_episodes(task, _VALIDATION_EPISODES, _VALIDATION_SEED, form=FORM, split="validation")
+    return {
+        **found,
+        "validation": _driven(agent, task, validation, args.terrain_info),
+        **_driven(agent, task, draws, args.terrain_info),
+    }
+
+
+def _driven(agent: Agent, task: str, draws: Sequence[Draw], terrain_info: str) -> Result:
+    """Scores and successes of these episodes."""
+    driven = drive_each(agent, task, draws, form=FORM, terrain_info=terrain_info)
+    return {
+        "scores": [episode.score for episode in driven],
+        "success": [episode.success for episode in driven],
+    }
+
+
+def shipped_seed(done: Mapping[Key, Result], task: str, arm: str) -> int:
+    """The training of an arm that does best in validation episodes, by `agents.learning.checks.merit`."""
+    most = float(recipes()[task]["most_failures"])
+    found = {
+        key[2]: merit(np.array(unit["validation"]["scores"]), np.array(unit["validation"]["success"]), most)
+        for key, unit in done.items()
+        if key[:2] == (task, arm)
+    }
+    return int(min(found, key=lambda seed: found[seed]))
 
 
 @dataclass(kw_only=True)
@@ -104,7 +133,7 @@ class DirectPolicies(Results):
     seeds: int = 5  #: trainings of each
     episodes: int = 200  #: test episodes of each policy
     test_seed: int = 11  #: of these episodes
-    ship: Path | None = None  #: also copy weights and settings of the policies into this folder
+    ship: Path | None = None  #: also copy the best training of each arm, by validation, into this folder
 
     def run(self) -> None:
         """Train and drive what is missing, then print."""
@@ -123,9 +152,9 @@ class DirectPolicies(Results):
         for sentence in self._sentences(done):
             say(sentence)
         if self.ship is not None:
-            for task, arm, seed, *_ in done:
-                if arm not in _BESIDE:
-                    copy_policy(arguments(task, arm, seed, self.out).out, self.ship / task / arm / str(seed))
+            for task, arm in dict.fromkeys(key[:2] for key in done if key[1] not in _BESIDE):
+                seed = shipped_seed(done, task, arm)
+                copy_policy(arguments(task, arm, seed, self.out).out, self.ship / task / arm / str(seed))
             say(f"policies: {self.ship}")
         curves = [{"key": key[:3], "points": unit["curve"]} for key, unit in done.items() if "curve" in unit]
         self.save_numbers({"arms": [asdict(arm) for arm in arms], "curves": curves})
@@ -169,12 +198,27 @@ class DirectPolicies(Results):
                     else ()
                 )
                 for other in (*_BESIDE, *blind):
-                    beside = _scores(done, task, other).mean(axis=0)
+                    beside = _scores(done, task, other)
                     verdict = improvement_verdict(arm, other, improvement_interval(own, beside))
                     found.append(
                         f"{task}: {verdict} Time: {ratio_interval(own, beside):.2f} x that of {other}."
                     )
+                found.append(self._shipped(done, task, arm))
         return found
+
+    def _shipped(self, done: Mapping[Key, Result], task: str, arm: str) -> str:
+        """What the training that is shipped does in the test, beside the best arm that is not trained."""
+        seed = shipped_seed(done, task, arm)
+        unit = done[task, arm, seed, self.episodes, self.test_seed]
+        fastest = min(_BESIDE, key=lambda name: float(_scores(done, task, name).mean()))
+        own, failed = np.array([unit["scores"]]), self.episodes - sum(unit["success"])
+        share = wilson_interval(failed, self.episodes)
+        range_ = f"{100.0 * share.low:.1f} to {100.0 * share.high:.1f} %"
+        return (
+            f"{task}: of {arm} training {seed} is shipped, the best of {self.seeds} on validation soils. "
+            f"{failed} of {self.episodes} test episodes fail ({range_}), "
+            f"time: {ratio_interval(own, _scores(done, task, fastest)):.2f} x that of {fastest}."
+        )
 
     def _summaries(self, done: Mapping[Key, Result]) -> list[LearnedArm]:
         found = []

@@ -31,12 +31,14 @@ from offroad_env.errors import OffroadError
 from offroad_env.simulation.drive import Faults
 from offroad_env.world.soils import SOILS
 
-__all__ = ["NATURAL", "Numbers", "limits_of", "natural_case", "run_unit"]
+__all__ = ["NATURAL", "Numbers", "limits_of", "natural_case", "possible", "run_unit"]
 
 Numbers = dict[str, Any]  #: result of one unit, or of the study, as JSON takes it
 
 #: Kinds of logs of the natural world.
-NATURAL = ("natural", "wrong", "other", "library", "large")
+NATURAL = ("natural", "wrong", "other", "library", "large", "two", "large two")
+#: A fault that is possible lies within this share of its physical range: a size at an end is never named.
+_WITHIN = 0.9
 #: Effects that cannot be negative.
 _ONE_SIDED = (*ONE_SIDED, *NEVER_NEGATIVE, "aero_drag")
 #: Where the soil of a fault changes, as parameters of the effect.
@@ -62,14 +64,21 @@ def limits_of(seed: int, *, natural: bool = False) -> Numbers:
     except OffroadError as error:
         return {"failed": str(error)}
     names, cosines = result.by_effect()
-    limits = result.limits()
+    limits, run = result.limits(), fit.runs[0]
     return {
         "limits": limits,
+        "ranges": {name: list(run.size_limits(name)) for name in FAULTS if name in limits},
         # Without a receiver it can have no fault.
         "alike": {name: _alike(result, name) for name in FAULTS if name in limits},
         "names": names,
         "cosines": cosines.round(4).tolist(),
     }
+
+
+def possible(name: str, multiple: float, seed: int, known: Mapping[int, Numbers]) -> bool:
+    """Whether a fault of so many limits is one that a vehicle can have, so that a diagnosis may name it."""
+    low, high = known[seed]["ranges"][name]
+    return bool(_WITHIN * low <= _size(name, multiple * known[seed]["limits"][name], seed) <= _WITHIN * high)
 
 
 def _mimicry(known: Numbers, gone: str, named: Sequence[str]) -> float:
@@ -101,7 +110,8 @@ def run_unit(kind: str, name: str, multiple: float, seed: int, *, known: Mapping
     kind
         "null", "white", "single", "pair", "removed", "unmodelled" or "same"; in the natural world "natural"
         (without a fault), "wrong" (a number of the description), "other" (of another form), "library" (the
-        same cause in the library's form), "large" (likewise, far beyond the limit).
+        same cause in the library's form), "large" (likewise, far beyond the limit), "two" and "large two"
+        (the first cause in the library's form, the second in another one).
     name
         The fault; two names with + between for a pair.
     multiple
@@ -140,9 +150,15 @@ def _natural(kind: str, name: str, multiple: float, case: Case, known: Mapping[i
         return _diagnosed(simulated_log(case), case)
     if kind == "wrong":
         return _diagnosed(simulated_log(case, WRONG_NUMBERS[name]), case)
-    size = _size(name, multiple * known[case.seed]["limits"][name], case.seed)
-    fault = OTHER_FORMS[name](size) if kind == "other" else _fault(name, size)
-    return _diagnosed(simulated_log(case, fault), case) | {"size_true": size}
+    limits, names = known[case.seed]["limits"], name.split("+")
+    sizes = [_size(one, multiple * limits[one], case.seed) for one in names]
+    forms = ["other" if kind == "other" or i > 0 else "library" for i in range(len(names))]
+    faults = [
+        OTHER_FORMS[one](size) if form == "other" else _fault(one, size)
+        for one, size, form in zip(names, sizes, forms, strict=True)
+    ]
+    log = simulated_log(case, combined(faults) if len(faults) > 1 else faults[0])
+    return _diagnosed(log, case) | {"size_true": sizes if len(sizes) > 1 else sizes[0]}
 
 
 def _size(name: str, size: float, seed: int) -> float:

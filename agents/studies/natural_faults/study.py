@@ -1,7 +1,9 @@
 """``offroad reproduce natural_faults``: faults in a natural world, one step outside the library's own.
 
 Soil scatters, the road is unknown, and no number is exactly as stated. Faults have the library's form, or
-another form of the same cause, or are a wrong number of the description; causes are judged by their family.
+another form of the same cause, or are a wrong number of the description, alone or two at once; causes are
+judged by their family. A fault that no vehicle can have, since its size is beyond the physical range that a
+diagnosis holds it to, is left out: the limit of the log is beyond it, too.
 """
 
 from __future__ import annotations
@@ -11,11 +13,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Annotated
 
+import numpy as np
 from tyro.conf import arg
 
 from agents.commands.options import Jobs
 from agents.reports.output import Results, console, table
-from agents.studies.fault_detection.one_log import Numbers, limits_of, run_unit
+from agents.studies.fault_detection.one_log import Numbers, limits_of, possible, run_unit
 from agents.studies.fault_detection.results import QUIET, share_of
 from agents.studies.fault_detection.study import share_text
 from agents.studies.runner import Key, run_units, stamp_of
@@ -37,6 +40,7 @@ class NaturalFaults(Results):
     nulls: int = 300  #: logs without a fault
     seeds: int = 16  #: logs for each cause in each form, at twice its limit
     large: int = 7  #: logs for each cause at seven times its limit
+    pairs: int = 8  #: logs of every seed with two causes, at twice and at seven times their limits
     wrong: int = 17  #: logs for each wrong number
     first_seed: Annotated[int, arg(help="of the logs: others are a fresh sample")] = 5000  #: of the logs
     n_jobs: Jobs = 2  #: local processes
@@ -69,9 +73,22 @@ class NaturalFaults(Results):
                 (kind, name, multiple, seed)
                 for seed in sorted(known)[:count]
                 for name in OTHER_FORMS
-                if name in known[seed]["limits"]
+                if name in known[seed]["ranges"] and possible(name, multiple, seed, known)
+            ]
+        for kind, multiple in (("two", 2.0), ("large two", _LARGE)):
+            keys += [
+                (kind, pair, multiple, seed)
+                for seed in sorted(known)
+                for pair in self._pairs(seed, multiple, known)
             ]
         return keys
+
+    def _pairs(self, seed: int, multiple: float, known: Mapping[int, Numbers]) -> list[str]:
+        """Two causes of different families each, drawn."""
+        names = [n for n in OTHER_FORMS if n in known[seed]["ranges"] and possible(n, multiple, seed, known)]
+        every = [f"{a}+{b}" for a in names for b in names if not set(FAMILIES[a]) & set(FAMILIES[b])]
+        order = np.random.default_rng([seed, 5]).permutation(len(every))
+        return [every[i] for i in order[: self.pairs]]
 
 
 #: What is counted of every kind of log.
@@ -96,9 +113,10 @@ def counted_naturally(results: Mapping[Key, Numbers]) -> dict[str, Numbers]:
 
 
 def _shares(own: Sequence[tuple[str, Numbers]]) -> Numbers:
+    truths = [(one, result) for name, result in own for one in name.split("+")]
     return {
         "detected": share_of(sum(r["verdict"] not in QUIET for _, r in own), len(own)),
-        "family in the sets": share_of(sum(_family_in(name, r) for name, r in own), len(own)),
+        "family in the sets": share_of(sum(_family_in(one, r) for one, r in truths), len(truths)),
         "another cause for certain": share_of(sum(_wrong(name, r) for name, r in own), len(own)),
     }
 
@@ -108,9 +126,14 @@ def _family_in(name: str, result: Numbers) -> bool:
     return bool(members & set(FAMILIES.get(name, ())))
 
 
+def _family(name: str) -> set[str]:
+    """Effects that name a cause, or one of several, right."""
+    return {effect for one in name.split("+") for effect in FAMILIES.get(one, ())}
+
+
 def _wrong(name: str, result: Numbers) -> bool:
     """Whether a cause is named for certain, and no effect of its set is of the family."""
     if result["verdict"] not in ("NAMED", "NAMED + UNEXPLAINED REST"):
         return False
     sets = [found for found in result["sets"] if found[0] in result["named"]]
-    return bool(result["structure"]) or any(not set(found) & set(FAMILIES.get(name, ())) for found in sets)
+    return bool(result["structure"]) or any(not set(found) & _family(name) for found in sets)

@@ -52,6 +52,8 @@ BARS = {
     "announced": 0.9,
     "false_per_km": 1.0,
 }
+#: Cases of which the limits are tabled.
+_DRAWN = ("nuisances", "level")
 #: All limits but the best slip, which no drive needs to a few per cent, and n.
 _NAMES = (*(name for name in SoilHolds._fields if name != "pull_slip"), "n")
 
@@ -146,9 +148,9 @@ def run_unit(case: str, seed: int, split: str) -> dict[str, Any]:
     return _numbers(run, believe(run, until=_DURATION))
 
 
-def limit_lines(results: Mapping[Key, Mapping[str, Any]]) -> list[LimitLine]:
+def limit_lines(results: Mapping[Key, Mapping[str, Any]], case: str = "nuisances") -> list[LimitLine]:
     """A line for every limit, from the results by (case, seed, split)."""
-    found = [result for key, result in results.items() if key[0] == "nuisances"]
+    found = [result for key, result in results.items() if key[0] == case]
     if not found:
         return []
     z, error, width = (np.array([result[name][-1] for result in found]) for name in ("z", "error", "width"))
@@ -255,9 +257,12 @@ class SoilBelief(Results):
         results = run_units(
             self.out / "soil_belief.jsonl", run_unit, self._units(), label="soil belief", n_jobs=self.n_jobs
         )
-        limits, cases = limit_lines(results), case_lines(results)
+        found = {case: limit_lines(results, case) for case in _DRAWN}
+        limits, cases = found[_DRAWN[0]], case_lines(results)
         risks = stuck_lines(results)
-        _show(limits, cases)
+        for case, lines in found.items():
+            _show_limits(case, lines)
+        _show_cases(cases)
         _show_risks(risks)
         if limits:
             self.save_figure(
@@ -266,13 +271,13 @@ class SoilBelief(Results):
                 "Left: intervals should hold the truth as often as the grey range demands. Right: how "
                 "they shrink with time.",
             )
-        self.save_numbers({"limits": limits, "cases": cases, "stuck": risks, "bars": BARS, "at": AT})
+        self.save_numbers({"limits": found, "cases": cases, "stuck": risks, "bars": BARS, "at": AT})
 
     def _drives(self, case: str) -> int:
         """How many drives of a case."""
-        if case == "soft":
+        if CASES[case].soft:
             return max(self.seeds // 2, 1)
-        return self.seeds if case == "nuisances" else self.case_seeds
+        return self.seeds if case in _DRAWN else self.case_seeds
 
     def _units(self) -> dict[Key, str]:
         unknown = [case for case in self.under if case not in CASES]
@@ -280,7 +285,8 @@ class SoilBelief(Results):
             raise InvalidParameter(f"under must name some of {', '.join(CASES)}, got {unknown[0]!r}")
         if min(self.seeds, self.case_seeds) < 1 or self.first_seed < 0:
             raise InvalidParameter("seeds and case_seeds must be 1 or more, first_seed 0 or more")
-        stamp, split = stamp_of("estimators.experiments.soil_belief"), SPLITS[0 if self.tuning else 1]
+        stamp = stamp_of("estimators.experiments.soil_belief", "estimators.experiments.soil_bound")
+        split = SPLITS[0 if self.tuning else 1]
         return {
             (case, seed, split): stamp
             for case in self.under
@@ -311,7 +317,10 @@ def _percent(value: float, digits: int = 0) -> str:
     return "-" if value != value else f"{100.0 * value:.{digits}f}"
 
 
-def _show(limits: Sequence[LimitLine], cases: Sequence[CaseLine]) -> None:
+def _show_limits(case: str, limits: Sequence[LimitLine]) -> None:
+    """One table of the limits."""
+    if not limits:
+        return
     body = [
         (
             line.name,
@@ -325,8 +334,12 @@ def _show(limits: Sequence[LimitLine], cases: Sequence[CaseLine]) -> None:
         for line in limits
     ]
     heading = ("limit", "drives", "covers", "error", "half width", "error where used", "drives that used it")
-    title = "whole soils, all nuisances, after 10 s: in per cent of the limit; n: in hundredths"
+    title = f"{CASES[case].title}, after 10 s: in per cent of the limit; n: in hundredths"
     console().print(table(title, heading, body))
+
+
+def _show_cases(cases: Sequence[CaseLine]) -> None:
+    """Flags, intervals and widths over their bounds, case by case."""
     rows = [
         (CASES[line.case].title, str(line.runs), _percent(line.flag), _percent(line.outside, 1), line.worst)
         for line in cases

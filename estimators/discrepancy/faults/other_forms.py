@@ -17,12 +17,13 @@ from estimators.discrepancy.faults.forces import Push, body_force, wheel_forces
 from offroad_env.physics import state as at
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.simulation.drive import Command, Faults
-from offroad_env.simulation.simulator import Plant
+from offroad_env.simulation.simulator import Plant, settled_state
+from offroad_env.world.terrain import flat
 
 __all__ = ["FAMILIES", "OTHER_FORMS", "WRONG_NUMBERS"]
 
-#: Usual speed [m/s], steering angle [rad], slip [-] and sinkage [m], where a form agrees with the library's.
-_SPEED, _ANGLE, _SLIP, _DEPTH = 4.5, 0.15, 0.1, 0.05
+#: Usual speed [m/s], steering angle [rad] and slip [-], where a form agrees with the library's.
+_SPEED, _ANGLE, _SLIP = 4.5, 0.15, 0.1
 _AIR = 1.2  #: density [kg/m^3]
 
 
@@ -99,12 +100,27 @@ def _linear_drag(area: float) -> Faults:
     return body_force(force)
 
 
+class _Usual:
+    """Sinkage of the wheels at rest [m], where a law of the sinkage agrees with the library's."""
+
+    def __init__(self) -> None:
+        self._known: float | None = None
+
+    def of(self, plant: Plant) -> float:
+        """On the soil of this plant: all steps of a drive have the same."""
+        if self._known is None:
+            _, warm = settled_state(plant._replace(soil_field=None, ground=flat()))
+            self._known = float(np.mean(warm[:, at.SINKAGE_ROW]))
+        return self._known
+
+
 def _deep_bulldozing(stress: float) -> Faults:
     """Bulldozing that grows with the square of the sinkage (Hegedus 1960)."""
+    usual = _Usual()
 
     def force(axle: np.ndarray, plant: Plant) -> Push:
         depth = axle[at.SINKAGE]
-        area = 2.0 * plant.vehicle.wheels_per_axle * plant.vehicle.r * depth * depth / _DEPTH
+        area = 2.0 * plant.vehicle.wheels_per_axle * plant.vehicle.r * depth * depth / usual.of(plant)
         aside = axle[at.V_C] / math.hypot(axle[at.V_C], axle[at.V_L], 0.1)
         return 0.0, -stress * area * aside, 0.0
 
@@ -124,10 +140,11 @@ def _saturating_thrust(share: float) -> Faults:
 
 def _deep_rut_drag(stress: float) -> Faults:
     """Drag of rut walls that grows with the square of their depth."""
+    usual = _Usual()
 
     def force(axle: np.ndarray, plant: Plant) -> Push:
         rolling, depth = min(max(axle[at.V_L] / 0.2, -1.0), 1.0), axle[at.SINKAGE]
-        return -4.0 * stress * plant.vehicle.r * depth * depth / _DEPTH * rolling, 0.0, 0.0
+        return -4.0 * stress * plant.vehicle.r * depth * depth / usual.of(plant) * rolling, 0.0, 0.0
 
     return wheel_forces(force)
 

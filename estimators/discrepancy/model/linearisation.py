@@ -20,6 +20,10 @@ __all__ = ["Jacobian", "Linearisation"]
 #: Finite differences: share of a state's spread, and of an effect's plausible size. On bumps they hold
 #: only within some centimetres of the line that the vehicle took.
 _STATE_STEP, _SIZE_STEP = 0.001, 1e-4
+#: A window whose predictions move by this share of the residuals over so small a step, and otherwise on the
+#: other side of the point, has jumped to another branch of a contact. Residuals are taken for no less than
+#: the last share of the signal.
+_JUMP, _APART, _SHARE = 1.0, 0.25, 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,8 +116,37 @@ class Linearisation:
 
         At its present size; at its off-value, if it is not in the model.
         """
+        step = _SIZE_STEP * EFFECTS[candidate.effect].plausible(self.problem.runs[0].setup.plant.vehicle)
+        column = self._effect_difference(candidate, step)
+        if column is None:
+            return None
+        jumped = self._energy(step * column) > _JUMP**2
+        if not jumped.any():
+            return column
+        # The other side of the point may lie on its branch; a window that jumps on both tells nothing.
+        back = self._effect_difference(candidate, -step)
+        if back is None:
+            return np.where(jumped[self.problem.window], 0.0, column)
+        apart = self._energy(step * (column - back))
+        jumped &= apart > _APART * self._energy(step * column)
+        nothing = jumped & (self._energy(step * back) > _JUMP**2)
+        column = np.where(jumped[self.problem.window], back, column)
+        return np.where(nothing[self.problem.window], 0.0, column)
+
+    def _energy(self, change: np.ndarray) -> np.ndarray:
+        """Squares of a change of the predictions over those of the residuals, summed by window, (W,)."""
+        scale = np.ones(self.problem.rows)
+        for run, offset in zip(self.problem.runs, self.problem.offsets, strict=False):
+            for channel in run.channels:
+                rows = slice(channel.rows.start + offset, channel.rows.stop + offset)
+                # Data that are themselves simulated leave no residual.
+                least = _SHARE * float(np.std(self.prediction[rows]))
+                scale[rows] = max(float(np.std(self.residual[rows])), least, 1e-9)
+        return np.bincount(self.problem.window, (change / scale) ** 2)
+
+    def _effect_difference(self, candidate: Candidate, step: float) -> np.ndarray | None:
+        """Change of the prediction (M,) by a ``step`` of an effect's size, over the step."""
         effect, point = EFFECTS[candidate.effect], self.point
-        step = _SIZE_STEP * effect.plausible(self.problem.runs[0].setup.plant.vehicle)
         try:
             if candidate in point.candidates:
                 moved = point.sizes.copy()

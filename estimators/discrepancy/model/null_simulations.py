@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-__all__ = ["NullSample", "p_value_of_gain", "variance_inflation"]
+__all__ = ["NullSample", "inflation_along", "p_value_of_gain", "variance_inflation"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +46,12 @@ def variance_inflation(
         scores = scores[held:] - gram[held:, :held] @ solved[:, count:]
     inflation: np.ndarray = np.maximum(np.mean(scores**2, axis=1) / np.maximum(own, 1e-300), 1.0)
     return inflation
+
+
+def inflation_along(direction: np.ndarray, null: np.ndarray) -> float:
+    """Variance of whitened null residuals (M, K) along a direction (M,), over white noise's; at least 1."""
+    square = float(direction @ direction)
+    return max(float(np.mean((direction @ null) ** 2)) / max(square, 1e-300), 1.0)
 
 
 def p_value_of_gain(gain: float, freedom: int, null: np.ndarray | None) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.signal import lfilter
@@ -107,6 +107,7 @@ class RunModel:
         nuisances: tuple[Nuisance, ...] = NUISANCES,
     ) -> None:
         self.log, self.nuisances = log, nuisances
+        self._held: Mapping[str, float] = {}
         plant = plant_of(log)
         full = log.config.model == "full"
         imu = ImuConfig(
@@ -146,7 +147,15 @@ class RunModel:
 
     def size_limits(self, effect: str) -> tuple[float, float]:
         """Physical range of an effect's size, within which the model can be computed."""
+        if effect in self._held:
+            return self._held[effect], self._held[effect]
         return drive_range(effect, self.setup)
+
+    def with_sizes(self, sizes: Mapping[str, float]) -> RunModel:
+        """The same with the sizes of these effects held where they are."""
+        other = copy.copy(self)
+        other._held = dict(sizes)
+        return other
 
     def refined(self) -> RunModel:
         """The same with half the step of the solver."""

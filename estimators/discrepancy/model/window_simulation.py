@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from offroad_env.physics import state as at
-from offroad_env.physics._jit import kernel
+from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.axle import Plant
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.full_vehicle import WORK_ROWS, full_continue, full_derivative
@@ -46,6 +46,20 @@ class Histories(NamedTuple):
     readings: FloatArray  #: (R, 32)
 
 
+@inline_kernel
+def _copy_rows(target: FloatArray, source: FloatArray) -> None:
+    """``target[:] = source`` for (M, N) arrays, compiled far sooner."""
+    for i in range(target.shape[0]):
+        copy_into(target[i], source[i])
+
+
+@inline_kernel
+def _forget(row: FloatArray) -> None:
+    """Make every number of a row NaN."""
+    for i in range(row.shape[0]):
+        row[i] = math.nan
+
+
 @kernel
 def run_full(
     starts: WindowStarts,
@@ -72,12 +86,13 @@ def run_full(
     row = 0
     for w in range(spans.shape[0]):
         first, count = spans[w, 0], spans[w, 1]
-        x[:] = starts.states[w]
-        warm[:] = starts.warm[w]
-        x[at.STEER :] = starts.actuators[first]
+        copy_into(x, starts.states[w])
+        _copy_rows(warm, starts.warm[w])
+        copy_into(x[at.STEER :], starts.actuators[first])
         for i in range(count + 1):
             if worst[w] >= SUNK:
-                states[row], readings[row] = math.nan, math.nan
+                _forget(states[row])
+                _forget(readings[row])
             else:
                 k = first + max(i - 1, 0)
                 command = (commands[k, 0], commands[k, 1], commands[k, 2])
@@ -144,17 +159,18 @@ def run_paper(
     row = 0
     for w in range(spans.shape[0]):
         first, count = spans[w, 0], spans[w, 1]
-        x[:] = starts.states[w]
-        warm[:] = starts.warm[w]
+        copy_into(x, starts.states[w])
+        _copy_rows(warm, starts.warm[w])
         for i in range(count + 1):
             if worst[w] >= SUNK:
-                states[row], readings[row] = math.nan, math.nan
+                _forget(states[row])
+                _forget(readings[row])
             else:
                 k = max(first + i - 1, 0)
                 command = (commands[k, 0], commands[k, 1], commands[k, 2])
                 status = paper_advance(x, warm, command, plant, dt, steps if i > 0 else 0, readings[row])
                 worst[w] = max(worst[w], status)
-                states[row] = x
+                copy_into(states[row], x)
             row += 1
     return worst
 
@@ -168,8 +184,8 @@ def actuator_states(vehicle: Vehicle, commands: FloatArray, dt: float, steps: in
     """
     out = np.empty((commands.shape[0] + 1, 3))
     x, slope = np.empty(3), np.empty((2, 3))
-    x[:] = commands[0]
-    out[0] = x
+    copy_into(x, commands[0])
+    copy_into(out[0], x)
     reach = max(vehicle.steer_lag, 0.005) * vehicle.steer_rate
     lag = max(vehicle.torque_lag, 0.005)
     for k in range(commands.shape[0]):
@@ -183,7 +199,7 @@ def actuator_states(vehicle: Vehicle, commands: FloatArray, dt: float, steps: in
                         slope[stage, i] = (commands[k, i] - value) / lag
             for i in range(3):
                 x[i] += 0.5 * dt * (slope[0, i] + slope[1, i])
-        out[k + 1] = x
+        copy_into(out[k + 1], x)
     return out
 
 
@@ -194,7 +210,9 @@ def imu_rows(states: FloatArray, readings: FloatArray, mount: ImuMount) -> Float
     for i in range(states.shape[0]):
         x, r = states[i], readings[i]
         acceleration = (r[at.A_X], r[at.A_Y], r[at.A_Z])
-        out[i] = imu_reading(
+        read = imu_reading(
             acceleration, x[at.YAW_RATE], x[at.PITCH_RATE], r[at.YAW_ACC], r[at.PITCH_ACC], x[at.PITCH], mount
         )
+        for j in range(5):
+            out[i, j] = read[j]
     return out

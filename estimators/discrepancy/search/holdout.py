@@ -21,6 +21,7 @@ import numpy as np
 from estimators.discrepancy.checks.holdout_gain import Held, held_beside, held_out
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.natural_world import null_simulations
+from estimators.discrepancy.model.null_simulations import inflation_along
 from estimators.discrepancy.model.protocol import ForwardModel
 from offroad_env.errors import OffroadError
 
@@ -49,6 +50,11 @@ class HoldOutResult:
     def contradicts(self) -> bool:
         """Whether the larger model is rejected: a true effect gains as little in 1 % of logs."""
         return self.gain < min(self.expected - _AGAINST * self.deviation, 0.0)
+
+    @property
+    def surpasses(self) -> bool:
+        """Whether the smaller model is rejected: if it is right, the other gains as much in 1 % of logs."""
+        return self.gain > max(_AGAINST * self.deviation - self.expected, 0.0)
 
 
 class HoldOutTest:
@@ -109,13 +115,9 @@ def _result(held: Held, larger: Held, fitted: FitResult, null: np.ndarray | None
     along = there.white_shared().T @ added
     spread = fitted.normal_equations.covariance * np.sqrt(np.outer(wide, wide))
     information = float(added @ added)
-    inflation = 1.0 if null is None else _inflation(added, there.without_states(there.noise.whiten(null)))
+    inflation = (
+        1.0 if null is None else inflation_along(added, there.without_states(there.noise.whiten(null)))
+    )
     deviation = math.sqrt(inflation * information + float(along @ spread @ along))
     gain = float(held.cost - larger.cost)
     return HoldOutResult(gain=gain, expected=0.5 * information, deviation=deviation, inflation=inflation)
-
-
-def _inflation(direction: np.ndarray, null: np.ndarray) -> float:
-    """Variance of whitened null residuals (M, K) along a direction (M,), over white noise's; at least 1."""
-    square = float(direction @ direction)
-    return max(float(np.mean((direction @ null) ** 2)) / max(square, 1e-300), 1.0)

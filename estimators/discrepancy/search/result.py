@@ -8,14 +8,32 @@ import numpy as np
 
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.linearisation import Linearisation
+from estimators.discrepancy.model.null_simulations import inflation_along
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.search.score_test import ScoreTest
 from offroad_env.errors import OffroadError
 
-__all__ = ["EQUIVALENT", "Alternative", "Cause", "SearchResult"]
+__all__ = ["EQUIVALENT", "Alternative", "Cause", "SearchResult", "separation"]
 
 #: Effects within this likelihood-ratio statistic of the best are alternatives: 99 % of chi-square, 1 degree.
 EQUIVALENT = 6.63
+
+
+def separation(better: FitResult, other: FitResult) -> float:
+    """Twice the log-likelihood by which a model is better than another, in the noise that there is.
+
+    White noise moves the likelihood ratio of two models by twice the root of their distance (D. R. Cox,
+    J. Roy. Statist. Soc. B 24, 1962). Roads and soil scatter more along their difference, by a factor that
+    null simulations tell, and by so much less is the ratio worth. What a nuisance lies off its prior is no
+    residual, and counts in full.
+    """
+    prior = other.problem.nuisance_prior_cost(other.point) - better.problem.nuisance_prior_cost(better.point)
+    gain = other.cost - better.cost - prior
+    if better.null is None:
+        return 2.0 * (gain + prior)
+    difference = better.noise.whiten(other.residual - better.residual)
+    along = better.without_states(difference[:, None])[:, 0]
+    return 2.0 * (gain / inflation_along(along, better.null.white) + prior)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +89,11 @@ class SearchResult:
     refused: bool = False
     #: Whether a model holds as many effects as one may, and scores of others are still significant.
     capped: bool = False
+    #: Whether a score that is refused is larger than those of null logs.
+    beyond_null_logs: bool = False
+    #: Numbers of vehicle and soil that the model without effects has to move beyond any tolerance; empty with
+    #: causes.
+    strayed: tuple[str, ...] = ()
     causes: tuple[Cause, ...] = ()
 
     def score_of(self, change: np.ndarray) -> np.ndarray:

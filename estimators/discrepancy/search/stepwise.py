@@ -14,9 +14,10 @@ from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.normal_equations import projected
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.protocol import ForwardModel
+from estimators.discrepancy.physical_ranges import at_end
 from estimators.discrepancy.search.holdout import HoldOutResult, HoldOutTest
 from estimators.discrepancy.search.pair_search import linearised_gain, proposed_pairs
-from estimators.discrepancy.search.result import EQUIVALENT, Alternative, Cause, SearchResult
+from estimators.discrepancy.search.result import EQUIVALENT, Alternative, Cause, SearchResult, separation
 from estimators.discrepancy.search.score_test import (
     ScoreTest,
     candidates_for,
@@ -27,15 +28,21 @@ from estimators.discrepancy.search.score_test import (
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 
-__all__ = ["MOST", "outside", "p_value_of_score", "refit", "scored_only", "search"]
+__all__ = ["MOST", "outside", "p_value_of_score", "refit", "scored_only", "search", "strayed"]
 
 #: Most effects in one model.
 MOST = 4
 #: Alternatives that are refitted, and how close a first look must find them.
 _REFITS, _FIRST_LOOK = 4, 3.0 * EQUIVALENT
+#: The variance along the difference of two models may exceed that of a size so many times.
+_WIDER = 4.0
 #: Fitted windows and those apart together must show more than noise does in this share of the logs in which
 #: the first scores may find something.
 _CONFIRMED = 0.4
+#: Share of null logs with a first score that is a discrepancy although the windows apart refuse every effect.
+_BEYOND = 0.002
+#: Standard deviations from a stated number beyond which no tolerance explains what a fit makes of it.
+_IMPOSSIBLE = 6.0
 #: Models as good as the best that are tested on windows apart.
 _TESTED = 3
 #: Alternatives of the first step: scores that are this share of the best.
@@ -137,14 +144,32 @@ def _forward(scores: ScoreTest, threshold: float) -> list[FitResult]:
 def _refitted(
     fit: FitResult, proposals: Sequence[tuple[Sequence[Candidate], Sequence[float]]]
 ) -> list[FitResult]:
-    """The models of these effects and sizes fitted, best first; what breaks down is left out."""
+    """The models of these effects and sizes fitted, best first; what breaks down is left out.
+
+    Last are those with a size at an end of its physical range, which is never named: what is as good within
+    its range comes first.
+    """
     trials = []
     for candidates, sizes in proposals:
         late = [i for i, candidate in enumerate(candidates) if EFFECTS[candidate.effect].family == "timing"]
         done = refit(fit, candidates, sizes, late[-1] if late else -1)
         if done is not None:
             trials.append(done)
-    return sorted(trials, key=lambda trial: trial.cost)
+    return sorted(trials, key=_order)
+
+
+def strayed(fit: FitResult, deviations: float) -> list[str]:
+    """Stated numbers of vehicle and soil that a fit has moved by more than so many standard deviations."""
+    away = np.abs(fit.nuisances) / fit.problem.nuisance_spread > deviations
+    pairs = zip(fit.problem.nuisances, away, strict=True)
+    return [nuisance.name for nuisance, far in pairs if far and nuisance.tolerated]
+
+
+def _order(fit: FitResult) -> tuple[bool, float]:
+    """Models by whether a size is at an end of its physical range, then by their cost."""
+    limits = fit.runs[0].size_limits
+    pairs = zip(fit.candidates, fit.sizes, strict=True)
+    return any(at_end(one.effect, float(size), limits(one.effect)) for one, size in pairs), fit.cost
 
 
 def _pairs(scores: ScoreTest, threshold: float, most: float) -> list[FitResult]:
@@ -174,15 +199,23 @@ def _larger(scores: ScoreTest, threshold: float, test: HoldOutTest) -> list[FitR
     most = linearised_gain(fit, scores) if fit.candidates else float(np.max(scores.z**2, initial=0.0))
     pairs = _pairs(scores, threshold, most)
     if not fit.candidates and pairs:
-        # A second effect must be significant here, and gain on the windows apart.
-        if 2.0 * (single[0].cost - pairs[0].cost) <= threshold**2:
-            return single
-        result = test.result(pairs[0], single[0])
-        return pairs if result is None or result.gain > 0.0 else single
+        return pairs if _replaces(pairs[0], single[0], threshold, test) else single
     names = {frozenset(candidate.effect for candidate in trial.candidates) for trial in single}
     new = [t for t in pairs if frozenset(c.effect for c in t.candidates) not in names]
-    trials = sorted([*single, *new], key=lambda trial: trial.cost)
+    trials = sorted([*single, *new], key=_order)
     return [trial for trial in trials if 2.0 * (trial.cost - trials[0].cost) <= EQUIVALENT]
+
+
+def _replaces(pair: FitResult, single: FitResult, threshold: float, test: HoldOutTest) -> bool:
+    """Whether two effects take the place of one, that need not be among them.
+
+    The second must be significant in the fitted windows, where road and soil scatter along the difference of
+    the models, and the windows apart must reject the one.
+    """
+    if separation(pair, single) <= threshold**2:
+        return False
+    result = test.result(pair, single)
+    return result is None or result.surpasses
 
 
 def _pruned(fit: FitResult, threshold: float) -> FitResult:
@@ -225,7 +258,11 @@ def _accepted(test: HoldOutTest, trials: Sequence[FitResult], bars: _Bars) -> _A
         # After a refusal, only what is confirmed with the noise as it is gets the work of a noise of its own.
         if gains and not _confirmed(test.result(trial), _support(fit, trial, gain), enough):
             continue
-        larger = _pruned(settled(trial), bars.fitted)
+        try:
+            larger = _pruned(settled(trial), bars.fitted)
+        except OffroadError:
+            # It drives where it began, and not where it is best.
+            continue
         if {candidate.effect for candidate in larger.candidates} == names:
             break
         result, support = test.result(larger), _support(fit, larger, gain)
@@ -308,6 +345,8 @@ def search(
         holdout_gains=tuple(gains),
         refused=refused,
         capped=capped,
+        beyond_null_logs=refused and float(np.abs(first.z).max()) > score_threshold(first, _BEYOND),
+        strayed=() if fit.candidates else tuple(strayed(nominal, _IMPOSSIBLE)),
         causes=tuple(causes),
     )
 
@@ -350,8 +389,8 @@ def _cause(fit: FitResult, last: ScoreTest, k: int, first: ScoreTest) -> tuple[F
     own = (fit.sizes[k] / fit.size_deviations()[k]) ** 2
     found = [(fit.cost, fit.candidates[k], fit)]
     inside = {candidate.effect for candidate in fit.candidates}
-    # Where null simulations scatter more than the likelihood predicts, so do its differences.
-    close = float(fit.size_inflation[k]) * EQUIVALENT
+    # Null simulations scatter along the difference of two models, which is not known before both are fitted.
+    reach = 0.5 * EQUIVALENT * _WIDER * float(fit.size_inflation[k])
     for i in _best_by_effect(-look.likelihood_ratio, last.candidates)[:_REFITS]:
         far = look.likelihood_ratio[i] > max(_FIRST_LOOK, 0.1 * own)
         if far or last.candidates[i].effect in inside:
@@ -359,17 +398,17 @@ def _cause(fit: FitResult, last: ScoreTest, k: int, first: ScoreTest) -> tuple[F
         names, values = list(fit.candidates), fit.sizes.copy()
         names[k], values[k] = last.candidates[i], look.size[i]
         lowest = min(cost for cost, _, _ in found)
-        done = refit(fit, names, values, k, lowest + 0.5 * close)
+        done = refit(fit, names, values, k, lowest + reach)
         if done is not None:
             found.append((done.cost, last.candidates[i], done))
-    found.sort(key=lambda entry: entry[0])
-    lowest = found[0][0]
+    found.sort(key=lambda entry: _order(entry[2]))
+    lowest, _, best = found[0]
     alternatives = tuple(
         Alternative.of(trial, candidate, 2.0 * (cost - lowest))
         for cost, candidate, trial in found
-        if 2.0 * (cost - lowest) <= close
+        if trial is best or (not _order(trial)[0] and separation(best, trial) <= EQUIVALENT)
     )
-    return found[0][2], Cause(
+    return best, Cause(
         alternatives=alternatives,
         likelihood_ratio=float(own + 2.0 * (fit.cost - lowest)),
         p_value=p_value_of_score(first, np.sqrt(own)),

@@ -19,7 +19,7 @@ _SLOW = 0.2
 @inline_kernel
 def _law(forces: BodyForces, row: FloatArray, x: FloatArray, vehicle: Vehicle) -> BodyForces:
     share = row[0]
-    moment = 0.5 * share * x[at.BRAKE] / vehicle.r * 0.5 * vehicle.track * math.tanh(x[at.V_X] / _SLOW)
+    moment = 0.5 * share * forces.brake / vehicle.r * 0.5 * vehicle.track * math.tanh(x[at.V_X] / _SLOW)
     return replace(forces, M_z=forces.M_z + moment)
 
 
@@ -33,7 +33,6 @@ EFFECT = Effect(
     source="definition: moment of unequal brake forces at half the track",
     look_alikes=("yaw_moment", "steer_offset"),
     separated_by="hard braking with straight steering",
-    needs=(("torque_f", "torque_r"),),
-    models=("full",),
+    needs=(("torque_f", "torque_r", "drive_force"),),
     law=_law,
 )

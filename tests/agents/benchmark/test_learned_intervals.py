@@ -38,6 +38,23 @@ def test_a_policy_that_is_always_a_little_faster_beats_the_arm_on_courses_that_d
     assert ratio.value == pytest.approx(1.0 - 0.1 / COURSES.mean())
 
 
+def test_trainings_of_two_arms_are_compared_each_with_each():
+    """One of two trainings is better than both of the other arm, one worse than both: a half."""
+    own = np.stack([COURSES - 5.0, COURSES + 5.0])
+    other = np.stack([COURSES - 1.0, COURSES + 1.0])
+    share = improvement_interval(own, other)
+    assert share.value == 0.5
+    assert (share.low, share.high) == (0.0, 1.0)
+    # Against the mean of the other's trainings, one that is better than one of two would count as better.
+    assert improvement_interval(COURSES[None] + 0.5, other).value == 0.5
+
+
+def test_soils_that_all_trainings_share_do_not_average_out_over_them():
+    alone = interquartile_interval(COURSES[None])
+    many = interquartile_interval(np.tile(COURSES, (10, 1)))
+    assert many.high - many.low == pytest.approx(alone.high - alone.low, rel=0.15)
+
+
 def test_the_interval_of_a_policy_covers_a_coin_that_is_fair():
     inside = 0
     for _ in range(8):

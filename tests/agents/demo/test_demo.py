@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import pickle
 import re
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ import pytest
 import agents.demo.control as control
 import agents.demo.driving as driving
 import agents.demo.measured as measured
+import agents.demo.parts as parts
 import agents.demo.physics as physics
 from agents.benchmark.summary import summarise
 from agents.commands.cli import COMMANDS, _parse
@@ -75,7 +77,7 @@ def test_every_part_runs_in_order_and_says_one_sentence(sections):
         assert section.seconds > 0.0
 
 
-def test_progress_never_goes_back_and_ends_inside_the_last_part(heard):
+def test_progress_never_goes_back_and_ends_inside_the_last_part(sections, heard):
     shares = [share for _, share in heard]
     assert shares[0] == 0.0
     assert all(a <= b + 1e-12 for a, b in itertools.pairwise(shares))
@@ -133,6 +135,59 @@ def test_a_part_can_be_run_alone(small):
     assert [section.name for section in run_demo(small, only=("exponent",))] == ["exponent"]
     with pytest.raises(InvalidParameter, match="only must name sections among soil"):
         next(run_demo(small, only=("exponents",)))
+
+
+def test_the_longest_part_runs_beside_the_others_and_comes_in_its_place(small, monkeypatch):
+    heard = []
+
+    def maker(name):
+        def make(run):
+            heard.append(name)
+            return Section(name=name, title=name, sees="S.", command="offroad demo")
+
+        return make
+
+    class Beside:
+        """Stands for joblib: says when something is begun in another process, and when it is ended."""
+
+        def __init__(self, n_jobs, return_as):
+            assert (n_jobs, return_as) == (2, "generator")
+
+        def __call__(self, tasks):
+            heard.append("begun")
+            return self._results(tasks)
+
+        @staticmethod
+        def _results(tasks):
+            try:
+                yield from (function(*arguments) for function, arguments, _ in tasks)
+            finally:
+                heard.append("ended")
+
+    several = {name: (label, weight, maker(name)) for name, (label, weight, _) in SECTIONS.items()}
+    monkeypatch.setattr(parts, "SECTIONS", several)
+    monkeypatch.setattr(parts, "Parallel", Beside)
+    two = replace(small, n_jobs=2)
+    assert [section.name for section in run_demo(two)] == list(SECTIONS)
+    assert heard == [
+        "soil", "forward", "exponent", "drive", "begun", "estimate", "arms", "learning", "diagnose", "ended",
+        "wheel-data",
+    ]  # fmt: skip
+    heard.clear()
+    assert [section.name for section in run_demo(two, only=("drive", "diagnose"))] == ["drive", "diagnose"]
+    assert heard == ["drive", "diagnose"]
+    heard.clear()
+    left = run_demo(two)
+    assert next(section for section in left if section.name == "estimate")
+    left.close()
+    assert heard == ["soil", "forward", "exponent", "drive", "begun", "estimate"]
+
+
+def test_the_result_of_the_longest_part_can_come_from_another_process(by_name):
+    section = by_name["diagnose"]
+    there = pickle.loads(pickle.dumps(section))
+    assert there.sees == section.sees
+    assert len(there.pictures) == len(section.pictures) > 0
 
 
 # ---------------------------------------------------------------------- the parts
@@ -259,6 +314,24 @@ def test_the_arms_are_judged_by_the_interval(gain, words):
         arm("oracle", times - gain + noise),
     )
     assert re.search(words, control.arms_sentence(summarise("speed", 0, arms)))
+
+
+def test_what_learning_drives_is_compiled_before_its_time_begins(small, monkeypatch):
+    heard = []
+
+    def fail(*_, **__):
+        heard.append("learning")
+        raise MissingExtraError("enough")
+
+    class Vector(control.make_vec(1, scenario="speed", terrain_info="none").__class__):
+        def step(self, actions):
+            heard.append("step")
+            return super().step(actions)
+
+    monkeypatch.setattr(control, "make_vec", lambda n, **options: Vector(n, **options))
+    monkeypatch.setattr(control, "train", fail)
+    control.learning_section(Run(small))
+    assert heard == ["step", "learning"]
 
 
 def test_learning_is_left_out_with_a_sentence_where_its_packages_are_missing(small, monkeypatch):

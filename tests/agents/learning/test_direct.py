@@ -247,3 +247,32 @@ def test_a_run_that_is_to_fail_little_chooses_on_validation_soils(tmp_path, monk
         )
         assert split in splits
         assert len({*splits, split, "test"}) == 2
+
+
+def test_a_run_may_begin_with_its_checks_when_the_policy_arrives_somewhere(tmp_path, monkeypatch):
+    from agents.learning import train as module
+
+    checked = []
+
+    def check(model, *_):
+        checked.append(model.num_timesteps)
+        return np.array([40.0]), np.array([True])
+
+    monkeypatch.setattr(module, "_check", check)
+    for start, expected in ((0, [0, 8, 16, 20]), (12, [12, 20])):
+        checked.clear()
+        train(
+            TrainArgs(
+                action_interface="direct",
+                total_steps=20,
+                n_envs=1,
+                n_steps=4,
+                batch_size=4,
+                n_epochs=1,
+                check_steps=8,
+                check_from=start,
+                eval_episodes=0,
+                out=tmp_path / str(start),
+            )
+        )
+        assert checked == expected

@@ -5,9 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from agents.benchmark.runner import draw_episodes
 from agents.learning.arguments import configuration_hash
 from agents.learning.policies import DIRECT
-from agents.studies.direct_policies.study import DirectPolicies, arguments, recipes
+from agents.studies.direct_policies.study import (
+    _VALIDATION_SEED,
+    FORM,
+    DirectPolicies,
+    arguments,
+    recipes,
+    shipped_seed,
+)
 from offroad_env.errors import InvalidParameter
 
 
@@ -46,7 +54,11 @@ def test_the_sentences_compare_policies_with_the_arms_on_the_same_episodes(tmp_p
     study = DirectPolicies(out=tmp_path, arms=("direct_oblivious", "direct_oracle"), seeds=2, episodes=60)
     lead = {"direct_oracle": -5.0, "direct_oblivious": 5.0, "nominal": 0.0, "oracle": -8.0}
     done = {
-        key: {"scores": (course + lead[key[1]] + rng.normal(0.0, 1.0, 60)).tolist(), "success": [True] * 60}
+        key: {
+            "scores": (course + lead[key[1]] + rng.normal(0.0, 1.0, 60)).tolist(),
+            "success": [True] * 60,
+            "validation": {"scores": [40.0, 41.0], "success": [True, True]},
+        }
         for key in study._stamps()
     }
     said = "\n".join(study._sentences(done))
@@ -55,3 +67,32 @@ def test_the_sentences_compare_policies_with_the_arms_on_the_same_episodes(tmp_p
     assert "direct_oracle beats direct_oblivious" in said
     assert "direct_oblivious is beaten by nominal" in said
     assert "Time: 0.90 [" in said
+
+
+def test_the_training_that_is_shipped_is_the_best_on_validation_soils_whatever_the_test_says(tmp_path):
+    study = DirectPolicies(out=tmp_path, arms=("direct_oracle",), seeds=3, episodes=4)
+    validation = {0: ([40.0] * 100, 4), 1: ([50.0] * 100, 1), 2: ([45.0] * 100, 2)}
+    done = {}
+    for key in study._stamps():
+        _, arm, seed, *_ = key
+        best_in_test = arm == "direct_oracle" and seed == 0
+        done[key] = {
+            "scores": [30.0 if best_in_test else 60.0] * 4,
+            "success": [best_in_test, True, True, True],
+        }
+        if arm == "direct_oracle":
+            scores, failures = validation[seed]
+            done[key]["validation"] = {
+                "scores": [*scores[failures:], *[120.0] * failures],
+                "success": [i < 100 - failures for i in range(100)],
+            }
+    assert shipped_seed(done, "speed", "direct_oracle") == 2  # 1 and 2 fail little enough, 2 is faster
+    assert "training 2 is shipped" in (said := study._shipped(done, "speed", "direct_oracle"))
+    assert "1 of 4 test episodes fail (4.6 to 69.9 %), time: 1.00 [1.00, 1.00] x that of nominal" in said
+
+
+def test_no_validation_episode_is_a_test_episode_or_one_of_the_checks():
+    validation = draw_episodes("speed", 100, _VALIDATION_SEED, form=FORM, split="validation")
+    checks = draw_episodes("speed", 60, 0, form=FORM, split="validation")
+    test = draw_episodes("speed", 200, DirectPolicies.test_seed, form=FORM)
+    assert not {draw.seed for draw in validation} & {draw.seed for draw in [*checks, *test]}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from agents.studies.natural_faults.study import NaturalFaults, counted_naturally
-from estimators.discrepancy.faults.other_forms import OTHER_FORMS, WRONG_NUMBERS
+from estimators.discrepancy.faults.other_forms import FAMILIES, OTHER_FORMS, WRONG_NUMBERS
 
 
 def _result(verdict: str, *sets: list[str], structure: bool = False) -> dict:
@@ -32,7 +32,32 @@ def test_a_cause_counts_by_its_family_and_a_set_with_it_is_no_wrong_name():
 
 
 def test_every_log_is_a_unit_and_a_cause_without_a_limit_has_none(tmp_path):
-    study = NaturalFaults(nulls=3, seeds=1, large=1, wrong=2, out=tmp_path)
-    keys = study._keys({5000: {"limits": dict.fromkeys(OTHER_FORMS, 1.0) | {}}})
-    assert len(keys) == len(set(keys)) == 3 + 2 * len(WRONG_NUMBERS) + 3 * len(OTHER_FORMS)
-    assert len(study._keys({5000: {"limits": {"payload": 0.1}}})) == 3 + 2 * len(WRONG_NUMBERS) + 3
+    study = NaturalFaults(nulls=3, seeds=1, large=1, wrong=2, pairs=4, out=tmp_path)
+    keys = study._keys({5000: _known(dict.fromkeys(OTHER_FORMS, 1.0), 10.0)})
+    assert len(keys) == len(set(keys)) == 3 + 2 * len(WRONG_NUMBERS) + 3 * len(OTHER_FORMS) + 2 * 4
+    assert len(study._keys({5000: _known({"payload": 0.1}, 10.0)})) == 3 + 2 * len(WRONG_NUMBERS) + 3
+
+
+def _known(limits: dict[str, float], largest: float) -> dict:
+    return {"limits": limits, "ranges": {name: [-largest, largest] for name in limits}}
+
+
+def test_a_fault_that_no_vehicle_can_have_is_left_out(tmp_path):
+    """Twice the limit must be a size that a diagnosis may name, and seven times for a large one."""
+    study = NaturalFaults(nulls=0, seeds=1, large=1, wrong=0, out=tmp_path)
+    for largest, kinds in ((0.21, []), (0.23, ["library", "other"]), (0.8, ["large", "library", "other"])):
+        known = {5000: _known({"payload": 0.1}, largest)}
+        assert sorted(str(key[0]) for key in study._keys(known)) == kinds
+
+
+def test_two_causes_are_of_two_families_and_each_counts(tmp_path):
+    study = NaturalFaults(nulls=0, seeds=0, large=0, wrong=0, pairs=30, out=tmp_path)
+    keys = study._keys({5000: _known(dict.fromkeys(OTHER_FORMS, 1.0), 10.0)})
+    assert {str(key[0]) for key in keys} == {"two", "large two"}
+    for key in keys:
+        first, second = str(key[1]).split("+")
+        assert not set(FAMILIES[first]) & set(FAMILIES[second])
+    results = {("two", "payload+steer_lag", 2.0, 1): _result("NAMED", ["placed_payload"], ["n_step"])}
+    (numbers,) = counted_naturally(results).values()
+    assert (numbers["family in the sets"]["hits"], numbers["family in the sets"]["count"]) == (1, 2)
+    assert numbers["another cause for certain"]["hits"] == 1

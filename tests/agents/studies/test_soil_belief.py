@@ -21,6 +21,7 @@ from agents.studies.soil_belief.study import (
 from estimators.experiments.unknown_soils import CASES, SPLITS, TEST_CASES, draw_run
 from offroad_env.errors import InvalidParameter
 from offroad_env.world.soils import SOILS
+from offroad_env.world.terrain import heights
 
 
 def test_a_unit_is_a_drive_in_plain_numbers() -> None:
@@ -29,7 +30,7 @@ def test_a_unit_is_a_drive_in_plain_numbers() -> None:
     assert unit == again
     assert np.shape(unit["z"]) == np.shape(unit["width"]) == (len(AT), 6)
     widths = np.array(unit["width"])
-    assert (widths[-1, :5] < widths[0, :5]).all()
+    assert (widths[-1, 1:5] < widths[0, 1:5]).all()
 
 
 def test_cases_of_one_seed_differ_in_one_thing() -> None:
@@ -60,7 +61,41 @@ def test_cases_for_tests_differ_as_they_say() -> None:
     behind = np.nanmedian(plain.gnss[50:, 0] - late.gnss[50:, 0])
     assert behind == pytest.approx(0.3 * plain.gnss[50:, 2][np.isfinite(plain.gnss[50:, 2])].mean(), rel=0.25)
     assert field.plant.soil_field is not None
-    assert not CASES["grade_1"].is_modelled
+    assert not CASES["width_1"].is_modelled
+
+
+def test_what_the_filter_is_told_differs_as_the_cases_say() -> None:
+    start, waves, moved, tyre = (
+        draw_run(case, 2, duration=0.5) for case in ("start_2", "waves_2", "map_2", "tyre_2")
+    )
+    assert abs(start.pose.X) == abs(start.pose.Y) == 1.5
+    X, Y = np.linspace(0.0, 7.0, 20), np.linspace(-2.0, 4.0, 20)
+    truth = heights(waves.record.plant.ground, X, Y)
+    assert np.ptp(truth) > 0.03
+    assert np.ptp(heights(waves.stated.ground, X, Y)) == 0.0
+    np.testing.assert_allclose(heights(moved.stated.ground, X + 1.0, Y + 1.0), truth, atol=1e-12)
+    ratio = tyre.record.plant.structure.tyre.inflation / tyre.stated.structure.tyre.inflation
+    assert max(ratio, 1.0 / ratio) == pytest.approx(1.4)
+
+
+def test_sizes_at_random_are_none_that_a_case_does_not_have() -> None:
+    runs = [draw_run("random", seed, duration=0.5) for seed in range(3)]
+    assert len({run.record.plant.vehicle.b for run in runs}) == 3
+    for run in runs:
+        plant = run.record.plant
+        ratio = plant.vehicle.b / run.stated.vehicle.b
+        assert 1.0 <= max(ratio, 1.0 / ratio) <= 1.2
+        assert abs(run.pose.X) <= 1.5
+
+
+def test_the_ground_slopes_with_all_nuisances_and_nothing_else_changes_without() -> None:
+    hilly, level = (draw_run(case, 4, split="tuning", duration=0.5) for case in ("nuisances", "level"))
+    assert hilly.slopes != level.slopes == (0.0, 0.0)
+    assert hilly.record.plant.ground.S_x == pytest.approx(hilly.slopes[0])
+    assert hilly.record.plant.soil == level.record.plant.soil
+    assert hilly.record.plant.vehicle == level.record.plant.vehicle
+    slopes = np.array([draw_run("nuisances", seed, duration=0.1).slopes for seed in range(12)])
+    assert 0.02 < slopes.std() < 0.045
 
 
 def test_soils_of_tuning_and_test_are_not_the_same() -> None:

@@ -231,7 +231,7 @@ def test_a_large_step_of_the_soil_is_named_with_its_place_and_size(seed, step):
     assert cause.best.size == pytest.approx(step, rel=0.05)
 
 
-def test_only_what_is_far_beyond_chance_is_sought_closely(delayed):
+def test_only_what_is_far_beyond_null_logs_is_sought_closely(delayed):
     """A log that shows no large step has the scores that it had."""
     search = delayed[1].search
     first = search.first

@@ -14,8 +14,9 @@ from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT
 from estimators.discrepancy.physical_ranges import NEVER_NEGATIVE, at_end, drive_range
 from estimators.discrepancy.search.result import Alternative, Cause
-from estimators.discrepancy.search.score_test import score_test
+from estimators.discrepancy.search.score_test import _one_sided, score_test
 from estimators.discrepancy.search.stepwise import refit
+from estimators.discrepancy.stated_model import model_with
 from estimators.discrepancy.verdict import VehicleDiagnosis
 from offroad_env.effects import EFFECTS, Setup
 from offroad_env.simulation.simulator import make_plant
@@ -68,6 +69,23 @@ def test_soil_that_would_have_to_pull_has_no_score_and_no_size(pulled):
     assert scores.z[1] < -3.0
     fitted = refit(pulled, [Candidate(effect="rut_drag")], [1e3])
     assert 0.0 <= fitted.sizes[0] < fitted.size_deviations()[0]
+
+
+def test_soil_that_would_bear_less_the_faster_it_is_pressed_has_no_score(pulled):
+    """A drag that the model lacks slows a vehicle as soil would that is softer at speed."""
+    names = [Candidate(effect=name) for name in ("rate_damping", "rut_drag", "aero_drag")]
+    assert _one_sided(pulled, names).tolist() == [True, True, False]
+
+
+def test_the_model_of_the_named_causes_keeps_their_sizes_and_fits_the_rest(pulled):
+    names = [Candidate(effect=name) for name in ("rolling_resistance", "accel_bias_y")]
+    both = refit(pulled, names, [-0.04, 0.0])
+    kept = model_with(both, [1], [0.05])
+    assert [candidate.effect for candidate in kept.candidates] == ["accel_bias_y"]
+    assert kept.sizes.tolist() == [0.05]
+    assert kept.nuisances[0] != both.nuisances[0]
+    assert kept.minus_log_likelihood > both.minus_log_likelihood
+    assert pulled.runs[0].size_limits("accel_bias_y") != (0.05, 0.05)
 
 
 def test_an_end_of_a_range_is_never_named(pulled):

@@ -169,7 +169,7 @@ def test_causes_that_make_up_together_for_a_wrong_law_of_the_wheels_are_not_name
     assert any(diagnosis.inadequate)
     assert diagnosis.verdict == "ONE OF"
     assert "or a single cause that the library lacks" in summarise(diagnosis).sentence
-    restructured = replace(diagnosis, structure=compare_structures([log]), causes=())
+    restructured = replace(diagnosis, structure=compare_structures([log]), causes=(), joint=None)
     assert restructured.verdict == "NAMED"
     summary = summarise(restructured)
     assert summary.sentence.startswith("The structure of the model is wrong: ")

@@ -14,6 +14,7 @@ from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.linearisation import Jacobian, Linearisation
 from estimators.discrepancy.model.normal_equations import projected, reduced, without_states
+from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.problem import LeastSquaresProblem
 from estimators.discrepancy.model.protocol import Channel, Nuisance, Records
 from estimators.discrepancy.model.windows import FIT, Windows
@@ -194,3 +195,20 @@ def test_noise_is_learned_with_the_freedom_that_the_windows_have_left():
     spent = _WINDOWS * _SAMPLES / (_WINDOWS * _SAMPLES - _WINDOWS)
     expected = np.sqrt(np.mean(fit.residual**2) * spent)
     assert learned.noise.channels["a_x"].deviation[0] == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_window_that_jumps_to_another_branch_over_a_tiny_step_spoils_no_derivative(monkeypatch):
+    """The second window jumps ahead of the point only, the third on both sides of it."""
+    there = _start(_Line(noise=0.1)).linearisation
+    window = there.problem.window
+
+    def difference(self, candidate, step):
+        jumped = (window == 2) | ((window == 1) & (step > 0.0))
+        return np.where(jumped, 5.0 / step, 1.0)
+
+    monkeypatch.setattr(Linearisation, "_effect_difference", difference)
+    column = there.effect_column(Candidate(effect="grade"))
+    assert column == pytest.approx(np.where(window == 2, 0.0, 1.0))
+    # A large effect is the same on both sides.
+    monkeypatch.setattr(Linearisation, "_effect_difference", lambda *one: np.full(len(window), 1e6))
+    assert there.effect_column(Candidate(effect="grade")) == pytest.approx(np.full(len(window), 1e6))

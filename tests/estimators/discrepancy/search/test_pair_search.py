@@ -16,8 +16,9 @@ from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT
 from estimators.discrepancy.search import stepwise as search_module
+from estimators.discrepancy.search.holdout import HoldOutResult
 from estimators.discrepancy.search.pair_search import linearised_gain, proposed_pairs
-from estimators.discrepancy.search.result import Alternative, Cause
+from estimators.discrepancy.search.result import Alternative, Cause, separation
 from estimators.discrepancy.search.stepwise import refit
 from estimators.discrepancy.summarise import summarise_causes
 from estimators.discrepancy.verdict import VehicleChecks, VehicleDiagnosis, Verdict
@@ -58,6 +59,61 @@ def test_two_causes_are_proposed_where_a_third_is_confounded_with_both():
     assert {candidate.effect for candidate in best.candidates} == {"payload", "grade"}
     assert np.array(best.sizes) == pytest.approx(sizes)
     assert best.gain > np.max(result.z**2) + 10.0
+
+
+def _model(residual: np.ndarray, null: np.ndarray | None, off: float = 0.0) -> SimpleNamespace:
+    """A fit with these whitened residuals, one nuisance ``off`` its prior, and null residuals (M, K)."""
+    return SimpleNamespace(
+        residual=residual,
+        cost=0.5 * float(residual @ residual) + 0.5 * off**2,
+        noise=SimpleNamespace(whiten=lambda columns: columns),
+        without_states=lambda table: table,
+        null=None if null is None else SimpleNamespace(white=null),
+        problem=SimpleNamespace(nuisance_prior_cost=lambda point: 0.5 * off**2),
+        point=None,
+    )
+
+
+def test_a_likelihood_ratio_is_worth_less_where_road_and_soil_scatter_along_the_difference():
+    """Null residuals with nine times the variance along the difference, and none across it."""
+    noise = np.random.default_rng(3).standard_normal(400)
+    apart = np.zeros(400)
+    apart[:100] = 0.5
+    unit = apart / np.linalg.norm(apart)
+    scatter = 3.0 * np.outer(unit, np.array([1.0, -1.0]))
+    plain = separation(_model(noise, None), _model(noise + apart, None))
+    assert plain == pytest.approx(float(apart @ apart + 2.0 * noise @ apart))
+    assert separation(_model(noise, scatter), _model(noise + apart, scatter)) == pytest.approx(plain / 9.0)
+    across = np.roll(scatter, 200, axis=0)
+    assert separation(_model(noise, across), _model(noise + apart, across)) == pytest.approx(plain)
+    # An implausible tolerance is no residual.
+    far = separation(_model(noise, scatter), _model(noise + apart, scatter, off=4.0))
+    assert far == pytest.approx(plain / 9.0 + 16.0)
+
+
+@pytest.mark.parametrize(
+    ("gap", "gain", "replaces"),
+    [(20.0, 12.0, True), (8.0, 12.0, False), (20.0, 1.0, False), (20.0, None, True)],
+)
+def test_a_pair_takes_the_place_of_one_cause_only_where_the_windows_apart_reject_the_one(
+    monkeypatch, gap, gain, replaces
+):
+    result = None if gain is None else HoldOutResult(gain=gain, expected=4.0, deviation=4.0)
+    monkeypatch.setattr(search_module, "separation", lambda better, other: gap)
+    test = SimpleNamespace(result=lambda larger, smaller: result)
+    assert search_module._replaces(None, None, 3.0, test) is replaces
+
+
+def test_a_size_at_an_end_of_its_range_comes_after_all_that_are_possible():
+    """Sand cannot have the cohesion that would explain best."""
+
+    def fitted(effect: str, size: float, cost: float) -> SimpleNamespace:
+        runs = (SimpleNamespace(size_limits=lambda name: (-0.1, 0.1)),)
+        return SimpleNamespace(candidates=(Candidate(effect=effect),), sizes=[size], cost=cost, runs=runs)
+
+    trials = [fitted("friction_angle", 0.1, 10.0), fitted("grade", 0.05, 30.0), fitted("bank", 0.02, 20.0)]
+    order = sorted(trials, key=search_module._order)
+    assert [trial.candidates[0].effect for trial in order] == ["bank", "grade", "friction_angle"]
 
 
 def test_a_pair_counts_the_same_from_every_model():
@@ -109,7 +165,10 @@ def test_a_discrepancy_remains_where_the_hold_out_test_refuses_a_significant_eff
         ground_deviation=0.1,
     )
     cause = Cause(alternatives=(rival,), likelihood_ratio=50.0, p_value=1e-6)
-    kept, refused = SimpleNamespace(refused=False, capped=False), SimpleNamespace(refused=True, capped=False)
+    kept, refused = (
+        SimpleNamespace(refused=own, capped=False, strayed=(), beyond_null_logs=False)
+        for own in (False, True)
+    )
     incomplete = VehicleDiagnosis(causes=(cause,), search=refused)
     assert incomplete.incomplete
     assert not VehicleDiagnosis(causes=(cause,), search=kept).incomplete
