@@ -26,7 +26,8 @@ What differs beyond that is listed one by one, each with its reason, in a YAML f
   ``tolerance: 0.001`` holds the change to that size, relative;
 - ``allow: open_loop | fitted``: leaves for which that class holds in place of their case's.
 
-An entry that nothing needs is an error, so that the list cannot rot.
+An entry that nothing needs is an error, so that the list cannot rot - but for one with ``varies: true``, which
+not every machine needs: policies multiply matrices by the processor's own routines.
 """
 
 from __future__ import annotations
@@ -95,6 +96,7 @@ class Entry:
     rename: Mapping[str, str] = field(default_factory=dict)
     move: Mapping[str, str] = field(default_factory=dict)
     arguments: Mapping[str, str] = field(default_factory=dict)
+    varies: bool = False  #: the machine decides whether it is needed
     used: int = 0  #: leaves or words that needed it
 
     def __post_init__(self) -> None:
@@ -129,7 +131,8 @@ def unused(entries: Sequence[Entry], compared: Sequence[str], known: Sequence[st
     return [
         entry
         for entry in entries
-        if not entry.used and all(name in compared for name in known if fnmatchcase(name, entry.case))
+        if not (entry.used or entry.varies)
+        and all(name in compared for name in known if fnmatchcase(name, entry.case))
     ]
 
 

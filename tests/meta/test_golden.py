@@ -9,6 +9,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -189,6 +190,7 @@ def test_an_entry_that_nothing_needs_is_found_once_its_cases_were_compared():
     compared(RECORD, entries=entries)
     assert unused(entries, ["case"], ["case", "other"]) == entries
     assert unused(entries, ["case"], ["case", "c2"]) == []
+    assert unused([replace(entry, varies=True) for entry in entries], ["case"], ["case", "other"]) == []
 
 
 @pytest.mark.parametrize(
