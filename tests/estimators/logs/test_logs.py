@@ -1,12 +1,10 @@
-"""Logs: read as they stand, written exactly, told from each other, and judged by physics."""
+"""Logs: read as they stand, written exactly, told from each other."""
 
 from __future__ import annotations
 
-import json
 import math
 import pickle
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,93 +13,33 @@ import yaml
 from estimators.logs import (
     GnssSpec,
     ImuSpec,
-    Log,
-    LogConfig,
     Recorder,
     StartSpec,
     TerrainSpec,
     commands_at,
     config_of,
-    f1tenth_log,
     held,
     log_from_run,
     log_of_drive,
     plant_of,
-    quality,
     read_log,
     read_logs,
     start_of,
     with_structure,
     write_log,
 )
-from estimators.logs.clocks import pose_age
-from estimators.rig.cmu_soil_bin import load_cmu_single_wheel
-from helpers import measured_data, run_fresh
+from helpers import run_fresh
 from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.physics import state as at
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.simulation.drive import simulate_drive
-from offroad_env.simulation.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
+from offroad_env.simulation.sensors import ImuConfig, SensorSuite
 from offroad_env.simulation.simulator import make_plant, settled_state, simulate, simulate_commands
 from offroad_env.world.soils import SOILS, make_soil
 from offroad_env.world.structures import read_structure
 from offroad_env.world.terrain import add, flat, grade, paper_terrain, rough_terrain
-from offroad_env.world.vehicles import VEHICLES, make_wheel
-
-STEP = 0.01  # sample period of the simulated logs [s]
-TRUE_N, BELIEVED_N = 0.937_251, 0.8
-
-
-def plant_with(n: float, ground=None):
-    soil = make_soil(SOILS["dry_sand"], n=n)
-    return make_plant(VEHICLES["mrzr"], soil, flat() if ground is None else ground)
-
-
-def sensors_for(**imu) -> SensorSuite:
-    noise = {"accel_noise": 0.05, "gyro_noise": 0.003, "kind": "specific_force"} | imu
-    return SensorSuite(
-        imu=ImuConfig(**noise), wheel=WheelSpeedConfig(noise=0.01, scale_sd=0.0), gnss=GnssConfig()
-    )
-
-
-def slalom(duration: float = 24.0):
-    """(trajectory, plant, commands) of a slalom with changing drive on sand."""
-    plant = plant_with(TRUE_N, paper_terrain(0.02))
-    t = STEP * np.arange(round(duration / STEP))
-    drive = 1500.0 + 700.0 * np.sin(0.9 * t)
-    commands = np.column_stack([0.15 * np.sin(1.3 * t), drive, np.zeros(len(t))])
-    state, warm = settled_state(plant, v_x=4.0)
-    return simulate_commands(plant, state, warm, commands, interval=STEP), plant, commands
-
-
-@pytest.fixture(scope="module")
-def run():
-    return slalom()
-
-
-@pytest.fixture(scope="module")
-def log(run) -> Log:
-    trajectory, plant, commands = run
-    return log_from_run(
-        trajectory,
-        plant,
-        commands,
-        sensors_for(),
-        np.random.default_rng(7),
-        belief=plant_with(BELIEVED_N, paper_terrain(0.02)),
-        name="slalom",
-    )
-
-
-def changed(log: Log, **channels: np.ndarray) -> Log:
-    return replace(log, channels=log.channels | channels)
-
-
-def same_columns(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> bool:
-    return list(a) == list(b) and all(np.array_equal(a[k], b[k], equal_nan=True) for k in a)
-
-
-# ------------------------------------------------------------------ files
+from offroad_env.world.vehicles import VEHICLES
+from simulated_logs import BELIEVED_N, STEP, TRUE_N, changed, plant_with, same_columns, sensors_for
 
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
@@ -506,369 +444,3 @@ def test_a_recorder_refuses_calls_out_of_order(log):
         recorder.start(np.zeros(11))
     with pytest.raises(InvalidParameter, match="11 channels"):
         recorder.hold((0.0, 0.0, 0.0), np.zeros((2, 5)))
-
-
-# ------------------------------------------------------------------ quality of simulated logs
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_a_right_log_has_no_problem_and_no_warning(run, seed):
-    trajectory, plant, commands = run
-    kind = "kinematic" if seed % 2 else "specific_force"
-    good = log_from_run(trajectory, plant, commands, sensors_for(kind=kind), np.random.default_rng(seed))
-    report = quality(good)
-    assert [f.sentence for f in report.findings if f.severity != "note"] == []
-    verdicts = {check.name: check.verdict for check in report.checks}
-    for law in ("speed x steer / wheelbase", "the turn of the path x, y"):
-        assert verdicts[f"yaw_rate against {law}"] == "agrees"
-    assert verdicts["a_y against speed x yaw_rate"] == "agrees"
-    assert verdicts["a_x against the change of speed"] == "agrees"
-
-
-DEGREES = math.degrees(1.0)
-
-
-@pytest.mark.parametrize(
-    ("factors", "suspected"),
-    [
-        ({"yaw_rate": DEGREES, "pitch_rate": DEGREES}, {"yaw_rate": "deg/s"}),
-        ({"a_x": 1 / GRAVITY, "a_y": 1 / GRAVITY, "a_z": 1 / GRAVITY}, {"a_x": "g", "a_y": "g", "a_z": "g"}),
-        ({"omega_f": 30 / math.pi, "omega_r": 30 / math.pi}, {"omega_f": "rpm", "omega_r": "rpm"}),
-        ({"omega_f": DEGREES}, {"omega_f": "deg/s"}),
-        (
-            {"omega_f": 0.33, "omega_r": 0.33},
-            {"omega_f": "m/s (a rim speed)", "omega_r": "m/s (a rim speed)"},
-        ),
-        ({"speed": 3.6}, {"speed": "km/h"}),
-        ({"speed": 2.237}, {"speed": "mph"}),
-        ({"x": 1e3, "y": 1e3}, {"x": "mm"}),
-        ({"a_y": 1 / GRAVITY}, {"a_y": "g"}),
-    ],
-    ids=lambda value: ",".join(value) if isinstance(value, dict) else None,
-)
-def test_a_wrong_unit_is_suspected_by_name(factors, suspected, log):
-    wrong = changed(log, **{name: factor * log.channels[name] for name, factor in factors.items()})
-    found = quality(wrong).suspected_units
-    assert suspected.items() <= found.items()
-    assert set(found) <= set(factors)  # and no channel that is right
-
-
-def test_an_accelerometer_that_contradicts_its_description_is_found(run, log):
-    kinematic = replace(log.config, imu=replace(log.config.imu, kinematic=True))
-    found = [f for f in quality(replace(log, config=kinematic)).problems if f.kind == "frame"]
-    assert "kinematic is false" in found[0].sentence
-    without_gravity = changed(log, a_z=log.channels["a_z"] - GRAVITY)
-    found = [f for f in quality(without_gravity).problems if f.kind == "frame"]
-    assert "kinematic is true" in found[0].sentence
-
-
-@pytest.mark.parametrize("channel", ["yaw_rate", "a_y", "a_x"])
-def test_a_reversed_sign_is_found(channel, log):
-    problems = quality(changed(log, **{channel: -log.channels[channel]})).problems
-    assert any(f.kind == "sign" and channel in f.sentence for f in problems)
-
-
-def test_an_imu_turned_by_a_right_angle_is_found_with_its_direction(log):
-    for sign, side in ((1.0, "left"), (-1.0, "right")):
-        a_x, a_y = log.channels["a_x"], log.channels["a_y"]
-        turned = changed(log, a_x=sign * a_y, a_y=-sign * a_x)
-        axes = [f for f in quality(turned).problems if f.kind == "axes"]
-        assert len(axes) == 1
-        assert f"points {side}" in axes[0].sentence
-
-
-def test_a_stuck_channel_is_found_with_its_time(log):
-    a_x = log.channels["a_x"].copy()
-    a_x[500:800] = a_x[500]
-    warnings = [f for f in quality(changed(log, a_x=a_x)).findings if f.kind == "stuck"]
-    assert [f.channel for f in warnings] == ["a_x"]
-    assert warnings[0].numbers["time"] == pytest.approx(2.99)
-    dead = quality(changed(log, a_x=np.full(len(log), 0.25)))
-    assert any(f.kind == "stuck" and f.severity == "problem" for f in dead.findings)
-
-
-@pytest.mark.parametrize("channel", ["a_x", "yaw_rate", "omega_r", "speed"])
-def test_a_channel_that_sticks_while_the_vehicle_moves_is_a_problem(channel, log):
-    values = log.channels[channel].copy()
-    middle = (log.t > 9.0) & (log.t < 15.0) & ~np.isnan(values)
-    values[middle] = values[middle][0]
-    found = [f for f in quality(changed(log, **{channel: values})).problems if f.kind == "stuck"]
-    assert [f.channel for f in found] == [channel]
-    assert "while the vehicle moves" in found[0].sentence
-
-
-def test_numbers_that_repeat_by_habit_are_not_stuck(log):
-    """Held for two seconds, again and again; in steps coarser than their noise; and of a vehicle at rest."""
-    rate = log.channels["yaw_rate"]
-    held = np.repeat(rate[::200], 200)[: len(rate)]
-    coarse = 0.05 * np.round(rate / 0.05)
-    stands = log.t > 12.0
-    rest = {
-        name: np.where(stands, 0.0, log.channels[name]) for name in ("omega_f", "omega_r", "speed", "steer")
-    }
-    rest |= {
-        name: np.where(
-            stands, log.channels[name][~np.isnan(log.channels[name]) & stands][0], log.channels[name]
-        )
-        for name in ("x", "y", "course")
-    }
-    rest |= {
-        name: np.where(stands, 0.2 * np.random.default_rng(0).standard_normal(len(log)), log.channels[name])
-        for name in ("a_x", "a_y")
-    }
-    still = np.where(stands, rate[0], rate)
-    for one in (
-        changed(log, yaw_rate=held),
-        changed(log, yaw_rate=coarse),
-        changed(log, yaw_rate=still, **rest),
-    ):
-        assert not [f for f in quality(one).problems if f.kind == "stuck"]
-
-
-def test_a_sensor_at_the_end_of_its_range_is_found(log):
-    rate = log.channels["yaw_rate"]
-    limit = np.quantile(rate, 0.99)
-    clipped = quality(changed(log, yaw_rate=np.minimum(rate, limit)))
-    found = [f for f in clipped.findings if f.kind == "saturation"]
-    assert [f.channel for f in found] == ["yaw_rate"]
-    assert found[0].numbers["share"] == pytest.approx(0.01, abs=0.002)
-
-
-def test_a_gap_of_the_whole_log_is_told_once_and_one_of_a_channel_for_that_channel(log):
-    x = log.channels["x"].copy()
-    x[800:1400] = math.nan
-    found = [f for f in quality(changed(log, x=x)).findings if f.kind == "gap"]
-    assert [f.channel for f in found] == ["x"]
-    assert found[0].numbers["longest"] == pytest.approx(6.1)
-    t = log.t.copy()
-    t[1000:] += 4.0
-    found = [f for f in quality(replace(log, t=t)).findings if f.kind == "gap"]
-    assert [(f.channel, f.numbers["at"]) for f in found] == [("t", pytest.approx(9.99))]
-
-
-def test_a_position_that_jumps_is_told_and_one_that_only_drives_is_not(log):
-    assert not [f for f in quality(log).findings if f.kind == "jump"]
-    x = log.channels["x"] + 3.0 * (log.t > 12.0)
-    found = [f for f in quality(changed(log, x=x)).findings if f.kind == "jump"]
-    assert [f.severity for f in found] == ["warning"]
-    assert found[0].numbers["at"] == pytest.approx(12.0, abs=0.4)
-
-
-def test_jitter_is_measured(log):
-    rng = np.random.default_rng(0)
-    t = log.t + rng.uniform(-0.002, 0.002, len(log))
-    rows = {c.name: c for c in quality(replace(log, t=t)).channels}
-    # Differences of two uniform errors of +-2 ms: 2 ms sqrt(2/3).
-    assert rows["a_x"].jitter == pytest.approx(0.002 * math.sqrt(2.0 / 3.0), rel=0.1)
-    assert rows["x"].rate == pytest.approx(10.0, rel=0.02)
-
-
-@pytest.mark.parametrize("delay", [0.05, -0.08, 0.15])
-def test_two_clocks_are_told_apart_to_ten_milliseconds(delay, log):
-    yaw = np.interp(log.t - delay, log.t, log.references["ref_yaw"])
-    found = [f for f in quality(changed(log, yaw=yaw)).findings if (f.kind, f.channel) == ("clock", "yaw")]
-    assert found[0].numbers["delay"] == pytest.approx(delay, abs=0.01)
-    in_time = changed(log, yaw=log.references["ref_yaw"].copy())
-    assert [f for f in quality(in_time).findings if f.channel == "yaw"] == []
-    # A heading that seems to come too soon is a gyro that is late: the pose is not younger than it says.
-    assert pose_age(changed(log, yaw=yaw)) == pytest.approx(max(delay, 0.0), abs=0.01)
-    assert pose_age(in_time) == pose_age(log) == 0.0
-
-
-def test_heading_in_degrees_is_suspected_even_where_it_wraps(log):
-    yaw = np.degrees(log.references["ref_yaw"] + 3.1) % 360.0
-    assert quality(changed(log, yaw=yaw)).suspected_units == {"yaw": "deg"}
-
-
-def test_a_description_that_understates_the_noise_is_noted(log):
-    imu = replace(log.config.imu, sd_a=0.005)
-    notes = [
-        f for f in quality(replace(log, config=replace(log.config, imu=imu))).findings if f.kind == "noise"
-    ]
-    assert {f.channel for f in notes} == {"a_x", "a_y", "a_z"}
-    assert notes[0].numbers["measured"] == pytest.approx(0.05, rel=0.2)
-
-
-def test_a_run_that_excites_nothing_says_so(tmp_path):
-    plant = plant_with(0.8)
-    state, warm = settled_state(plant, v_x=4.0)
-    commands = np.tile([0.0, 330.0, 0.0], (800, 1))
-    trajectory = simulate_commands(plant, state, warm, commands, interval=STEP)
-    dull = log_from_run(trajectory, plant, commands, sensors_for(), np.random.default_rng(0))
-    sentences = [f.sentence for f in quality(dull).findings if f.kind == "excitation"]
-    assert any(s.startswith("steer never moves") for s in sentences)
-
-
-def test_a_report_is_a_table_and_valid_json(log):
-    wrong = quality(changed(log, yaw_rate=DEGREES * log.channels["yaw_rate"]))
-    head, rows = wrong.table()
-    assert len(rows) == len(log.channels)
-    assert all(len(row) == len(head) for row in rows)
-    data = json.loads(json.dumps(wrong.to_dict(), allow_nan=False))
-    assert data["suspected_units"]["yaw_rate"] == "deg/s"
-    assert "yaw_rate is in deg/s" in str(wrong)
-
-
-@pytest.mark.parametrize("rows", [2, 3, 9, 60])
-def test_a_very_short_log_still_gets_its_table(rows, log):
-    short = replace(
-        log, t=log.t[:rows], channels={k: v[:rows] for k, v in log.channels.items()}, references={}
-    )
-    assert len(quality(short).channels) == len(log.channels)
-
-
-# ------------------------------------------------------------------ wheel rigs
-
-
-def cmu_rig_log() -> Log:
-    """The measured trials as a log; the carriage at 90 degrees has no longitudinal slip."""
-    trials = load_cmu_single_wheel(measured_data("cmu_single_wheel") / "original" / "all_grouser_data.mat")
-    names = ("slip", "slip_angle", "load", "drawbar", "side_force", "sinkage")
-    channels = {name: getattr(trials, name).copy() for name in names}
-    channels["condition"] = trials.condition.astype(float)
-    config = LogConfig(soil=make_soil(SOILS["dry_sand"]), wheel=make_wheel(r=0.058, b=0.05))
-    return Log(name="cmu", t=None, channels=channels, references={}, config=config, hash="")
-
-
-def test_measured_rig_trials_pass_through_the_format_unchanged(tmp_path):
-    rig = cmu_rig_log()
-    back = read_log(write_log(tmp_path / "cmu.csv", rig))
-    assert back.rig
-    assert same_columns(back.channels, rig.channels)
-    assert back.config == rig.config
-    report = quality(back)
-    assert len(back) == 189
-    assert report.problems == ()
-
-
-def test_rig_sinkage_in_millimetres_is_suspected(tmp_path):
-    rig = cmu_rig_log()
-    wrong = quality(changed(rig, sinkage=1e3 * rig.channels["sinkage"]))
-    assert wrong.suspected_units == {"sinkage": "mm"}
-
-
-def test_a_vehicles_yaml_serves_the_rig_that_carries_its_wheel(tmp_path):
-    (tmp_path / "rig.csv").write_text("slip,load,drawbar\n0.1,1500,200\n0.3,1500,400\n")
-    data = yaml.safe_load(
-        "vehicle: {r: 0.33, b: 0.212, m: 1378}\nsoil: {k_phi: 1.5e+6, n: 1.1, c: 1040, phi: 0.48}\n"
-    )
-    (tmp_path / "rig.yaml").write_text(yaml.safe_dump(data))
-    rig = read_log(tmp_path / "rig.csv")
-    assert rig.config.wheel == make_wheel(r=0.33, b=0.212)
-    for needs_vehicle in (plant_of, start_of):
-        with pytest.raises(DataError, match="wheel-rig"):
-            needs_vehicle(rig)
-
-
-# ------------------------------------------------------------------ measured and foreign logs
-
-
-def scm_logs() -> list[Path]:
-    return sorted(measured_data("chrono_scm").glob("*_*.csv"))
-
-
-def test_logs_of_an_independent_simulator_are_read_and_found_sound():
-    logs = read_logs(scm_logs())
-    assert len(logs) == 5
-    for log in logs:
-        assert len(log) == (2001 if "straight" in log.name else 2501)
-        assert set(log.references) >= {"ref_yaw", "ref_sinkage_f"}
-        report = quality(log)
-        assert [f.sentence for f in report.findings if f.severity != "note"] == []
-        # The published noise comes out of the data: 0.05 m/s^2 and 0.003 rad/s.
-        noise = {channel.name: channel.noise for channel in report.channels}
-        assert noise["a_y"] == pytest.approx(0.05, rel=0.25)
-        assert noise["yaw_rate"] == pytest.approx(0.003, rel=0.1)
-
-
-def test_gnss_at_5_hz_beside_an_imu_at_100_hz_is_not_resampled():
-    log = read_log(scm_logs()[0])
-    t, x = log.samples("x")
-    assert (len(t), len(x)) == (126, 126)
-    assert np.array_equal(t, log.t[::20])
-    assert len(log.samples("a_x")[0]) == 2501
-
-
-def test_the_vehicle_of_a_foreign_log_settles_on_its_soil_and_rolls():
-    for path in scm_logs():
-        log = read_log(path)
-        plant = plant_of(log)
-        state, _ = start_of(log)
-        assert state[at.V_X] == log.config.start.v_x
-        assert state[at.Z] < 0.03
-        assert plant.vehicle.drive_front == 0.5  # equal torque on four shafts
-        sunk = -float(np.mean(log.references["ref_sinkage_f"]))
-        assert -0.1 < sunk < 0.0
-
-
-def test_a_straight_foreign_run_says_that_it_tells_nothing_lateral():
-    straight = next(path for path in scm_logs() if "straight" in path.name)
-    assert any("steer never moves" in f.sentence for f in quality(read_log(straight)).findings)
-
-
-DRIVES = ("DS1", "DS2", "DS3")
-
-
-@pytest.mark.parametrize("drive", DRIVES)
-def test_the_published_1_to_10_drives_have_a_gyro_in_degrees_and_accelerations_in_g(drive):
-    report = quality(f1tenth_log(measured_data("f1tenth_indoor") / f"{drive}.csv"))
-    assert report.suspected_units == {
-        "yaw_rate": "deg/s",
-        "roll_rate": "deg/s",
-        "pitch_rate": "deg/s",
-        "a_x": "g",
-        "a_y": "g",
-        "a_z": "g",
-    }
-    law = next(check for check in report.checks if check.name == "yaw_rate against the change of yaw")
-    assert law.factor == pytest.approx(DEGREES, rel=0.03)  # an independent camera-free pose says so
-    assert law.correlation > 0.98
-
-
-@pytest.mark.parametrize("drive", DRIVES)
-def test_the_published_1_to_10_drives_have_their_imu_turned_to_the_left(drive):
-    report = quality(f1tenth_log(measured_data("f1tenth_indoor") / f"{drive}.csv"))
-    axes = [finding for finding in report.problems if finding.kind == "axes"]
-    assert len(axes) == 1
-    assert "x axis points left" in axes[0].sentence
-
-
-@pytest.mark.parametrize("drive", DRIVES)
-def test_the_corrected_1_to_10_drives_obey_physics(drive):
-    report = quality(f1tenth_log(measured_data("f1tenth_indoor") / f"{drive}.csv", corrected=True))
-    assert report.problems == ()
-    law = next(check for check in report.checks if check.name == "a_y against speed x yaw_rate")
-    assert law.verdict == "agrees"
-    assert law.correlation > 0.95
-    # The same dead time and lag of the steering on all three drives, seen before any model is fitted.
-    answer = next(f for f in report.findings if (f.kind, f.channel) == ("clock", "yaw_rate"))
-    assert answer.numbers["delay"] == pytest.approx(0.127, abs=0.015)
-    # So does the age of the particle filter's pose.
-    assert pose_age(f1tenth_log(measured_data("f1tenth_indoor") / f"{drive}.csv", corrected=True)) == (
-        pytest.approx(0.033, abs=0.003)
-    )
-
-
-def test_a_silence_of_26_seconds_in_a_published_drive_is_reported():
-    report = quality(f1tenth_log(measured_data("f1tenth_indoor") / "DS2.csv", corrected=True))
-    gap = next(f for f in report.findings if f.kind == "gap")
-    assert gap.numbers["longest"] == pytest.approx(26.441, abs=1e-3)
-
-
-def test_a_converted_drive_is_a_log_on_hard_ground(tmp_path):
-    drive = f1tenth_log(measured_data("f1tenth_indoor") / "DS3.csv", corrected=True)
-    back = read_log(write_log(tmp_path / "DS3.csv", drive))
-    assert back.hash == drive.hash
-    assert same_columns(back.channels, drive.channels)
-    soil = plant_of(back).soil
-    assert (soil.rigid, soil.C_kappa) == (1.0, soil.C_alpha)
-    state, _ = start_of(back)
-    assert state[at.X] == drive.channels["x"][0]
-    with pytest.raises(DataError, match="torque_f"):
-        commands_at(back, back.t)
-
-
-def test_a_file_that_is_no_such_drive_is_refused(tmp_path):
-    (tmp_path / "DS9.csv").write_text("t_s,speed\n0,1\n")
-    with pytest.raises(DataError, match=r"DS9\.csv, column 'cmd_steer_rad'"):
-        f1tenth_log(tmp_path / "DS9.csv")
