@@ -26,8 +26,8 @@ What differs beyond that is listed one by one, each with its reason, in a YAML f
   ``tolerance: 0.001`` holds the change to that size, relative;
 - ``allow: open_loop | fitted``: leaves for which that class holds in place of their case's.
 
-An entry that nothing needs is an error, so that the list cannot rot - but for one with ``varies: true``, which
-not every machine needs: policies multiply matrices by the processor's own routines.
+An entry that nothing needs is an error, so that the list cannot rot - but for one with ``varies: true``,
+which not every machine needs: policies multiply matrices by the processor's own routines.
 """
 
 from __future__ import annotations
