@@ -179,14 +179,15 @@ from types import SimpleNamespace
 from numba import boolean, cuda, float64, int64, types
 from numba.cuda import dispatcher
 import offroad_env.effects
-from offroad_env.simulation.fleet_cuda import make_kernels
+from offroad_env.simulation.fleet_cuda import ChangedPlants, Kept, Plants, Start, Vehicles, make_kernels
 
 TARGET, changed = (9, 0), {changed}
 dispatcher.get_current_device = lambda: SimpleNamespace(compute_capability=TARGET)
 cube, table, vector = float64[:, :, ::1], float64[:, ::1], float64[::1]
-plants = types.Tuple((table,) * (4 if changed else 3))
-vehicles = types.Tuple((table, table, cube, table, vector, int64[::1]))
-given, timing, kept = types.Tuple((table, cube)), types.Tuple((float64, int64)), types.Tuple((cube, cube))
+named, record = types.BaseTuple.from_types, ChangedPlants if changed else Plants
+plants = named((table,) * len(record._fields), record)
+vehicles = named((table, table, cube, table, vector, int64[::1]), Vehicles)
+given, timing, kept = named((table, cube), Start), types.Tuple((float64, int64)), named((cube, cube), Kept)
 start, drive = make_kernels(changed)
 for kernel, kinds in (
     (start, (plants, given, boolean[::1], vehicles)),
@@ -203,7 +204,7 @@ def test_the_kernels_compile_for_a_device_without_a_call_to_the_host(changed):
     ptx = run_fresh(COMPILED.format(changed=changed))
     assert ptx.count(".target sm_90") == 2
     for name in ("start", "drive"):
-        assert re.search(rf"\.visible \.entry \w*make_kernels\w*{name}", ptx)
+        assert re.search(rf"\.visible \.entry \w*{name}_kernel\w*{name}", ptx)
     # Double precision throughout; no memory asked for, nothing called that lies elsewhere.
     assert len(re.findall(r"\bfma\.rn\.f64\b", ptx)) > 1000
     assert "malloc" not in ptx
