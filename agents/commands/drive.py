@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["Drive"]
 
 VehicleModel = Literal["half_car", "bicycle", "four_wheel"]
+_USUAL = "track"
 _KEYBOARD = "keyboard"  # agent that is a person
 _CONTROL_RATE = 50  # steps a second
 _LONGEST = 3600.0  # [s]
@@ -38,7 +39,9 @@ class Drive(Results):
     with the estimate of n drawn as it changes.
     """
 
-    scenario: str = "track"  #: track, speed, climb, brake, ride, patches, a file *.yaml or inline YAML
+    #: track, speed, climb, brake, ride, patches, a file *.yaml or inline YAML; default: that of the policy's
+    #: training, or track
+    scenario: str | None = None
     agent: str = "pure_pursuit"  #: one of those above, or module:Class
     policy: Path | None = None  #: drive with the policy that offroad train wrote into this folder instead
     terrain_info: Literal["none", "estimate", "truth"] | None = None  #: default: what the agent needs
@@ -59,7 +62,7 @@ class Drive(Results):
         """What the command does, with the agents that exist for the scenario among the arguments."""
         from agents.driving.episode import agent_list
 
-        scenario = option_value(arguments, "--scenario", "track")
+        scenario = option_value(arguments, "--scenario", _USUAL)
         return f"{inspect.getdoc(cls)}\n\nAgents of {scenario}: {agent_list(scenario)}."
 
     def run(self) -> None:
@@ -95,13 +98,13 @@ class Drive(Results):
 
         from agents.benchmark.runner import ENV_ID
 
-        self.scenario = known_scenario(self.scenario)
-        agent, terrain_info = self._driver()
+        self.scenario = scenario = known_scenario(self.scenario or self._usual_scenario())
+        agent, terrain_info = self._driver(scenario)
         mode = "human" if self.window else "rgb_array" if self.video or self.picture else None
         steps = None if self.duration is None else max(round(self.duration * _CONTROL_RATE), 1)
         env = gym.make(
             ENV_ID,
-            scenario=self.scenario,
+            scenario=scenario,
             terrain_info=terrain_info,
             model=self.model,
             vehicle_model=self.vehicle_model,
@@ -111,7 +114,11 @@ class Drive(Results):
         )
         return env, agent
 
-    def _driver(self) -> tuple[Agent, str]:
+    def _usual_scenario(self) -> str:
+        """What is driven where nothing is asked for."""
+        return _USUAL if self.policy is None else str(_kind_of_policy(self.policy)["scenario"])
+
+    def _driver(self, scenario: str) -> tuple[Agent, str]:
         """The agent, and the terrain information of the environment that it drives in."""
         from agents.driving.episode import find_agent
 
@@ -121,7 +128,7 @@ class Drive(Results):
             from agents.controllers.keyboard import KeyboardAgent
 
             return KeyboardAgent(), self.terrain_info or "estimate"
-        return find_agent(self.agent, self.scenario, self.terrain_info)
+        return find_agent(self.agent, scenario, self.terrain_info)
 
     def _drive(self, env: gym.Env, agent: Agent) -> Episode:
         from agents.driving.episode import Drive as Episode
@@ -228,13 +235,21 @@ def _text(value: Any) -> str:
     return f"{value:.2f}" if isinstance(value, float) else str(value or "-").replace("_", " ")
 
 
-def _load_policy(folder: Path, terrain_info: str | None) -> tuple[Agent, str]:
-    """The policy, and the terrain information it gets: by default that of its training."""
-    from agents.learning.policies import KIND, load_policy, policy_kind
+def _kind_of_policy(folder: Path) -> dict[str, Any]:
+    """Settings of its training."""
+    from agents.learning.policies import KIND, policy_kind
 
     if not (folder / KIND).exists():
         raise DataError(f"no policy in {folder} - train one with: offroad train --out {folder}")
-    agent, trained = load_policy(folder), policy_kind(folder)["terrain_info"]
+    return policy_kind(folder)
+
+
+def _load_policy(folder: Path, terrain_info: str | None) -> tuple[Agent, str]:
+    """The policy, and the terrain information it gets: by default that of its training."""
+    from agents.learning.policies import load_policy
+
+    trained = _kind_of_policy(folder)["terrain_info"]
+    agent = load_policy(folder)
     if terrain_info == "none" and trained != "none":
         raise InvalidParameter(f'terrain_info must not be "none": the policy was trained with {trained!r}')
     return agent, terrain_info or trained

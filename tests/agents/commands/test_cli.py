@@ -18,6 +18,7 @@ import pytest
 
 from agents.commands.cli import COMMANDS, main
 from agents.commands.reproduce import STUDIES, STUDY_ALIASES
+from agents.learning.policies import learned_folder
 from agents.reports import output
 from agents.reports.output import OutputError, plain, write_bytes, write_json
 from helpers import run_fresh
@@ -321,6 +322,15 @@ def test_the_same_seed_drives_the_same_episode(tmp_path):
     assert a["summary"]["true n [-]"] != c["summary"]["true n [-]"]
     assert a["series"]["time"][-1] == pytest.approx(2.0)
     assert (tmp_path / "drive_track_3.png").read_bytes().startswith(PNG)
+
+
+def test_a_policy_drives_the_task_that_it_was_trained_for(tmp_path):
+    folder = learned_folder("brake", "ppo_aware", 0)
+    arguments = ("drive", "--policy", folder, "--duration", "0.2", "--out", tmp_path)
+    assert offroad(*arguments) == 0
+    assert (tmp_path / "drive_brake_0.png").exists()
+    assert offroad(*arguments, "--scenario", "speed") == 0
+    assert (tmp_path / "drive_speed_0.png").exists()
 
 
 def test_the_soil_of_an_episode_can_be_chosen(tmp_path):
