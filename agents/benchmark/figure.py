@@ -22,6 +22,11 @@ _STYLES = {
     "aware": ("#0072B2", "o"),
     "oracle": ("#009E73", "^"),
 }
+#: Markers of other controllers with the belief of an arm (lqr_aware, nmpc_belief), which have its colour.
+_CONTROLLERS = "*phd"
+_BELIEFS = {"truth": "oracle", "belief": "aware"}
+#: Arms in a line of the legend, and in a figure of the usual height.
+_COLUMNS, _USUAL = 8, 6
 #: For all others, in turn.
 _OTHERS = (("#CC79A7", "v"), ("0.35", "P"), ("#56B4E9", "X"), ("#8A6D00", "<"), ("#7A4A1E", ">"))
 
@@ -42,7 +47,8 @@ def arms_figure(benchmark: Benchmark, *, title: str | None = None) -> Figure:
         Left: every episode of every arm; those that failed lie in the strip above the line. Right:
         mean score, mean time of the episodes that all arms finished, and share of failed episodes.
     """
-    figure = Figure(figsize=(13.0, 5.2), layout="constrained")
+    more = max(len(benchmark.arms) - _USUAL, 0)
+    figure = Figure(figsize=(13.0, 5.2 + 0.35 * more), layout="constrained")
     episodes, score, time, failed = figure.subplots(1, 4, width_ratios=(3.9, 2.2, 2.2, 1.6))
     _draw_episodes(episodes, benchmark)
     names = [summary.name for summary in benchmark.summaries]
@@ -58,11 +64,23 @@ def arms_figure(benchmark: Benchmark, *, title: str | None = None) -> Figure:
     _draw_rows(failed, benchmark.summaries, shares, percent=True)
     failed.set_title("Failures", loc="left", fontsize=9)
     failed.set_xlabel("failed episodes [%]")
+    # Of the figure: under one of four axes ten names would leave no room for the axes.
+    figure.legend(
+        *episodes.get_legend_handles_labels(),
+        loc="outside lower left",
+        ncols=min(len(names), _COLUMNS),
+        frameon=False,
+        handletextpad=0.2,
+    )
     figure.suptitle(title or _headline(benchmark), fontsize=12, x=0.01, ha="left")
     return figure
 
 
 def _style(name: str) -> tuple[str, str]:
+    controller, _, belief = name.partition("_")
+    colour, _ = _STYLES.get(_BELIEFS.get(belief, belief), ("", ""))
+    if colour:
+        return colour, _CONTROLLERS[sum(controller.encode()) % len(_CONTROLLERS)]
     return _STYLES.get(name) or _OTHERS[sum(name.encode()) % len(_OTHERS)]
 
 
@@ -106,9 +124,6 @@ def _draw_episodes(axes: Axes, benchmark: Benchmark) -> None:
     axes.set_xlabel("true sinkage exponent n [-]")
     axes.set_ylabel(f"score [{benchmark.unit}], less is better")
     axes.set_title("Every episode", loc="left", fontsize=10)
-    axes.legend(
-        loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=len(arms), frameon=False, handletextpad=0.2
-    )
     axes.grid(alpha=0.25)
 
 
