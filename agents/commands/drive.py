@@ -37,11 +37,11 @@ class Drive(Results):
     soil; nominal, conservative, aware and oracle plan their speed by what they hold the soil to be.
     keyboard opens a window to drive in yourself, by the arrow keys (space brakes, escape ends the drive),
     with the estimate of n drawn as it changes.
+
+    Scenarios: track, speed, climb, brake, ride, patches, a file of one's own.
     """
 
-    #: track, speed, climb, brake, ride, patches, a file *.yaml or inline YAML; default: that of the policy's
-    #: training, or track
-    scenario: str | None = None
+    scenario: str | None = None  #: name, *.yaml or inline YAML; default: that of the policy, or track
     agent: str = "pure_pursuit"  #: one of those above, or module:Class
     policy: Path | None = None  #: drive with the policy that offroad train wrote into this folder instead
     terrain_info: Literal["none", "estimate", "truth"] | None = None  #: default: what the agent needs
