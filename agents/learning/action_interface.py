@@ -13,6 +13,9 @@ the zero action drives as the aware arm without caution, or as the conservative 
 any model of the soil: the speed that a bend allows is learnt. The zero action drives at 7.5 m/s.
 
 ``direct``: ten times a second steering and drive. The zero action rolls straight on to a stand.
+
+``demand``: the same; the policy also sees what the path asks for at its speed: v^2 kappa ahead, and before a
+line v^2 / (2 d).
 """
 
 from __future__ import annotations
@@ -43,6 +46,7 @@ from offroad_env.physics.records import FloatArray, Vehicle
 __all__ = [
     "ACTION_INTERFACES",
     "ActionInterface",
+    "Demand",
     "Direct",
     "PlanInterface",
     "TrackerInterface",
@@ -63,6 +67,8 @@ _MARGIN, _SLIP_ANGLE, _FEED_FORWARD, _BRAKE_SHARE = 0.88, 0.29, 0.9, 1.2
 _SLOWING = 2.5
 #: Time between a command and its effect [s], highest speed [m/s].
 _LAG, _FASTEST = 0.25, 15.0
+#: Distance to a line [m] below which, and deceleration [m/s^2] above which, no difference is shown.
+_NEAREST, _HARDEST = 0.1, 15.0
 #: Entries of the observation that change their sign in a mirror: lateral acceleration and yaw rate;
 #: steering; distance and heading error from the path and its curvatures.
 _LATERAL_SIGNALS = {"imu": [1, 4], "motion": [3], "path": [0, 1, *range(3, 11)]}
@@ -171,6 +177,9 @@ class ActionInterface(Protocol):
 
     def __init__(self, briefing: Any) -> None: ...
 
+    def seen(self, observations: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """What the policy sees of the environment's observations, of one row or of many."""
+
     def actions(self, observations: Mapping[str, np.ndarray], actions: np.ndarray) -> np.ndarray:
         """Actions (N, 2) of the environment for the policy's ``actions`` (N, 2) in [-1, 1].
 
@@ -186,9 +195,45 @@ class Direct:
     def __init__(self, briefing: Any) -> None:
         """Needs nothing of the briefing."""
 
+    def seen(self, observations: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Mirrored."""
+        return mirrored(observations)
+
     def actions(self, observations: Mapping[str, np.ndarray], actions: np.ndarray) -> np.ndarray:
         """The actions, the first entry to the side of the bend."""
         return _unmirrored(observations, actions)
+
+
+class Demand(Direct):
+    """As `Direct`, and the policy sees what the path asks for at the speed of now.
+
+    Parameters
+    ----------
+    briefing
+        `offroad_env.environment.env.Briefing` of the task: whether there is a line to stop at.
+    """
+
+    def __init__(self, briefing: Any) -> None:
+        super().__init__(briefing)
+        self._stops = float(briefing.stop_zone) > 0.0
+
+    def seen(self, observations: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Mirrored, with a key "demand".
+
+        Its entries are v^2 kappa for every curvature ahead [m/s^2]. Where there is a line at the distance d,
+        two more: the deceleration v^2 / (2 d) that stops there [m/s^2], up to `_HARDEST`, and log(1 + d). Of
+        90 m the last three decide: scaled by the spread of all of them, a tenth of a standard deviation
+        would have to tell a stop in the zone from one beyond the line.
+        """
+        found = mirrored(observations)
+        path, speed = found["path"], found["motion"][..., :1]
+        parts = [speed**2 * path[..., 3:-1]]
+        if self._stops:
+            line = path[..., -1:]
+            stop = np.clip(speed**2 / (2.0 * np.maximum(line, _NEAREST)), 0.0, _HARDEST)
+            parts += [stop, np.sign(line) * np.log1p(np.abs(line))]
+        found["demand"] = np.concatenate(parts, axis=-1).astype(np.float32)
+        return found
 
 
 class TrackerInterface:
@@ -210,6 +255,10 @@ class TrackerInterface:
             k_p=SpeedGains().k_p,
             zone=float(briefing.stop_zone),
         )
+
+    def seen(self, observations: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Mirrored."""
+        return mirrored(observations)
 
     def actions(self, observations: Mapping[str, np.ndarray], actions: np.ndarray) -> np.ndarray:
         """As `ActionInterface`; the second entry is a speed, from standing (-1) to 15 m/s (1)."""
@@ -269,6 +318,7 @@ ACTION_INTERFACES: dict[str, type[ActionInterface]] = {
     "plan": PlanInterface,
     "tracker": TrackerInterface,
     "direct": Direct,
+    "demand": Demand,
 }
 _ALIASES = {"pedals": "direct"}
 

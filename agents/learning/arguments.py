@@ -39,6 +39,8 @@ _ADDED: dict[str, Any] = {
     "emulated": False,
     "most_failures": None,
     "check_from": 0,
+    "held_noise": 1.0,
+    "centre": 0.0,
 }
 #: With the option's former spelling.
 ActionInterfaceName = Annotated[str, tyro.conf.arg(aliases=["--guide"])]  # alias
@@ -66,6 +68,7 @@ class TrainArgs:
     emulated: bool = False  #: learn and check with an emulated belief; only for terrain_info belief
     edge: tuple[float, float] | None = None  #: reward's weight of the edge while none arrives, when all do
     idle: float | None = None  #: time of standing that costs as much as a failure [s]; not for brake
+    centre: float = 0.0  #: further weight of the edge, which no price of a failure depends on
     pace: float = 0.15  #: time that a metre of progress counts for in the score that is learnt [s/m]
     frames: int = 1  #: last observations that the policy sees side by side: memory without recurrence
     n_envs: int = 32  #: environments stepped together
@@ -78,6 +81,7 @@ class TrainArgs:
     gae_lambda: float = 0.9  #: bias against variance of the advantage (not SAC)
     log_std: float = -3.2  #: first log standard deviation of the noise (not SAC)
     noise_steps: int = 25  #: above 1, noise follows the state and is drawn anew after so many (not SAC)
+    held_noise: float = 1.0  #: share of the steps after which it is drawn anew at every step
     buffer_size: int = 300_000  #: steps that SAC remembers
     clip_reward: float = 10.0  #: largest reward that is learnt from [standard deviations of their sums]
     first_drive: float = 0.0  #: drive that an untrained policy asks for (not SAC)

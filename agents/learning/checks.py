@@ -11,7 +11,7 @@ import numpy as np
 from agents.benchmark.natural import options_of
 from agents.benchmark.runner import ENV_ID, Draw, run_episode
 from agents.controllers.protocol import Agent, EpisodeResult
-from agents.learning.action_interface import make_interface, mirrored
+from agents.learning.action_interface import make_interface
 from agents.learning.emulated_belief import EmulatedBelief
 from offroad_env.environment.scenarios import Scenario
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv, make_vec
@@ -84,7 +84,7 @@ def scores_together(
     while driving.any():
         if step % acting.hold == 0:
             known = {} if belief is None else {"terrain": belief.shown(seen)}
-            actions = predict(mirrored({**seen, **known}))
+            actions = predict(acting.seen({**seen, **known}))
         step += 1
         seen, _, terminated, truncated, infos = envs.step(acting.actions(seen, actions))
         over = terminated | truncated

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from agents.controllers.protocol import Observation
-from agents.learning.action_interface import ActionInterface, find_interface, make_interface, mirrored
+from agents.learning.action_interface import ActionInterface, find_interface, make_interface
 from agents.learning.learners import ALGORITHMS, MissingExtraError, find_learner
 from agents.reports.output import write_bytes
 from offroad_env.errors import DataError
@@ -188,8 +188,13 @@ class PolicyAgent:
         action: np.ndarray = self._interface.actions(row, self._action[None])[0]
         return action
 
+    def decide_all(self, seen: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Actions (N, 2) of a policy without memory for observations as its action interface shows them."""
+        actions: np.ndarray = self._model.predict(scaled(seen, self._scaling))[0]
+        return actions
+
     def _decide(self, observation: Observation) -> np.ndarray:
-        observation = mirrored(observation)
+        observation = self._interface.seen(observation)
         for key, row in scaled(observation, self._scaling).items():
             self._past[key].append(row)
         seen = {key: np.concatenate(past) for key, past in self._past.items()}

@@ -7,8 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 
-from agents.learning.action_interface import make_interface, mirrored
+from agents.learning.action_interface import ActionInterface, make_interface
 from agents.learning.emulated_belief import EmulatedBelief
 from offroad_env.environment.env import CONTROL_PERIOD
 from offroad_env.environment.sb3_vec import Sb3VecEnv
@@ -50,6 +51,9 @@ class LearningVecEnv(Sb3VecEnv):
     idle
         Time of standing, or of less than `SLOW`, that costs as much as a failure [s]; None: standing costs
         what it costs in the environment. For tasks that do not end with a stop.
+    centre
+        Further weight of the distance from the path: per second at the edge of the corridor, quadratic.
+        Unlike ``edge`` it holds from the start, and no price of a failure depends on it.
     belief_seed
         Show an emulated belief about the soil instead of its true limits, which the environments observe
         (``terrain_info="limits"``); this is the seed of its errors. None: what they observe is shown.
@@ -60,7 +64,7 @@ class LearningVecEnv(Sb3VecEnv):
     reward.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - an argument for each price
         self,
         envs: OffroadBekkerVectorEnv,
         *,
@@ -70,6 +74,7 @@ class LearningVecEnv(Sb3VecEnv):
         pace: float = 0.15,
         edge: tuple[float, float] | None = None,
         idle: float | None = None,
+        centre: float = 0.0,
         belief_seed: int | None = None,
     ) -> None:
         super().__init__(envs)
@@ -77,7 +82,7 @@ class LearningVecEnv(Sb3VecEnv):
             raise InvalidParameter(f"objective must be one of {', '.join(OBJECTIVES)}, got {objective!r}")
         self.objective = objective
         self.charge = charge  #: may be changed between two steps
-        self._pace, self._edge, self._idle = pace, edge, idle
+        self._pace, self._edge, self._idle, self._centre = pace, edge, idle, centre
         self._ends: deque[bool] = deque(maxlen=_LAST)
         first = envs.envs[0]
         self._scenario: Scenario = first.scenario
@@ -86,6 +91,8 @@ class LearningVecEnv(Sb3VecEnv):
         self._interface = (
             None if action_interface is None else make_interface(action_interface, first.briefing)
         )
+        if self._interface is not None:
+            self.observation_space = _space_of(self._interface, self.observation_space)
         hold = 1 if self._interface is None else self._interface.hold
         self._belief: EmulatedBelief | None = None
         if belief_seed is not None:
@@ -135,7 +142,7 @@ class LearningVecEnv(Sb3VecEnv):
 
     def _shown(self, observations: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """What the learner sees of them."""
-        return observations if self._interface is None else mirrored(observations)
+        return observations if self._interface is None else self._interface.seen(observations)
 
     def step_wait(self) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """One step of all episodes: a control period, or the time for which an action is held."""
@@ -165,6 +172,9 @@ class LearningVecEnv(Sb3VecEnv):
         if self._idle is not None:
             price = self.envs.envs[0].weights.failure(self._scenario.time_limit)
             rewards = rewards - (infos["speed"] < SLOW) * (price * CONTROL_PERIOD / self._idle)
+        if self._centre:
+            off = np.minimum(np.abs(infos["cross_track_error"]) / self._scenario.corridor, 1.0)
+            rewards = rewards - self._centre * CONTROL_PERIOD * off * off
         if self.objective == "score":
             rewards = self._objective(infos["progress"], done, listed)
         return rewards.astype(np.float32), done, listed
@@ -189,3 +199,10 @@ class LearningVecEnv(Sb3VecEnv):
                 continue
             gained[i] -= self.charge * self._scenario.time_limit if timed else end["progress"]
         return np.asarray(gained)
+
+
+def _space_of(interface: ActionInterface, given: Any) -> spaces.Dict:
+    """Space of what a policy sees of observations in the space ``given``."""
+    shown = interface.seen({key: np.zeros(box.shape, np.float32) for key, box in given.items()})
+    added = {key: spaces.Box(-np.inf, np.inf, shown[key].shape, np.float32) for key in {*shown} - {*given}}
+    return spaces.Dict({**given, **added})

@@ -135,6 +135,7 @@ def _make_envs(args: TrainArgs, held: dict[str, Any] | None) -> Environments:
             pace=args.pace,
             edge=args.edge,
             idle=args.idle,
+            centre=args.centre,
             belief_seed=args.seed if args.emulated else None,
         )
         episodes.seed(args.seed)
@@ -249,6 +250,8 @@ class _Watch:
             restore_random_state(model, self._held)
             self._held = None
         self._envs.episodes.charge = failure_charge(args, steps)
+        if args.held_noise < 1.0 and steps >= args.held_noise * args.total_steps:
+            model.sde_sample_freq = 1
         checked = args.check_episodes > 0 and steps >= args.check_from
         if checked and (steps == 0 or self._due("check", steps, args.check_steps)):
             self.check(model)

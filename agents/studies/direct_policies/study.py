@@ -35,8 +35,8 @@ from agents.controllers.protocol import Agent
 from agents.driving.episode import find_agent
 from agents.driving.world_options import WorldOptions
 from agents.learning.arguments import TrainArgs, configuration_hash
-from agents.learning.checks import drive_each, merit
-from agents.learning.policies import DIRECT, load_policy
+from agents.learning.checks import drive_each, merit, scores_together
+from agents.learning.policies import DIRECT, PolicyAgent, load_policy
 from agents.reports.output import Results, console, say, table
 from agents.studies.learning.study import SOURCES, copy_policy, train_one
 from agents.studies.runner import Key, Result, run_units, stamp_of
@@ -67,7 +67,7 @@ def arguments(task: str, arm: str, seed: int, out: Path) -> TrainArgs:
     return TrainArgs(
         scenario=task,
         form=FORM,
-        action_interface="direct",
+        action_interface="demand",
         objective="reward",
         terrain_info=DIRECT[arm],
         emulated=DIRECT[arm] == "belief",
@@ -95,9 +95,25 @@ def run_unit(task: str, arm: str, seed: int, episodes: int, test_seed: int, *, o
     validation = draw_episodes(task, _VALIDATION_EPISODES, _VALIDATION_SEED, form=FORM, split="validation")
     return {
         **found,
-        "validation": _driven(agent, task, validation, args.terrain_info),
-        **_driven(agent, task, draws, args.terrain_info),
+        "validation": _driven_by(agent, args, validation),
+        **_driven_by(agent, args, draws),
     }
+
+
+def _driven_by(agent: PolicyAgent, args: TrainArgs, draws: Sequence[Draw]) -> Result:
+    """Scores and successes of a policy; episodes side by side, which is faster, where it may be."""
+    if args.frames > 1 or args.terrain_info == "belief":
+        return _driven(agent, args.scenario, draws, args.terrain_info)
+    scores, success = scores_together(
+        agent.decide_all,
+        args.scenario,
+        draws,
+        form=args.form,
+        interface=args.action_interface,
+        terrain_info=args.terrain_info,
+        threads=1,
+    )
+    return {"scores": scores.tolist(), "success": success.tolist()}
 
 
 def _driven(agent: Agent, task: str, draws: Sequence[Draw], terrain_info: str) -> Result:

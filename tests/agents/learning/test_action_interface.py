@@ -15,6 +15,7 @@ from agents.controllers.speed_control import SpeedGains
 from agents.controllers.speed_planner import PlannerGains, SoilTracker
 from agents.controllers.traction_limits import soil_capability
 from agents.learning.action_interface import (
+    Demand,
     Direct,
     PlanInterface,
     TrackerInterface,
@@ -52,7 +53,7 @@ def seen():
     path, motion = np.zeros((1, 12)), np.zeros((1, 5))
     path[0, 5:10], path[0, -1] = 0.08, 60.0
     motion[0, 0] = 5.0
-    return {"path": path, "motion": motion}
+    return {"path": path, "motion": motion, "imu": np.zeros((1, 5))}
 
 
 def test_a_higher_n_brakes_less_before_a_bend(seen):
@@ -197,5 +198,33 @@ def test_without_a_plan_the_zero_action_drives_worse_than_pure_pursuit():
 
 
 def test_an_unknown_interface_is_refused():
-    with pytest.raises(InvalidParameter, match="must be one of plan, tracker, direct, got 'autopilot'"):
+    known = "plan, tracker, direct, demand"
+    with pytest.raises(InvalidParameter, match=f"must be one of {known}, got 'autopilot'"):
         make_interface("autopilot", OffroadBekkerEnv(scenario="speed").briefing)
+
+
+def test_a_policy_may_see_what_the_path_asks_for_at_its_speed(seen):
+    seen["path"][0, 5:10] = -0.08  # to the right: mirrored to the left
+    shown = Demand(OffroadBekkerEnv(scenario="speed").briefing).seen(seen)["demand"]
+    assert shown.shape == (1, 8)
+    assert shown[0, 2] == pytest.approx(5.0**2 * 0.08)
+    assert set(Direct(None).seen(seen)) == {"path", "motion", "imu"}
+
+
+def test_before_a_line_it_sees_the_deceleration_that_stops_there_and_the_last_metres(seen):
+    before = Demand(OffroadBekkerEnv(scenario="brake").briefing)
+
+    def shown(distance):
+        seen["path"][0, -1] = distance
+        return before.seen(seen)["demand"][0, -2:]
+
+    assert shown(10.0) == pytest.approx([1.25, np.log(11.0)])
+    assert shown(0.0) == pytest.approx([15.0, 0.0])
+    assert shown(-1.0) == pytest.approx([15.0, -np.log(2.0)])
+    assert shown(1.0)[1] - shown(0.0)[1] > 10.0 * (shown(61.0)[1] - shown(60.0)[1])
+
+
+def test_one_row_is_seen_as_many_are(seen):
+    interface = Demand(OffroadBekkerEnv(scenario="brake").briefing)
+    alone = interface.seen({key: value[0] for key, value in seen.items()})
+    assert all(np.array_equal(interface.seen(seen)[key][0], alone[key]) for key in alone)

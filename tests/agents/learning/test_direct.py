@@ -12,7 +12,7 @@ from agents.learning.action_interface import mirrored
 from agents.learning.checks import drive_each, merit, scores_together
 from agents.learning.emulated_belief import EmulatedBelief
 from agents.learning.models import make_model, start_rolling
-from agents.learning.policies import PolicyAgent, scaled
+from agents.learning.policies import PolicyAgent
 from agents.learning.train import TrainArgs, configuration_hash, train
 from estimators.filters.online_soil_belief import BELIEF_VECTOR
 from offroad_env.environment.vector_env import make_vec
@@ -74,6 +74,62 @@ def test_an_untrained_policy_that_shall_roll_asks_for_drive():
     assert model.predict(seen, deterministic=True)[0][1] == pytest.approx(0.2, abs=0.02)
 
 
+def test_the_way_off_the_path_may_cost_more_than_the_price_of_a_failure_asks_for():
+    totals = []
+    for centre in (0.0, 0.6):
+        episodes = episodes_with_edge(edge=(0.002, 0.4), centre=centre)
+        episodes.seed(0)
+        episodes.reset()
+        off = []
+        for _ in range(20):
+            _, reward, done, _ = episodes.step(np.array([[0.3, 0.3]], np.float32))
+            assert not done[0]
+            off.append((float(reward[0]), float(episodes._seen["path"][0, 0])))
+        totals.append(np.sum([reward for reward, _ in off]))
+    lost = 0.6 * 0.1 * sum((error / 1.5) ** 2 for _, error in off)
+    assert totals[0] - totals[1] == pytest.approx(lost, rel=0.3)
+    assert lost > 0.01
+
+
+def test_noise_is_held_at_first_and_drawn_anew_at_every_step_later(tmp_path, monkeypatch):
+    from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+
+    held = []
+    collect = OnPolicyAlgorithm.collect_rollouts
+
+    def noted(model, *args, **options):
+        found = collect(model, *args, **options)
+        held.append(model.sde_sample_freq)
+        return found
+
+    monkeypatch.setattr(OnPolicyAlgorithm, "collect_rollouts", noted)
+    small = {
+        "total_steps": 16,
+        "n_envs": 1,
+        "n_steps": 4,
+        "batch_size": 4,
+        "n_epochs": 1,
+        "check_episodes": 0,
+    }
+    for share, expected in ((1.0, [6, 6, 6, 6]), (0.5, [6, 6, 1, 1])):
+        held.clear()
+        out = tmp_path / str(share)
+        train(
+            TrainArgs(
+                action_interface="direct", noise_steps=6, held_noise=share, eval_episodes=0, out=out, **small
+            )
+        )
+        assert held == expected
+
+
+def test_a_policy_that_sees_what_the_path_asks_for_learns_and_drives(tmp_path):
+    small = {"total_steps": 8, "n_envs": 1, "n_steps": 4, "batch_size": 4, "n_epochs": 1, "check_steps": 4}
+    args = TrainArgs(
+        scenario="brake", action_interface="demand", check_episodes=1, eval_episodes=1, out=tmp_path, **small
+    )
+    assert len(train(args).evaluation) == 1
+
+
 class Proportional:
     """A network's stand-in that steers to the path and holds its speed."""
 
@@ -91,13 +147,10 @@ class Proportional:
 def test_episodes_side_by_side_score_as_one_by_one(task, form):
     draws = draw_episodes(task, 2, 0, training=True, form=form)
     scaling = {key: (np.zeros(1), np.ones(1)) for key in ("path", "motion")}
-    model = Proportional()
-
-    def predict(seen):
-        return model.predict(scaled(seen, scaling))[0]
-
-    together, success = scores_together(predict, task, draws, form=form, interface="direct", threads=1)
-    agent = PolicyAgent(model, scaling, action_interface="direct")
+    agent = PolicyAgent(Proportional(), scaling, action_interface="direct")
+    together, success = scores_together(
+        agent.decide_all, task, draws, form=form, interface="direct", threads=1
+    )
     each = drive_each(agent, task, draws, form=form)
     assert together == pytest.approx([episode.score for episode in each])
     assert success.tolist() == [episode.success for episode in each]
@@ -174,7 +227,14 @@ def test_an_emulated_belief_is_refused_where_none_is_observed(tmp_path):
 
 def test_what_was_added_to_the_arguments_leaves_former_configurations_as_they_were():
     assert configuration_hash(TrainArgs()) == configuration_hash(TrainArgs(edge=None, form="matched"))
-    for change in ({"form": "natural"}, {"edge": (0.0, 0.1)}, {"first_drive": 0.1}, {"clip_reward": 5.0}):
+    for change in (
+        {"form": "natural"},
+        {"edge": (0.0, 0.1)},
+        {"first_drive": 0.1},
+        {"clip_reward": 5.0},
+        {"centre": 0.1},
+        {"held_noise": 0.5},
+    ):
         assert configuration_hash(TrainArgs()) != configuration_hash(TrainArgs(**change))
 
 
