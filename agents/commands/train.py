@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -85,12 +86,14 @@ class Train(TrainArgs):
         for name in ("checkpoint_steps", "check_from", "check_episodes", "eval_episodes"):
             if getattr(self, name) < 0:
                 raise InvalidParameter(f"{name} must be >= 0, got {getattr(self, name)}")
-        for name in ("gamma", "gae_lambda"):
+        for name in ("gamma", "gae_lambda", "held_noise"):
             if not 0.0 < getattr(self, name) <= 1.0:
                 raise InvalidParameter(f"{name} must be in (0, 1], got {getattr(self, name):g}")
         for name in ("learning_rate", "charge", "first_charge"):
             if (value := getattr(self, name)) is not None and not value > 0.0:
                 raise InvalidParameter(f"{name} must be > 0, got {value:g}")
+        if not 0.0 <= self.centre < math.inf:
+            raise InvalidParameter(f"centre must be >= 0, got {self.centre:g}")
         if self.most_failures is not None and not 0.0 <= self.most_failures <= 1.0:
             raise InvalidParameter(f"most_failures must be in [0, 1], got {self.most_failures:g}")
         if self.algorithm == "sac" and self.frames > 1:
