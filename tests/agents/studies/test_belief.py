@@ -36,12 +36,16 @@ def test_a_drive_is_straight_while_it_hardly_turns():
 
 
 def test_simulated_drives_err_in_their_description_and_are_the_same_again():
-    log, soil = clean_log(3)
+    log, plant = clean_log(3)
+    soil = plant.soil
     assert log.config.structure == STRUCTURES[0]
     assert log.duration == pytest.approx(30.0)
     assert soil.n == log.config.soil.n
     assert 0.7 < soil.k_phi / log.config.soil.k_phi < 1.4
     assert soil.k_phi != log.config.soil.k_phi
+    # What drives is not the vehicle of the description: the limits are those of the one that drives.
+    assert plant.vehicle.m != log.vehicle.m
+    assert _true_limits(plant)["resistance"] == what_soil_holds(plant).resistance
     again, _ = clean_log(3)
     assert again.hash == log.hash
     other, _ = clean_log(4)
