@@ -66,6 +66,7 @@ class NmpcSettings:
     margin: float = 0.85  #: share of the side force that the plan counts on [-]
     slip_angle: float = 0.3  #: largest slip angle of the plan [rad]
     corridor: float = 0.55  #: share of the corridor's half width that the plan uses [-]
+    inside: float = 0.9  #: share of the lateral limit that the path itself may take inside the plan [-]
     beyond: float = 0.7  #: share of the lateral limit by which it must be able to slow down beyond [-]
     brake_share: float = 0.7  #: share of the braking that it counts on there [-]
     speed_max: float = 15.0  #: [m/s]
@@ -257,15 +258,16 @@ class NmpcAgent:
     def _limits(self, senses: Senses, belief: Belief, soil: np.ndarray) -> Limits:
         """Bounds of the plan."""
         s, v, table = self.settings, self._vehicle, self._table
-        lateral = s.beyond * table.lateral_limit(belief.low, belief.high, s.slip_angle)
+        lateral = table.lateral_limit(belief.low, belief.high, s.slip_angle)
         braking = s.brake_share * table.braking_limit(belief.low, belief.high)
         curvature = np.interp(self._stations, self._preview, senses.curvature)
-        highest = speed_limit(curvature, lateral, s.speed_max)
+        speeds = speed_limit(curvature, s.inside * lateral, s.speed_max)
+        highest = speed_limit(curvature, s.beyond * lateral, s.speed_max)
         final = np.array(
             [planned_speed(highest, self._stations, braking, float(at)) for at in self._stations]
         )
         if senses.target_speed > 0.0:
-            final = np.minimum(final, senses.target_speed)
+            speeds, final = (np.minimum(row, senses.target_speed) for row in (speeds, final))
         hold = soil[SOIL.index("hold")]
         resistance = soil[SOIL.index("resistance")]
         most = v.drive_torque_max / v.r
@@ -279,7 +281,7 @@ class NmpcAgent:
             steer_rate=v.steer_rate,
             push=max(push, 0.5),
             brake=min(brake, -0.5),
-            speed_max=s.speed_max if senses.target_speed <= 0.0 else senses.target_speed,
             stations=self._stations,
+            speeds=speeds,
             final=final,
         )
