@@ -66,8 +66,8 @@ class NmpcSettings:
     margin: float = 0.85  #: share of the side force that the plan counts on [-]
     slip_angle: float = 0.3  #: largest slip angle of the plan [rad]
     corridor: float = 0.55  #: share of the corridor's half width that the plan uses [-]
-    inside: float = 0.9  #: share of the lateral limit that the path itself may take inside the plan [-]
-    beyond: float = 0.7  #: share of the lateral limit by which it must be able to slow down beyond [-]
+    inside: float = 1.25  #: share of the lateral limit that the path itself may take inside the plan [-]
+    beyond: float = 1.0  #: share of the lateral limit by which it must be able to slow down beyond [-]
     brake_share: float = 0.7  #: share of the braking that it counts on there [-]
     speed_max: float = 15.0  #: [m/s]
     replan: int = 4  #: control intervals between two decisions

@@ -6,10 +6,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+import agents.controllers.nmpc as nmpc
 from agents.controllers.arms import believe_fixed, believe_truth
 from agents.controllers.nmpc import NmpcAgent, soil_numbers
 from agents.controllers.nmpc_arms import PREDICTIVE, make_nmpc
 from agents.controllers.nmpc_problem import INPUTS, SOIL, STATES, Horizon, make_problem
+from agents.controllers.nmpc_programme import Programme
 from agents.controllers.path_lqg import bend_dynamics
 from agents.controllers.speed_planner import limits_over_n
 from agents.driving.episode import find_agent
@@ -71,6 +73,11 @@ def test_about_straight_driving_it_is_the_linear_bicycle_of_the_steering_by_lqg(
 
 def planned(briefing, kappa, n, speed=7.0, replans=6):
     """States of the plan on a path of that curvature [1/m] from 15 m on."""
+    return planning(briefing, kappa, n, speed, replans)._plan[0]
+
+
+def planning(briefing, kappa, n, speed, replans=6):
+    """The agent that has made it."""
     agent = NmpcAgent(believe_fixed((n - 0.3) / 0.8))
     agent.reset(briefing)
     preview = np.array(briefing.preview)
@@ -83,7 +90,7 @@ def planned(briefing, kappa, n, speed=7.0, replans=6):
     for _ in range(replans):  # each one linearises once more
         agent._age = agent.settings.replan
         agent.act(seen)
-    return agent._plan[0]
+    return agent
 
 
 def test_a_plan_goes_faster_on_the_straight_and_slows_down_before_a_bend(briefing):
@@ -101,6 +108,47 @@ def test_on_soil_with_less_grip_the_plan_enters_the_bend_more_slowly(briefing):
 def test_a_plan_stays_inside_its_part_of_the_corridor(briefing):
     plan = planned(briefing, 0.08, 0.7, speed=5.0)
     assert np.abs(plan[:, E]).max() < 0.55 * briefing.corridor + 0.05
+
+
+@pytest.mark.parametrize("n", [0.3, 0.7])
+def test_a_plan_ends_no_faster_than_what_is_seen_beyond_it_allows(briefing, monkeypatch, n):
+    asked = []
+
+    class Spy(Programme):
+        def solve(self, *args):
+            asked.append(args)
+            return super().solve(*args)
+
+    monkeypatch.setattr(nmpc, "Programme", Spy)
+    end = planned(briefing, 0.08, n, speed=8.0)[-1]
+    (_, _, guess, _, _, _, limits) = asked[-1]
+    assert end[V] < np.interp(guess[-1, S], limits.stations, limits.final) + 0.02
+
+
+def test_inside_a_bend_a_plan_slows_down_to_what_the_path_itself_takes(briefing):
+    """On soil where it comes in too fast, from the stage on from which braking can have helped."""
+    agent = planning(briefing, 0.08, 0.5, 9.0)
+    lateral = limits_over_n(briefing).lateral_limit(0.5, 0.5, agent.settings.slip_angle)
+    end = agent._plan[0][-1]
+    assert end[S] > 12.0
+    assert 0.08 * end[V] ** 2 < agent.settings.inside * lateral + 0.1
+
+
+@pytest.mark.parametrize("kappa", [0.0, 0.08])
+def test_the_plan_is_the_one_that_another_solver_finds(briefing, monkeypatch, kappa):
+    asked = []
+
+    class Spy(Programme):
+        def solve(self, *args):
+            asked.append(args)
+            return super().solve(*args)
+
+    monkeypatch.setattr(nmpc, "Programme", Spy)
+    planned(briefing, kappa, 0.5, speed=8.0, replans=4)
+    for args in asked[1:]:
+        ours, other = (Programme(Horizon(), solver=solver).solve(*args) for solver in ("hpipm", "osqp"))
+        assert ours[0] == pytest.approx(other[0], abs=0.01)
+        assert ours[1][0] == pytest.approx(other[1][0], abs=0.05)
 
 
 def test_it_stays_on_the_road_and_repeats_itself_to_the_last_digit():
