@@ -110,8 +110,8 @@ def test_a_plan_stays_inside_its_part_of_the_corridor(briefing):
     assert np.abs(plan[:, E]).max() < 0.55 * briefing.corridor + 0.05
 
 
-@pytest.mark.parametrize("n", [0.3, 0.7])
-def test_a_plan_ends_no_faster_than_what_is_seen_beyond_it_allows(briefing, monkeypatch, n):
+def asked_of(briefing, monkeypatch, **path):
+    """Arguments of the programmes of a plan."""
     asked = []
 
     class Spy(Programme):
@@ -119,33 +119,38 @@ def test_a_plan_ends_no_faster_than_what_is_seen_beyond_it_allows(briefing, monk
             asked.append(args)
             return super().solve(*args)
 
-    monkeypatch.setattr(nmpc, "Programme", Spy)
-    end = planned(briefing, 0.08, n, speed=8.0)[-1]
-    (_, _, guess, _, _, _, limits) = asked[-1]
+    with monkeypatch.context() as patched:
+        patched.setattr(nmpc, "Programme", Spy)
+        planned(briefing, **path)
+    return asked
+
+
+@pytest.mark.parametrize("n", [0.3, 0.7])
+def test_a_plan_ends_no_faster_than_what_is_seen_beyond_it_allows(briefing, monkeypatch, n):
+    (_, _, guess, *rest, limits) = args = asked_of(briefing, monkeypatch, kappa=0.08, n=n, speed=8.0)[-1]
+    end = Programme(Horizon()).solve(*args)[0][-1]
+    assert len(rest) == 3
     assert end[V] < np.interp(guess[-1, S], limits.stations, limits.final) + 0.02
 
 
-def test_inside_a_bend_a_plan_slows_down_to_what_the_path_itself_takes(briefing):
-    """On soil where it comes in too fast, from the stage on from which braking can have helped."""
-    agent = planning(briefing, 0.08, 0.5, 9.0)
-    lateral = limits_over_n(briefing).lateral_limit(0.5, 0.5, agent.settings.slip_angle)
-    end = agent._plan[0][-1]
-    assert end[S] > 12.0
-    assert 0.08 * end[V] ** 2 < agent.settings.inside * lateral + 0.1
+def test_on_its_way_a_plan_keeps_the_speeds_that_the_path_itself_takes(briefing, monkeypatch):
+    *args, limits = asked_of(briefing, monkeypatch, kappa=0.0, n=0.7, speed=7.0)[-1]
+    slow = limits._replace(speeds=np.full_like(limits.speeds, 6.0))
+    free, bound = (Programme(Horizon()).solve(*args, each)[0] for each in (limits, slow))
+    assert free[10:, V].min() > 7.0
+    assert bound[10:, V].max() < 6.05
+
+
+def test_those_speeds_are_a_share_of_what_the_soil_holds(briefing, monkeypatch):
+    lateral = limits_over_n(briefing).lateral_limit(0.5, 0.5, nmpc.NmpcSettings().slip_angle)
+    limits = asked_of(briefing, monkeypatch, kappa=0.08, n=0.5)[-1][-1]
+    for share, speeds in ((nmpc.NmpcSettings().inside, limits.speeds), (nmpc.NmpcSettings().beyond, limits.final)):
+        assert 0.08 * speeds[25] ** 2 == pytest.approx(share * lateral)
 
 
 @pytest.mark.parametrize("kappa", [0.0, 0.08])
 def test_the_plan_is_the_one_that_another_solver_finds(briefing, monkeypatch, kappa):
-    asked = []
-
-    class Spy(Programme):
-        def solve(self, *args):
-            asked.append(args)
-            return super().solve(*args)
-
-    monkeypatch.setattr(nmpc, "Programme", Spy)
-    planned(briefing, kappa, 0.5, speed=8.0, replans=4)
-    for args in asked[1:]:
+    for args in asked_of(briefing, monkeypatch, kappa=kappa, n=0.5, speed=8.0, replans=4)[1:]:
         ours, other = (Programme(Horizon(), solver=solver).solve(*args) for solver in ("hpipm", "osqp"))
         assert ours[0] == pytest.approx(other[0], abs=0.01)
         assert ours[1][0] == pytest.approx(other[1][0], abs=0.05)
