@@ -68,7 +68,8 @@ class NmpcSettings:
     corridor: float = 0.55  #: share of the corridor's half width that the plan uses [-]
     inside: float = 1.25  #: share of the lateral limit that the path itself may take inside the plan [-]
     beyond: float = 1.0  #: share of the lateral limit by which it must be able to slow down beyond [-]
-    brake_share: float = 0.7  #: share of the braking that it counts on there [-]
+    brake_share: float = 0.5  #: share of the braking that it counts on there [-]
+    braking: float = 0.5  #: share of what the axles hold along that the plan itself brakes with [-]
     speed_max: float = 15.0  #: [m/s]
     replan: int = 4  #: control intervals between two decisions
     iterations: int = 1  #: linearisations a decision
@@ -273,7 +274,7 @@ class NmpcAgent:
         most = v.drive_torque_max / v.r
         most /= math.hypot(1.0, most * max(*senses.rim_speed, senses.speed) / v.power_max)
         push = min(most / v.m, 0.9 * hold + resistance)
-        brake = -min(v.brake_torque_max / (v.r * v.m), 0.8 * hold)
+        brake = -min(v.brake_torque_max / (v.r * v.m), s.braking * hold)
         return Limits(
             corridor=s.corridor * self._briefing.corridor,
             slip=s.slip_angle,
