@@ -79,8 +79,9 @@ def _solves(solves: SolveTime) -> str:
     from agents.studies.speed.predictive import MOST_SOLVE_MS
 
     return (
-        f"a decision of nmpc_truth: {solves.median_ms:.1f} ms of CPU time in the median of {solves.decisions}, "
-        f"95 % within {solves.high_ms:.1f} ms; promised at most {MOST_SOLVE_MS:g} ms in the median"
+        f"a decision of nmpc_truth: {solves.median_ms:.1f} ms of CPU time in the median of "
+        f"{solves.decisions}, 95 % within {solves.high_ms:.1f} ms; promised at most {MOST_SOLVE_MS:g} ms "
+        f"in the median"
         f"{'' if solves.met else ' - MISSED'}"
     )
 

@@ -59,6 +59,19 @@ _BEYOND = 3
 _MOST_POWER = 0.99
 
 
+#: Largest values of the settings. Beyond 30 degrees of slip angle the tables end.
+_HIGHEST = {
+    "margin": 1.5,
+    "slip_angle": 0.52,
+    "corridor": 1.0,
+    "inside": 3.0,
+    "beyond": 3.0,
+    "brake_share": 1.0,
+    "braking": 1.0,
+    "speed_max": 50.0,
+}
+
+
 @dataclass(frozen=True, kw_only=True)
 class NmpcSettings:
     """Caution, weights and timing."""
@@ -74,6 +87,15 @@ class NmpcSettings:
     replan: int = 4  #: control intervals between two decisions
     iterations: int = 1  #: linearisations a decision
     horizon: Horizon = field(default_factory=Horizon)
+
+    def __post_init__(self) -> None:
+        for name, highest in _HIGHEST.items():
+            value = getattr(self, name)
+            if not 0.0 < value <= highest:
+                raise InvalidParameter(f"{name} must be above 0 and at most {highest:g}, got {value:g}")
+        for name in ("replan", "iterations"):
+            if getattr(self, name) < 1:
+                raise InvalidParameter(f"{name} must be at least 1, got {getattr(self, name)}")
 
 
 class SoilNumbers(NamedTuple):

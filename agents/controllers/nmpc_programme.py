@@ -24,8 +24,8 @@ _FINAL = np.array([0.3, 2.0, 1e-6, 1e-4, 0.05, 0.2, 1e-3, 1e-4, 1e-3, 1e-4])
 #: Linear and quadratic cost of the slacks: corridor [m], slip angles [rad], final speed [m/s].
 _LINEAR = np.array([20.0, 20.0, 20.0, 8.0])
 _QUADRATIC = np.array([200.0, 100.0, 100.0, 10.0])
-#: Linear cost of the slack of the speed at the end [1/(m/s)]. A metre a second more there gains up to the length
-#: of the plan, 1.8 m: a cheaper slack would be paid for gladly, and the plan never slow down.
+#: Linear cost of the slack of the speed at the end [m/(m/s)]. A metre a second more there gains up to 1.8 m, the
+#: duration of the plan times it: at a lower cost the bound would be broken in every plan.
 _FINAL_SPEED = 4.0
 _FAR = float("inf")
 #: Largest rate of the drive [m/s^3].
@@ -52,9 +52,9 @@ _BOUNDS = 7  #: rows of bounds a state: corridor and two slip angles from above 
 class _Layout(NamedTuple):
     """Where the unknowns and the rows of the programme stand.
 
-    Unknowns: the inputs of the first stage; state, inputs and slacks of the later ones; the last state with its
-    slacks; and a nought, with which a chain of stages ends. Rows, stage by stage: dynamics, then bounds of the
-    state.
+    Unknowns: the inputs of the first stage; state, inputs and slacks of the later ones; the last state with
+    its slacks; and a nought, with which a chain of stages ends. Rows, stage by stage: dynamics, then bounds
+    of the state.
     """
 
     sparsity: Any  #: of the rows, a casadi `Sparsity`
@@ -190,7 +190,18 @@ class Programme:
     def _row_bounds(
         self, defect: np.ndarray, offset: np.ndarray, way: np.ndarray, limits: Limits
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of the rows: dynamics (N, 10) and slip angles (N, 2) about the last plan, with its way (N,)."""
+        """Bounds of the rows.
+
+        Parameters
+        ----------
+        defect : array (N, 10)
+            Right side of the dynamics.
+        offset : array (N, 2)
+            Slip angles at state zero [rad], linear about the last plan.
+        way : array (N,)
+            Of the last plan [m].
+        limits
+        """
         at = self._layout
         low, high = (np.full(at.sparsity.rows(), end) for end in (-_FAR, _FAR))
         low[at.bounds[-1, 0] - 1] = high[at.bounds[-1, 0] - 1] = 0.0

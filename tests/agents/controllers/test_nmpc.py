@@ -144,7 +144,10 @@ def test_on_its_way_a_plan_keeps_the_speeds_that_the_path_itself_takes(briefing,
 def test_those_speeds_are_a_share_of_what_the_soil_holds(briefing, monkeypatch):
     lateral = limits_over_n(briefing).lateral_limit(0.5, 0.5, nmpc.NmpcSettings().slip_angle)
     limits = asked_of(briefing, monkeypatch, kappa=0.08, n=0.5)[-1][-1]
-    for share, speeds in ((nmpc.NmpcSettings().inside, limits.speeds), (nmpc.NmpcSettings().beyond, limits.final)):
+    for share, speeds in (
+        (nmpc.NmpcSettings().inside, limits.speeds),
+        (nmpc.NmpcSettings().beyond, limits.final),
+    ):
         assert 0.08 * speeds[25] ** 2 == pytest.approx(share * lateral)
 
 
@@ -182,3 +185,27 @@ def test_tasks_that_it_cannot_plan_are_refused():
     env = gym.make("offroad_env:OffroadBekker-v0", scenario="brake").unwrapped
     with pytest.raises(InvalidParameter, match="line"):
         make_nmpc("nmpc_truth", scenario="brake").agent.reset(env.briefing)
+
+
+@pytest.mark.parametrize(
+    ("name", "highest"),
+    [("margin", 1.5), ("slip_angle", 0.52), ("corridor", 1.0), ("inside", 3.0), ("beyond", 3.0)]
+    + [("brake_share", 1.0), ("braking", 1.0), ("speed_max", 50.0)],
+)
+def test_settings_out_of_range_are_refused_by_name(name, highest):
+    assert getattr(nmpc.NmpcSettings(**{name: highest}), name) == highest
+    for value in (0.0, 1.01 * highest, float("nan")):
+        with pytest.raises(InvalidParameter, match=name):
+            nmpc.NmpcSettings(**{name: value})
+
+
+@pytest.mark.parametrize("name", ["replan", "iterations"])
+def test_a_plan_needs_at_least_one_iteration_and_one_step(name):
+    with pytest.raises(InvalidParameter, match=name):
+        nmpc.NmpcSettings(**{name: 0})
+
+
+def test_a_plan_brakes_with_its_share_of_what_the_axles_hold(briefing, monkeypatch):
+    limits = asked_of(briefing, monkeypatch, kappa=0.08, n=0.5)[-1][-1]
+    hold = soil_numbers(briefing.vehicle, limits_over_n(briefing)).at(0.5, 0.5, 1.0)[SOIL.index("hold")]
+    assert limits.brake == pytest.approx(-nmpc.NmpcSettings().braking * hold)
