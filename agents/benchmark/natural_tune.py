@@ -38,8 +38,8 @@ BOXES: dict[str, Box] = {
         "speed_max": (8.0, 15.0),
     },
     "brake": {"brake_share": (0.4, 1.6)},
-    # Tyres pull most at a slip of 0.9 on nearly all soils. At 0.3 one soil in ten pulls less by a tenth of the
-    # weight, at 0.6 by 0.015.
+    # Tyres pull most at a slip of 0.9 on nearly all soils. At 0.3 one soil in ten pulls less by a tenth of
+    # the weight, at 0.6 by 0.015.
     "climb": {"slip_share": (0.3, 1.0)},
 }
 #: Of nominal with common knobs: places in the population.

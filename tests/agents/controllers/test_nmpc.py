@@ -189,8 +189,16 @@ def test_tasks_that_it_cannot_plan_are_refused():
 
 @pytest.mark.parametrize(
     ("name", "highest"),
-    [("margin", 1.5), ("slip_angle", 0.52), ("corridor", 1.0), ("inside", 3.0), ("beyond", 3.0)]
-    + [("brake_share", 1.0), ("braking", 1.0), ("speed_max", 50.0)],
+    [
+        ("margin", 1.5),
+        ("slip_angle", 0.52),
+        ("corridor", 1.0),
+        ("inside", 3.0),
+        ("beyond", 3.0),
+        ("brake_share", 1.0),
+        ("braking", 1.0),
+        ("speed_max", 50.0),
+    ],
 )
 def test_settings_out_of_range_are_refused_by_name(name, highest):
     assert getattr(nmpc.NmpcSettings(**{name: highest}), name) == highest
