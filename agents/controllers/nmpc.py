@@ -81,8 +81,8 @@ class NmpcSettings:
     corridor: float = 0.55  #: share of the corridor's half width that the plan uses [-]
     inside: float = 1.25  #: share of the lateral limit that the path itself may take inside the plan [-]
     beyond: float = 1.0  #: share of the lateral limit by which it must be able to slow down beyond [-]
-    brake_share: float = 0.5  #: share of the braking that it counts on there [-]
-    braking: float = 0.5  #: share of what the axles hold along that the plan itself brakes with [-]
+    brake_share: float = 0.5  #: share of the braking with which it slows down for bends [-]
+    braking: float = 0.8  #: share of what the axles hold along that the plan itself brakes with [-]
     speed_max: float = 15.0  #: [m/s]
     replan: int = 4  #: control intervals between two decisions
     iterations: int = 1  #: linearisations a decision
@@ -278,16 +278,20 @@ class NmpcAgent:
         moved = np.column_stack([np.interp(shift, np.arange(stages), column) for column in inputs.T])
         return states, moved[:, : len(INPUTS)]
 
+    def _profile(self, highest: np.ndarray, braking: float) -> np.ndarray:
+        """(S,) speeds from which all later ones can be met with this deceleration [m/s^2]."""
+        at = self._stations
+        return np.array([planned_speed(highest, at, braking, float(station)) for station in at])
+
     def _limits(self, senses: Senses, belief: Belief, soil: np.ndarray) -> Limits:
         """Bounds of the plan."""
         s, v, table = self.settings, self._vehicle, self._table
         lateral = table.lateral_limit(belief.low, belief.high, s.slip_angle)
         braking = s.brake_share * table.braking_limit(belief.low, belief.high)
         curvature = np.interp(self._stations, self._preview, senses.curvature)
-        speeds = speed_limit(curvature, s.inside * lateral, s.speed_max)
-        highest = speed_limit(curvature, s.beyond * lateral, s.speed_max)
-        final = np.array(
-            [planned_speed(highest, self._stations, braking, float(at)) for at in self._stations]
+        speeds, final = (
+            self._profile(speed_limit(curvature, share * lateral, s.speed_max), braking)
+            for share in (s.inside, s.beyond)
         )
         if senses.target_speed > 0.0:
             speeds, final = (np.minimum(row, senses.target_speed) for row in (speeds, final))

@@ -22,7 +22,7 @@ _REGULAR = np.array([0.02, 0.1, 1e-6, 1e-4, 1e-3, 1e-2, 1e-3, 1e-4, 1e-3, 1e-4])
 #: At the end of the plan the vehicle should lie along the path.
 _FINAL = np.array([0.3, 2.0, 1e-6, 1e-4, 0.05, 0.2, 1e-3, 1e-4, 1e-3, 1e-4])
 #: Linear and quadratic cost of the slacks: corridor [m], slip angles [rad], final speed [m/s].
-_LINEAR = np.array([20.0, 20.0, 20.0, 8.0])
+_LINEAR = np.array([60.0, 20.0, 20.0, 8.0])
 _QUADRATIC = np.array([200.0, 100.0, 100.0, 10.0])
 #: Linear cost of the slack of the speed at the end [m/(m/s)]. A metre a second more there gains up to 1.8 m,
 #: the duration of the plan times it: at a lower cost the bound would be broken in every plan.
