@@ -151,6 +151,23 @@ def test_those_speeds_are_a_share_of_what_the_soil_holds(briefing, monkeypatch):
         assert 0.08 * speeds[25] ** 2 == pytest.approx(share * lateral)
 
 
+def test_it_slows_down_for_a_bend_with_its_share_of_what_the_soil_brakes(briefing, monkeypatch):
+    limits = asked_of(briefing, monkeypatch, kappa=0.08, n=0.5)[-1][-1]
+    braking = limits_over_n(briefing).braking_limit(0.5, 0.5)
+    for speeds in (limits.speeds, limits.final):
+        slowing = (speeds[4] ** 2 - speeds[12] ** 2) / (2.0 * 8.0)  # from 4 to 12 m ahead
+        assert slowing == pytest.approx(nmpc.NmpcSettings().brake_share * braking)
+    assert nmpc.NmpcSettings().brake_share < nmpc.NmpcSettings().braking
+
+
+def test_a_speed_that_cannot_be_met_does_not_lead_a_plan_out_of_the_corridor(briefing, monkeypatch):
+    *args, limits = asked_of(briefing, monkeypatch, kappa=0.08, n=0.5, speed=8.0)[-1]
+    slow = np.full_like(limits.final, 4.0)
+    states, _ = Programme(Horizon()).solve(*args, limits._replace(brake=-0.2, speeds=slow, final=slow))
+    assert states[-1, V] > 5.0
+    assert np.abs(states[:, E]).max() < 0.55 * briefing.corridor + 0.1
+
+
 @pytest.mark.parametrize("kappa", [0.0, 0.08])
 def test_the_plan_is_the_one_that_another_solver_finds(briefing, monkeypatch, kappa):
     for args in asked_of(briefing, monkeypatch, kappa=kappa, n=0.5, speed=8.0, replans=4)[1:]:
