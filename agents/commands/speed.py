@@ -10,6 +10,7 @@ from agents.reports.output import Results, console, say, table
 
 if TYPE_CHECKING:
     from agents.studies.speed.fresh import Fresh
+    from agents.studies.speed.predictive import SolveTime
     from agents.studies.speed.study import Ratio, Speed
 
 __all__ = ["SpeedCommand"]
@@ -55,6 +56,10 @@ class SpeedCommand(Results):
             say(f"left out: {name} is not installed")
         if speed.diagnosis_s is not None:
             say(f"diagnosis of a log of 60 s: {speed.diagnosis_s:.1f} s of CPU time")
+        if speed.solves is None:
+            say("left out: decisions of nmpc_truth, casadi is not installed")
+        else:
+            say(_solves(speed.solves))
         if speed.fresh is not None:
             console().print(table("new interpreters", ("what", "measured"), _fresh_rows(speed.fresh)))
 
@@ -68,6 +73,17 @@ def _row(ratio: Ratio) -> tuple[str, ...]:
     kind = f"{ratio.kind}, {'clock' if ratio.clock else 'CPU'}"
     times = (f"{ratio.ours_us:.2f}", f"{ratio.peer_us:.2f}")
     return f"{ratio.ours} / {ratio.peer}", kind, *numbers, promise, *times
+
+
+def _solves(solves: SolveTime) -> str:
+    from agents.studies.speed.predictive import MOST_SOLVE_MS
+
+    return (
+        f"a decision of nmpc_truth: {solves.median_ms:.1f} ms of CPU time in the median of "
+        f"{solves.decisions}, 95 % within {solves.high_ms:.1f} ms; promised at most {MOST_SOLVE_MS:g} ms "
+        f"in the median"
+        f"{'' if solves.met else ' - MISSED'}"
+    )
 
 
 def _fresh_rows(fresh: Fresh) -> Iterator[tuple[str, str]]:
