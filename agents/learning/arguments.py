@@ -61,7 +61,7 @@ class TrainArgs:
     resume: bool = False  #: go on from the checkpoint in that folder
     checkpoint_steps: int = 8_000  #: steps between two checkpoints; 0 = none
     tensorboard: bool = False  #: also write what TensorBoard shows to out/tensorboard
-    action_interface: ActionInterfaceName = "plan"  #: meaning of an action: plan (n), tracker (speed), direct
+    action_interface: ActionInterfaceName = "plan"  #: an action's: plan, tracker, direct, demand, share
     objective: str | None = None  #: reward, or score: what the benchmark measures; default where it is time
     charge: float = 1.0 / 3.0  #: of a failure in the score that is learnt, as a share of the time limit
     first_charge: float | None = None  #: at the start, if less: grows by equal factors to the other
