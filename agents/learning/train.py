@@ -30,6 +30,7 @@ from agents.learning.arguments import (
     configuration_hash,
     decisive,
     failure_charge,
+    noise_bound,
     objective,
     task_of,
     world_of,
@@ -43,7 +44,7 @@ from agents.learning.checkpoint import (
     write_checkpoint,
 )
 from agents.learning.checks import drive_each, merit, scores_together
-from agents.learning.models import make_model, policy_settings, start_rolling
+from agents.learning.models import bound_noise, make_model, policy_settings, start_rolling
 from agents.learning.policies import (
     CLIP,
     KIND,
@@ -249,6 +250,7 @@ class _Watch:
         self._envs.episodes.charge = failure_charge(args, steps)
         if args.held_noise < 1.0 and steps >= args.held_noise * args.total_steps:
             model.sde_sample_freq = 1
+        bound_noise(model, noise_bound(args, steps))
         checked = args.check_episodes > 0 and steps >= args.check_from
         if checked and (steps == 0 or self._due("check", steps, args.check_steps)):
             self.check(model)

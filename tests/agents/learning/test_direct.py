@@ -14,7 +14,7 @@ from agents.learning.checks import drive_each, merit, scores_together
 from agents.learning.emulated_belief import EmulatedBelief
 from agents.learning.models import make_model, start_rolling
 from agents.learning.policies import PolicyAgent
-from agents.learning.train import TrainArgs, configuration_hash, train
+from agents.learning.train import TrainArgs, configuration_hash, noise_bound, train
 from estimators.filters.online_soil_belief import BELIEF_VECTOR
 from offroad_env.environment.vector_env import make_vec
 from offroad_env.errors import InvalidParameter
@@ -121,6 +121,43 @@ def test_noise_is_held_at_first_and_drawn_anew_at_every_step_later(tmp_path, mon
             )
         )
         assert held == expected
+
+
+def test_noise_that_is_drawn_anew_at_every_step_may_be_bounded_ever_more_closely(tmp_path, monkeypatch):
+    from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+
+    found = []
+    collect = OnPolicyAlgorithm.collect_rollouts
+
+    def noted(model, *args, **options):
+        found.append(float(model.policy.log_std.max()))
+        return collect(model, *args, **options)
+
+    monkeypatch.setattr(OnPolicyAlgorithm, "collect_rollouts", noted)
+    small = {"n_envs": 1, "n_steps": 4, "batch_size": 4, "n_epochs": 1, "check_episodes": 0}
+    args = TrainArgs(
+        **small,
+        action_interface="direct",
+        total_steps=16,
+        log_std=-2.0,
+        held_noise=0.5,
+        last_log_std=-4.0,
+        learning_rate=1e-4,
+        eval_episodes=0,
+        out=tmp_path,
+    )
+    assert [noise_bound(args, steps) for steps in (0, 7, 8, 12, 16, 17)] == [
+        np.inf,
+        np.inf,
+        -2.0,
+        -3.0,
+        -4.0,
+        -4.0,
+    ]
+    train(args)
+    assert found[:2] == pytest.approx([-2.0, -2.0], abs=0.01)
+    assert found[2] <= -2.0
+    assert found[3] == pytest.approx(-3.0, abs=1e-6)
 
 
 def test_a_policy_that_sees_what_the_path_asks_for_learns_and_drives(tmp_path):
@@ -292,6 +329,7 @@ def test_what_was_added_to_the_arguments_leaves_former_configurations_as_they_we
         {"clip_reward": 5.0},
         {"centre": 0.1},
         {"held_noise": 0.5},
+        {"last_log_std": -4.0},
     ):
         assert configuration_hash(TrainArgs()) != configuration_hash(TrainArgs(**change))
 
