@@ -92,7 +92,7 @@ def test_the_training_that_is_shipped_is_the_best_on_validation_soils_whatever_t
 
 
 def test_no_validation_episode_is_a_test_episode_or_one_of_the_checks():
-    validation = draw_episodes("speed", 100, _VALIDATION_SEED, form=FORM, split="validation")
+    validation = draw_episodes("speed", 200, _VALIDATION_SEED, form=FORM, split="validation")
     checks = draw_episodes("speed", 60, 0, form=FORM, split="validation")
     test = draw_episodes("speed", 200, DirectPolicies.test_seed, form=FORM)
     assert not {draw.seed for draw in validation} & {draw.seed for draw in [*checks, *test]}
