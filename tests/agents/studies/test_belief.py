@@ -11,6 +11,8 @@ from agents.commands.cli import main
 from agents.studies.belief.figure import belief_figure
 from agents.studies.belief.results import score, straight
 from agents.studies.belief.simulated import STRUCTURES, clean_log
+from agents.studies.belief.study import _true_limits
+from offroad_env.simulation.soil_holds import what_soil_holds
 
 
 def row(n: float, found: float, sd: float, *, answered: bool = True) -> dict:
