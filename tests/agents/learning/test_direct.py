@@ -130,7 +130,7 @@ def test_noise_that_is_drawn_anew_at_every_step_may_be_bounded_ever_more_closely
     collect = OnPolicyAlgorithm.collect_rollouts
 
     def noted(model, *args, **options):
-        found.append(float(model.policy.log_std.max()))
+        found.append(float(model.policy.log_std.detach().max()))
         return collect(model, *args, **options)
 
     monkeypatch.setattr(OnPolicyAlgorithm, "collect_rollouts", noted)
