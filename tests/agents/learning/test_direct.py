@@ -130,8 +130,9 @@ def test_noise_that_is_drawn_anew_at_every_step_may_be_bounded_ever_more_closely
     collect = OnPolicyAlgorithm.collect_rollouts
 
     def noted(model, *args, **options):
+        going_on = collect(model, *args, **options)  # it bounds the noise before the first step
         found.append(float(model.policy.log_std.detach().max()))
-        return collect(model, *args, **options)
+        return going_on
 
     monkeypatch.setattr(OnPolicyAlgorithm, "collect_rollouts", noted)
     small = {"n_envs": 1, "n_steps": 4, "batch_size": 4, "n_epochs": 1, "check_episodes": 0}
