@@ -48,7 +48,7 @@ FORM = "natural"
 #: Observations that the arm with memory sees side by side: one second.
 _FRAMES = 10
 #: Validation episodes by which a training is chosen, and their seed: others than those of its checks.
-_VALIDATION_EPISODES, _VALIDATION_SEED = 200, 1
+_VALIDATION_EPISODES, _VALIDATION_SEED = 100, 1
 #: Beside the policies, on the same episodes: the benchmark's arms that know nothing of the soil, and all.
 _BESIDE = ("nominal", "oracle")
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from agents.benchmark.runner import draw_episodes
+from agents.learning.action_interface import Direct, find_interface
 from agents.learning.arguments import configuration_hash
 from agents.learning.policies import DIRECT
 from agents.studies.direct_policies.study import (
@@ -27,6 +28,8 @@ def test_arms_differ_in_what_they_see_of_the_soil_and_in_nothing_else(task, tmp_
         differing = {name for name in vars(args) if getattr(args, name) != getattr(blind, name)}
         assert differing <= {"terrain_info", "emulated", "frames", "out"}, arm
         assert args.form == "natural"
+        # Neither a planner nor a tracker inside.
+        assert issubclass(find_interface(args.action_interface), Direct)
     assert len({configuration_hash(args) for args in each.values()}) == len(DIRECT)
 
 
@@ -92,7 +95,7 @@ def test_the_training_that_is_shipped_is_the_best_on_validation_soils_whatever_t
 
 
 def test_no_validation_episode_is_a_test_episode_or_one_of_the_checks():
-    validation = draw_episodes("speed", 200, _VALIDATION_SEED, form=FORM, split="validation")
+    validation = draw_episodes("speed", 100, _VALIDATION_SEED, form=FORM, split="validation")
     checks = draw_episodes("speed", 60, 0, form=FORM, split="validation")
     test = draw_episodes("speed", 200, DirectPolicies.test_seed, form=FORM)
     assert not {draw.seed for draw in validation} & {draw.seed for draw in [*checks, *test]}
