@@ -133,6 +133,15 @@ def test_a_plan_ends_no_faster_than_what_is_seen_beyond_it_allows(briefing, monk
     assert end[V] < np.interp(guess[-1, S], limits.stations, limits.final) + 0.02
 
 
+def test_the_way_that_a_plan_gains_by_ending_too_fast_does_not_pay(briefing, monkeypatch):
+    *args, limits = asked_of(briefing, monkeypatch, kappa=0.0, n=0.7, speed=7.0)[-1]
+    free = limits._replace(speeds=np.full_like(limits.speeds, 15.0), final=np.full_like(limits.final, 15.0))
+    slower = free._replace(final=np.full_like(limits.final, 6.5))
+    ends = [Programme(Horizon()).solve(*args, each)[0][-1, V] for each in (free, slower)]
+    assert ends[0] > 8.0
+    assert ends[1] < 6.52
+
+
 def test_on_its_way_a_plan_keeps_the_speeds_that_the_path_itself_takes(briefing, monkeypatch):
     *args, limits = asked_of(briefing, monkeypatch, kappa=0.0, n=0.7, speed=7.0)[-1]
     slow = limits._replace(speeds=np.full_like(limits.speeds, 6.0))
