@@ -7,7 +7,7 @@ the inertial unit and the scale of the wheel speeds. Single parameters often sta
 holds (`offroad_env.simulation.soil_holds`) is known much better, and is what a driver and a planner need.
 
 *Copies.* As in `estimators.filters.online_parameter_ukf` every sigma point has a vehicle of its own, which
-finds its slip, sinkage and side slip on its own soil under the command that was given. 17 copies at 50 Hz
+finds its slip, sinkage and side slip on its own soil under the command that was given. 14 copies at 50 Hz
 cost about as much as four of that filter.
 
 *A wide belief.* Points lie one standard deviation out, where soils still carry the vehicle; a pair that does
@@ -57,6 +57,7 @@ from estimators.filters.soil_belief_points import (
     COPIES,
     GRADE,
     LOG_MASS,
+    POINTS,
     SAMPLED,
     SIZE,
     N,
@@ -476,7 +477,7 @@ class OnlineSoilBelief(OnlineFilter):
 
 
 def _new_memory(plant: Plant) -> BeliefMemory:
-    sigma = Sigma(np.zeros((SAMPLED, SAMPLED)), np.ones(SAMPLED), np.zeros((COPIES, SAMPLED)))
+    sigma = Sigma(np.zeros((SAMPLED, SAMPLED)), np.ones(SAMPLED), np.zeros((POINTS, SAMPLED)))
     return BeliefMemory(
         mean=np.zeros(SIZE),
         cov=np.zeros((SIZE, SIZE)),

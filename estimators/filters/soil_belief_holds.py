@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.filters.soil_belief_points import (
-    COPIES,
     GRADE,
+    POINTS,
     SAMPLED,
     Sigma,
     place_sigma_points,
@@ -68,13 +68,13 @@ class LimitSurrogate(NamedTuple):
     slope: FloatArray  #: (LIMITS, SAMPLED) per column of the factor
     bend: FloatArray  #: (LIMITS, SAMPLED) second derivative per column
     next: Sigma  #: points of the next reference
-    found: FloatArray  #: (COPIES, LIMITS) at its points
+    found: FloatArray  #: (POINTS, LIMITS) at its points
     done: FloatArray  #: (1,) how many of them are evaluated
 
 
 def new_surrogate() -> LimitSurrogate:
     """A surrogate without values."""
-    sigma = Sigma(np.zeros((SAMPLED, SAMPLED)), np.full(SAMPLED, _DISTANCE), np.zeros((COPIES, SAMPLED)))
+    sigma = Sigma(np.zeros((SAMPLED, SAMPLED)), np.full(SAMPLED, _DISTANCE), np.zeros((POINTS, SAMPLED)))
     return LimitSurrogate(
         np.zeros(SAMPLED),
         np.eye(SAMPLED),
@@ -82,7 +82,7 @@ def new_surrogate() -> LimitSurrogate:
         np.zeros((LIMITS, SAMPLED)),
         np.zeros((LIMITS, SAMPLED)),
         sigma,
-        np.zeros((COPIES, LIMITS)),
+        np.zeros((POINTS, LIMITS)),
         np.zeros(1),
     )
 
@@ -145,7 +145,7 @@ def refresh_surrogate(
         i = int(surrogate.done[0])
         _evaluate(plant, surrogate.next.points[i], surrogate.found[i])
         surrogate.done[0] += 1.0
-        if i == COPIES - 1:
+        if i == POINTS - 1:
             surrogate.done[0] = 0.0
             _adopt(surrogate)
             return True
@@ -165,7 +165,7 @@ def whole_surrogate(
     in_use = surrogate.mean, surrogate.factor, surrogate.value, surrogate.slope, surrogate.bend
     surrogate.done[0] = 0.0
     if key not in _references:
-        refresh_surrogate(surrogate, packed, mean, cov, COPIES)
+        refresh_surrogate(surrogate, packed, mean, cov, POINTS)
         if len(_references) >= _REFERENCES:
             _references.clear()
         _references[key] = [array.copy() for array in in_use]

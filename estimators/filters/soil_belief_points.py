@@ -1,8 +1,8 @@
 """Sigma points of the online belief over whole soils, and the vehicle and soil that each of them stands for.
 
 The belief is a normal distribution over `SIZE` numbers. Those of the soil and the mass act on the vehicle in
-a way that only its model knows: a pair of sigma points each. The others add to readings, and gravity along a
-slope to the acceleration: their effect is known.
+a way that only its model knows: a pair of sigma points each, not both of which always drive. The others add
+to readings, and gravity along a slope to the acceleration: their effect is known.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ __all__ = [
     "LOG_K",
     "LOG_MASS",
     "LOG_PRESSURE",
+    "PAIRS",
     "PHI",
+    "POINTS",
     "SAMPLED",
     "SIZE",
     "N",
@@ -59,7 +61,13 @@ SIZE, SAMPLED = len(BELIEF_NAMES), 8
 #: The first of the slopes of the ground towards X and Y, beyond those of its map.
 GRADE = SIZE - 2
 #: The mean, and a pair for every sampled number.
-COPIES = 2 * SAMPLED + 1
+POINTS = 2 * SAMPLED + 1
+#: Columns of the Cholesky factor along which vehicles drive on both points of the pair. The others are what
+#: contact angles and mass have beyond the rest of the soil: little, and so nearly linear that the difference
+#: to the mean does.
+PAIRS = A_0
+#: Vehicles that drive: on the mean, on every point ahead, and on the opposite ones of `PAIRS`.
+COPIES = 1 + SAMPLED + PAIRS
 
 #: Lowest and highest values of what is sampled: beyond, no soil has been measured, or the laws of the wheel
 #: end.
@@ -72,7 +80,7 @@ class Sigma(NamedTuple):
 
     factor: FloatArray  #: (SAMPLED, SAMPLED) lower triangle L with L L^T = covariance of what is sampled
     scales: FloatArray  #: (SAMPLED,) distance of a pair from the mean, in columns of ``factor``
-    points: FloatArray  #: (COPIES, SAMPLED) the mean, the points ahead, those opposite
+    points: FloatArray  #: (POINTS, SAMPLED) the mean, the points ahead, those opposite
 
 
 @inline_kernel

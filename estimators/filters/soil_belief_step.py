@@ -13,6 +13,7 @@ from estimators.filters.soil_belief_points import (
     COPIES,
     GRADE,
     LOG_PRESSURE,
+    PAIRS,
     SAMPLED,
     SIZE,
     Sigma,
@@ -148,7 +149,9 @@ def _wake(memory: BeliefMemory, nav: FloatArray, plant: Plant) -> None:
         memory.mean[LOG_PRESSURE] += _FIRMER
     for i in range(SAMPLED):
         for _ in range(_TRIES):
-            if _settled(memory, plant, nav, 1 + i) and _settled(memory, plant, nav, 1 + SAMPLED + i):
+            if _settled(memory, plant, nav, 1 + i) and (
+                i >= PAIRS or _settled(memory, plant, nav, 1 + SAMPLED + i)
+            ):
                 break
             scales[i] *= 0.5
             place_sigma_points(memory.mean, memory.cov, memory.sigma)
@@ -257,7 +260,7 @@ def _linearise(memory: BeliefMemory, predicted: FloatArray, rims: FloatArray) ->
 
     To second order: a column along which the pair's mean lies c/2 off the middle adds c/2 to the expectation
     and c^2/2 to the variance (M. Athans, R. Wishner & A. Bertolini, IEEE Trans. Automatic Control 13(5),
-    1968).
+    1968). Where only the point ahead drives, the difference is one-sided and the column counts as linear.
     """
     L, scales = memory.sigma.factor, memory.sigma.scales
     expected, rows, curvature = np.zeros(CHANNELS), np.zeros((CHANNELS, SIZE)), np.zeros(CHANNELS)
@@ -269,7 +272,8 @@ def _linearise(memory: BeliefMemory, predicted: FloatArray, rims: FloatArray) ->
             rows[j, own] = factor
             expected[j] += factor * memory.mean[own]
         for i in range(SAMPLED - 1, -1, -1):
-            ahead, opposite = predicted[1 + i, j], predicted[1 + SAMPLED + i, j]
+            ahead = predicted[1 + i, j]
+            opposite = predicted[1 + SAMPLED + i, j] if i < PAIRS else 2.0 * predicted[0, j] - ahead
             bend = (ahead + opposite - 2.0 * predicted[0, j]) / (scales[i] * scales[i])
             expected[j] += 0.5 * bend
             curvature[j] += 0.5 * bend * bend
