@@ -26,7 +26,7 @@ from agents.controllers.traction_limits import WheelLaws
 from offroad_env.environment.scenario_descriptions import find_scenario
 from offroad_env.errors import InvalidParameter
 
-__all__ = ["KNOBS", "NATURAL_FORMS", "NATURAL_LAWS", "SOURCES", "make_natural_arm"]
+__all__ = ["KNOBS", "NATURAL_FORMS", "NATURAL_LAWS", "SOURCES", "TYRE_GAINS", "make_natural_arm"]
 
 #: Forms with whole soils: name -> name in text.
 NATURAL_FORMS = {
@@ -40,7 +40,7 @@ NATURAL_LAWS = WheelLaws(structure="field", tyre="mrzr")
 KNOBS = ("common", "own")
 
 #: A tyre that spins or is locked hardly steers. Both are cut off in the way that every car does.
-_TYRE_GAINS = SpeedGains(slip_limit=0.2, slip_band=0.15, brake_slip=0.12)
+TYRE_GAINS = SpeedGains(slip_limit=0.2, slip_band=0.15, brake_slip=0.12)
 
 #: Arm -> (terrain_info, how task and settings become a belief).
 SOURCES: dict[str, tuple[str, Callable[[str, ArmSettings], BeliefSource]]] = {
@@ -86,7 +86,7 @@ def make_natural_arm(
         feed_forward=settings.feed_forward,
         brake_share=settings.brake_share,
         speed_max=settings.speed_max,
-        speed=replace(_TYRE_GAINS, k_i=settings.integral),
+        speed=replace(TYRE_GAINS, k_i=settings.integral),
     )
     believe = source(task, settings)
     agent = (

@@ -32,7 +32,7 @@ from agents.controllers.nmpc_problem import (
 )
 from agents.controllers.nmpc_programme import Limits, Programme
 from agents.controllers.protocol import Observation, Senses, read_senses, to_action
-from agents.controllers.speed_control import drive_share
+from agents.controllers.speed_control import SpeedGains, drive_share, slip_share
 from agents.controllers.speed_planner import Belief, BeliefSource, limits_over_n, planned_speed, speed_limit
 from agents.controllers.traction_limits import Capability
 from offroad_env.errors import InvalidParameter
@@ -55,6 +55,15 @@ _WANDER = np.array([0.01, 0.01, 0.0, 0.3, 0.1, 0.05, 0.02, 0.0, 0.0, 0.0])
 _UNKNOWN, _FADING = 1.0, 3.0
 #: Numbers at the end of `SOIL` that the observer estimates: what the model leaves out.
 _BEYOND = 3
+#: Of sensors: bias of the heading, of the side acceleration; how they wander, of their size [1/sqrt(s)].
+_BIASES, _BIAS_WANDER = 2, 0.1
+_ALL = _N + _BEYOND + _BIASES
+#: A plan is one if the model follows it to so much in distance from the path [m] and speed [m/s].
+_STRAYS = (0.3, 1.0)
+#: Drive command per slip of a wheel that is locked [-].
+_ROLL_ON = 3.0
+#: Linearisations where it does not, and shares of a step that are tried.
+_NEWTON, _SHARES = 3, (1.0, 0.5, 0.25, 0.1)
 #: Share of the largest power up to which its loss is inverted [-].
 _MOST_POWER = 0.99
 
@@ -84,6 +93,8 @@ class NmpcSettings:
     brake_share: float = 0.5  #: share of the braking with which it slows down for bends [-]
     braking: float = 0.8  #: share of what the axles hold along that the plan itself brakes with [-]
     speed_max: float = 15.0  #: [m/s]
+    heading_bias: float = 0.0  #: standard deviation of what the heading is off [rad]
+    side_bias: float = 0.0  #: and the side acceleration of the IMU, mounting included [m/s^2]
     replan: int = 4  #: control intervals between two decisions
     iterations: int = 1  #: linearisations a decision
     horizon: Horizon = field(default_factory=Horizon)
@@ -93,6 +104,9 @@ class NmpcSettings:
             value = getattr(self, name)
             if not 0.0 < value <= highest:
                 raise InvalidParameter(f"{name} must be above 0 and at most {highest:g}, got {value:g}")
+        for name in ("heading_bias", "side_bias"):
+            if not getattr(self, name) >= 0.0:
+                raise InvalidParameter(f"{name} must be 0 or more, got {getattr(self, name):g}")
         for name in ("replan", "iterations"):
             if getattr(self, name) < 1:
                 raise InvalidParameter(f"{name} must be at least 1, got {getattr(self, name)}")
@@ -145,10 +159,18 @@ class NmpcAgent:
     believe
         As `agents.controllers.speed_planner.SoilTracker`.
     settings
+    slips
+        At which slips drive and brakes are cut off, as every car does. Default: never.
     """
 
-    def __init__(self, believe: BeliefSource, settings: NmpcSettings | None = None) -> None:
-        self.believe, self.settings = believe, settings or NmpcSettings()
+    def __init__(
+        self,
+        believe: BeliefSource,
+        settings: NmpcSettings | None = None,
+        *,
+        slips: SpeedGains | None = None,
+    ) -> None:
+        self.believe, self.settings, self._slips = believe, settings or NmpcSettings(), slips
         self.tabulate: Callable[[Any], Capability] = limits_over_n  #: as `SoilTracker`
 
     def reset(self, briefing: Any) -> None:
@@ -171,10 +193,13 @@ class NmpcAgent:
         self._preview = np.asarray(briefing.preview, dtype=np.float64)
         self._stations = np.arange(0.0, self._preview[-1] + 0.5 * _SPACING, _SPACING)
         self._x: np.ndarray | None = None
-        self._P = np.diag(
-            np.append(np.square([0.1, 0.1, 0.0, 0.3, 0.2, 0.1, 0.02, 0.0, 0.0, 0.0]), [0.5] * _BEYOND)
+        sizes = np.square([self.settings.heading_bias, self.settings.side_bias])
+        first = np.square([0.1, 0.1, 0.0, 0.3, 0.2, 0.1, 0.02, 0.0, 0.0, 0.0])
+        self._P = np.diag([*first, *[0.5] * _BEYOND, *sizes])
+        self._wander = np.array(
+            [*_WANDER**2, *[2.0 * _UNKNOWN**2 / _FADING] * _BEYOND, *_BIAS_WANDER**2 * sizes]
         )
-        self._beyond = np.zeros(_BEYOND)
+        self._beyond, self._biases = np.zeros(_BEYOND), np.zeros(_BIASES)
         self._plan: tuple[np.ndarray, np.ndarray] | None = None
         self._age = 0
 
@@ -206,12 +231,33 @@ class NmpcAgent:
             # Near its largest power P the drive gives T / sqrt(1 + (T omega / P)^2) of an asked torque T.
             share = min(force * max(*senses.rim_speed, speed, 0.0) / v.power_max, _MOST_POWER)
             command /= math.sqrt(1.0 - share * share)
-        return float(np.clip(command, -1.0, 1.0))
+        return self._kept_rolling(float(np.clip(command, -1.0, 1.0)), senses)
+
+    def _kept_rolling(self, command: float, senses: Senses) -> float:
+        """The drive command without what makes wheels spin or lock: both hardly steer any more.
+
+        Soft soil holds a locked wheel even without brakes: it is driven until it rolls again.
+        """
+        gains = self._slips
+        if gains is None:
+            return command
+        assert self._x is not None
+        _, _, _, v, vy, r, steer, *_ = self._x
+        # A steered wheel rolls at the speed along its own plane.
+        front = v * math.cos(steer) + (vy + self._vehicle.l_f * r) * math.sin(steer)
+        wheels = [*zip(senses.rim_speed, (front, v), strict=True)]
+        if command > 0.0:
+            command *= min(slip_share(ground, rim, gains.slip_limit, gains) for rim, ground in wheels)
+        else:
+            command *= min(slip_share(rim, ground, gains.brake_slip, gains) for rim, ground in wheels)
+        slip = max((ground - rim) / max(ground, gains.low_speed) for rim, ground in wheels)
+        locked = slip - gains.brake_slip - gains.slip_band
+        return max(command, min(_ROLL_ON * locked, 1.0)) if locked > 0.0 else command
 
     # ------------------------------------------------------------------ state
 
     def _observe(self, senses: Senses, observation: Observation, soil: np.ndarray) -> None:
-        """Extended Kalman filter of the state, and of what the axles hold beyond the model."""
+        """Extended Kalman filter of the state, of what the axles hold beyond the model, and of biases."""
         seen = np.array(
             [senses.cross_track, senses.heading_error, senses.speed, float(observation["imu"][4])]
         )
@@ -224,24 +270,26 @@ class NmpcAgent:
         dt = self._briefing.dt
         x, J = self._problem.short_step(self._x, soil, float(senses.curvature[0]))
         x, J = np.asarray(x).ravel(), np.asarray(J)
-        F = np.eye(_N + _BEYOND)
-        F[:_N, :_N], F[:_N, _N:] = J[:, :_N], J[:, -_BEYOND:]
-        F[_N:, _N:] *= 1.0 - dt / _FADING
-        P = F @ self._P @ F.T + dt * np.diag(np.append(_WANDER**2, [2.0 * _UNKNOWN**2 / _FADING] * _BEYOND))
-        mean = np.append(x, (1.0 - dt / _FADING) * self._beyond)
-        side_row = np.zeros(_N + _BEYOND)
+        F, kept = np.eye(_ALL), slice(_N, _N + _BEYOND)
+        F[:_N, :_N], F[:_N, kept] = J[:, :_N], J[:, -_BEYOND:]
+        F[kept, kept] *= 1.0 - dt / _FADING
+        P = F @ self._P @ F.T + dt * np.diag(self._wander)
+        mean = np.concatenate([x, (1.0 - dt / _FADING) * self._beyond, self._biases])
         # The side acceleration of the model: v_y' + v r, by finite change over the interval.
-        side_row[: _N + _BEYOND] = (F[_VY] - np.eye(_N + _BEYOND)[_VY]) / dt
+        side_row = (F[_VY] - np.eye(_ALL)[_VY]) / dt
         side_row[_R] += mean[_V]
         side = (x[_VY] - self._x[_VY]) / dt + mean[_V] * mean[_R]
-        H = np.vstack([np.eye(_N + _BEYOND)[[*_SEEN]], side_row])
-        innovation = np.append(seen - mean[[*_SEEN]], float(observation["imu"][1]) - side)
+        H = np.vstack([np.eye(_ALL)[[*_SEEN]], side_row])
+        H[_SEEN.index(_PSI), -_BIASES] = H[-1, -1] = 1.0
+        expected = np.append(mean[[*_SEEN]], side)
+        expected[[_SEEN.index(_PSI), -1]] += self._biases
+        innovation = np.append(seen, float(observation["imu"][1])) - expected
         R = np.diag(np.square([*_SEEN_SD, _SIDE_SD]))
         gain = np.linalg.solve(H @ P @ H.T + R, H @ P).T
         mean = mean + gain @ innovation
         self._P = P - gain @ H @ P
         self._P = 0.5 * (self._P + self._P.T)
-        self._x, self._beyond = mean[:_N], np.clip(mean[_N:], -2.0, 2.0)
+        self._x, self._beyond, self._biases = mean[:_N], np.clip(mean[kept], -2.0, 2.0), mean[-_BIASES:]
         self._x[_S] = 0.0
         self._x[_V] = max(self._x[_V], 0.3)
 
@@ -255,11 +303,60 @@ class NmpcAgent:
         states, inputs = self._guess()
         limits = self._limits(senses, belief, soil)
         for _ in range(self.settings.iterations):
-            kappas = np.interp(states[:-1, _S], self._preview, senses.curvature)
-            states, inputs = self._programme.solve(
-                self._problem, self._x, states, inputs, soil, kappas, limits
-            )
+            found = self._solved(states, inputs, senses.curvature, soil, limits)
+            if found is None or self._strays(found, senses.curvature, soil):
+                # Far from the last plan its linearisation is of no use: that of the drive that follows is.
+                states, inputs = self._drivable(inputs, senses.curvature, soil, limits)
+            else:
+                states, inputs = found
         self._plan, self._age = (states, inputs), 0
+
+    def _solved(
+        self, states: np.ndarray, inputs: np.ndarray, curvature: np.ndarray, soil: np.ndarray, limits: Limits
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """The plan by one linearisation about states (N+1, 10) and inputs (N, 2), if it is found."""
+        assert self._x is not None
+        kappas = np.interp(states[:-1, _S], self._preview, curvature)
+        return self._programme.solve(self._problem, self._x, states, inputs, soil, kappas, limits)
+
+    def _strays(self, plan: tuple[np.ndarray, np.ndarray], curvature: np.ndarray, soil: np.ndarray) -> bool:
+        """Whether the model leaves the plan where it is driven by the plan's inputs."""
+        states, inputs = plan
+        off = np.abs(self._rolled_out(inputs, curvature, soil) - states)[:, [_E, _V]]
+        return not bool((off.max(axis=0) <= _STRAYS).all())
+
+    def _drivable(
+        self, inputs: np.ndarray, curvature: np.ndarray, soil: np.ndarray, limits: Limits
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The best drive on the way from inputs (N, 2) to those of a plan linearised about their drive.
+
+        Steps are halved until the cost falls, as Newton's method does far from its end (J. Nocedal,
+        S. J. Wright, Numerical Optimization, 2nd ed. 2006, section 3.1).
+        """
+        states = self._rolled_out(inputs, curvature, soil)
+        for _ in range(_NEWTON):
+            least = self._programme.cost(self._problem, states, inputs, limits)
+            found = self._solved(states, inputs, curvature, soil, limits)
+            if found is None:
+                break
+            for share in _SHARES:
+                moved = inputs + share * (found[1] - inputs)
+                drive = self._rolled_out(moved, curvature, soil)
+                if self._programme.cost(self._problem, drive, moved, limits) < least:
+                    states, inputs = drive, moved
+                    break
+            else:
+                break
+        return states, inputs
+
+    def _rolled_out(self, inputs: np.ndarray, curvature: np.ndarray, soil: np.ndarray) -> np.ndarray:
+        """States (N+1, 10) of the model with inputs (N, 2) from here."""
+        assert self._x is not None
+        states = [self._x]
+        for row in inputs:
+            kappa = float(np.interp(states[-1][_S], self._preview, curvature))
+            states.append(np.asarray(self._problem.step(states[-1], row, soil, kappa)).ravel())
+        return np.array(states)
 
     def _guess(self) -> tuple[np.ndarray, np.ndarray]:
         """States (N+1, 10) and inputs (N, 2) to linearise about."""

@@ -7,7 +7,7 @@ the arm `nominal`, and the belief is insured over one standard deviation.
 from __future__ import annotations
 
 from agents.controllers.arms import ARMS, Arm, ArmSettings
-from agents.controllers.natural_arms import NATURAL_LAWS, SOURCES
+from agents.controllers.natural_arms import NATURAL_LAWS, SOURCES, TYRE_GAINS
 from agents.controllers.natural_tuned import SETTINGS as NATURAL_SETTINGS
 from agents.controllers.nmpc import NmpcAgent, NmpcSettings
 from agents.controllers.population_limits import PopulationDriver, coordinate_of
@@ -54,7 +54,7 @@ def make_nmpc(
         terrain_info, _, source = ARMS[arm]
         tuned = SETTINGS.get((task, "nominal"), {})
     belief = source(task, ArmSettings(n=tuned.get("n", 0.3), z=_Z))
-    controller = NmpcAgent(belief, settings)
+    controller = NmpcAgent(belief, settings, slips=TYRE_GAINS if natural else None)
     agent: Agent = controller
     if natural:
         agent = PopulationDriver(controller, NATURAL_LAWS, coordinate_of(task))

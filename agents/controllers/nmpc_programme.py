@@ -118,6 +118,13 @@ def _values(A: np.ndarray, B: np.ndarray, G: np.ndarray) -> np.ndarray:
     return np.concatenate([[1.0, -1.0], A.ravel(), B.ravel(), G.ravel()])
 
 
+def _speeds(way: np.ndarray, limits: Limits) -> np.ndarray:
+    """(N,) highest speeds of the plan at these ways [m]."""
+    speeds: np.ndarray = np.interp(way, limits.stations, limits.speeds)
+    speeds[-1] = min(speeds[-1], float(np.interp(way[-1], limits.stations, limits.final)))
+    return speeds
+
+
 class Programme:
     """Builds and solves the programme; keeps the last multipliers as the next start."""
 
@@ -157,8 +164,11 @@ class Programme:
         soil: np.ndarray,
         kappas: np.ndarray,
         limits: Limits,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """States (N+1, 10) and inputs (N, 2) of the plan from ``start``, linearised about the given ones."""
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """States (N+1, 10) and inputs (N, 2) of the plan from ``start``, linearised about the given ones.
+
+        None where the solver has not converged.
+        """
         stages, at = self._horizon.stages, self._layout
         late, A, B = (np.asarray(part) for part in problem.stage(states[:-1].T, inputs.T, soil, kappas[None]))
         A = A.reshape(_X, stages, _X).transpose(1, 0, 2)
@@ -181,11 +191,30 @@ class Programme:
             **({} if self._last is None else self._last),
         )
         z = np.asarray(found["x"]).ravel()
-        if not np.isfinite(z).all():
+        if not (self._solver.stats()["success"] and np.isfinite(z).all()):
             self._last = None
-            return states, inputs
+            return None
         self._last = {"x0": found["x"], "lam_a0": found["lam_a"], "lam_x0": found["lam_x"]}
         return np.vstack([start, z[at.states]]), z[at.inputs]
+
+    def cost(self, problem: Problem, states: np.ndarray, inputs: np.ndarray, limits: Limits) -> float:
+        """Cost of a drive with states (N+1, 10) and inputs (N, 2), what exceeds its bounds included."""
+        dt, later = self._horizon.dt, states[1:]
+        slips = np.abs(np.asarray(problem.slips(later.T)[0]).T) - limits.slip
+        over = np.column_stack(
+            [np.abs(later[:, _E]) - limits.corridor, slips, later[:, _V] - _speeds(later[:, _S], limits)]
+        ).clip(min=0.0)
+        linear = np.tile(dt * _LINEAR, (len(later), 1))
+        linear[-1, -1] = _FINAL_SPEED
+        weights = np.tile(dt * _REGULAR, (len(later), 1))
+        weights[-1] = _FINAL
+        rates = dt * np.array([_STEER_WEIGHT, _PUSH_WEIGHT])
+        return float(
+            np.sum(linear * over + dt * _QUADRATIC * over**2)
+            + np.sum(weights * later**2)
+            + np.sum(rates * inputs**2)
+            - later[-1, _S]
+        )
 
     def _row_bounds(
         self, defect: np.ndarray, offset: np.ndarray, way: np.ndarray, limits: Limits
@@ -208,9 +237,7 @@ class Programme:
         low[at.dynamics] = high[at.dynamics] = defect
         high[at.bounds[:, 0]], low[at.bounds[:, 1]] = limits.corridor, -limits.corridor
         high[at.bounds[:, [2, 4]]], low[at.bounds[:, [3, 5]]] = limits.slip - offset, -limits.slip - offset
-        speeds = np.interp(way, limits.stations, limits.speeds)
-        speeds[-1] = min(speeds[-1], float(np.interp(way[-1], limits.stations, limits.final)))
-        high[at.bounds[:, 6]] = speeds
+        high[at.bounds[:, 6]] = _speeds(way, limits)
         return low, high
 
     def _bounds(self, limits: Limits) -> tuple[np.ndarray, np.ndarray]:
@@ -232,7 +259,7 @@ class Programme:
 #: converged after 8 to 14 iterations; osqp has not after 200, and the rate of the drive then errs by more
 #: than a third of its largest value in one decision of ten.
 SOLVERS: dict[str, dict[str, Any]] = {
-    "hpipm": {"inf": 1e4, "hpipm": {"iter_max": 15}},
+    "hpipm": {"inf": 1e4, "hpipm": {"iter_max": 30}},
     "osqp": {
         "osqp": {
             "verbose": False,

@@ -9,7 +9,7 @@ from offroad_env.physics._jit import kernel
 from offroad_env.physics.numerics import AIR_DENSITY, GRAVITY
 from offroad_env.physics.records import Vehicle
 
-__all__ = ["SpeedController", "SpeedGains", "drive_share", "gentle_target"]
+__all__ = ["SpeedController", "SpeedGains", "drive_share", "gentle_target", "slip_share"]
 
 #: Deceleration that every soil of the project's tasks gives, and nobody minds [m/s^2].
 _GENTLE = 1.5
@@ -57,6 +57,16 @@ class SpeedGains:
     slip_band: float = 0.2  #: slip over the limit at which no drive torque is left [-]
     brake_slip: float = math.inf  #: brake slip from which, over the same band, the brakes are let go [-]
     low_speed: float = 1.0  #: rim speed below which slip is referred to this speed [m/s]
+
+
+def slip_share(slower: float, faster: float, limit: float, gains: SpeedGains) -> float:
+    """Share of a torque that is left at a slip between two speeds [m/s].
+
+    1 below ``limit``, falling smoothly to 0 across the band.
+    """
+    slip = (faster - slower) / max(abs(faster), gains.low_speed)
+    over = min(max((slip - limit) / gains.slip_band, 0.0), 1.0)
+    return 0.5 * (1.0 + math.cos(math.pi * over))
 
 
 class SpeedController:
@@ -127,11 +137,10 @@ class SpeedController:
             step = gains.k_i * error * self.dt
             self._integral = min(max(self._integral + step, -gains.integral_max), gains.integral_max)
         if command > 0.0 and rim_speed is not None:
-            command *= self._slip_share(
-                speed, rim_speed, self.gains.slip_limit if slip_limit is None else slip_limit
-            )
+            limit = gains.slip_limit if slip_limit is None else slip_limit
+            command *= slip_share(speed, rim_speed, limit, gains)
         if command < 0.0 and slowest_rim is not None and gains.brake_slip < math.inf:
-            command *= self._slip_share(slowest_rim, speed, gains.brake_slip)
+            command *= slip_share(slowest_rim, speed, gains.brake_slip, gains)
         return command
 
     def _loss(self, force: float, rim_speed: float) -> float:
@@ -142,10 +151,3 @@ class SpeedController:
         """
         share = force * max(rim_speed, 0.0) / self.vehicle.power_max
         return 1.0 / math.sqrt(1.0 - share * share) if share < 1.0 else math.inf
-
-    def _slip_share(self, slower: float, faster: float, limit: float) -> float:
-        """1 below the slip limit, falling smoothly to 0 across the band."""
-        gains = self.gains
-        slip = (faster - slower) / max(abs(faster), gains.low_speed)
-        over = min(max((slip - limit) / gains.slip_band, 0.0), 1.0)
-        return 0.5 * (1.0 + math.cos(math.pi * over))

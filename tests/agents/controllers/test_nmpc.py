@@ -8,12 +8,14 @@ import pytest
 
 import agents.controllers.nmpc as nmpc
 from agents.controllers.arms import believe_fixed, believe_truth
+from agents.controllers.natural_arms import TYRE_GAINS
 from agents.controllers.nmpc import NmpcAgent, soil_numbers
 from agents.controllers.nmpc_arms import PREDICTIVE, make_nmpc
 from agents.controllers.nmpc_problem import INPUTS, SOIL, STATES, Horizon, make_problem
-from agents.controllers.nmpc_programme import Programme
+from agents.controllers.nmpc_programme import SOLVERS, Programme
 from agents.controllers.path_lqg import bend_dynamics
-from agents.controllers.speed_planner import limits_over_n
+from agents.controllers.protocol import Senses
+from agents.controllers.speed_planner import Belief, limits_over_n
 from agents.driving.episode import find_agent
 from offroad_env.environment.env import OffroadBekkerEnv
 from offroad_env.errors import InvalidParameter
@@ -243,3 +245,66 @@ def test_a_plan_brakes_with_its_share_of_what_the_axles_hold(briefing, monkeypat
     limits = asked_of(briefing, monkeypatch, kappa=0.08, n=0.5)[-1][-1]
     hold = soil_numbers(briefing.vehicle, limits_over_n(briefing)).at(0.5, 0.5, 1.0)[SOIL.index("hold")]
     assert limits.brake == pytest.approx(-nmpc.NmpcSettings().braking * hold)
+
+
+def rolling(briefing, command, rims, *, steer=0.0, slips=TYRE_GAINS, speed=8.0):
+    """The drive command that is left with these rim speeds [m/s]."""
+    agent = NmpcAgent(believe_fixed(0.5), slips=slips)
+    agent.reset(briefing)
+    agent._x = np.zeros(len(STATES))
+    agent._x[[V, STATES.index("steer")]] = speed, steer
+    senses = Senses(0.0, 0.0, 0.0, np.zeros(3), speed, rims)
+    return agent._kept_rolling(command, senses)
+
+
+def test_brakes_and_drive_are_let_go_where_wheels_lock_or_spin(briefing):
+    assert rolling(briefing, -0.5, (7.8, 7.8)) == -0.5
+    assert -0.5 < rolling(briefing, -0.5, (6.5, 7.8)) < 0.0
+    assert rolling(briefing, 0.5, (8.5, 8.5)) == 0.5
+    assert 0.0 < rolling(briefing, 0.5, (8.5, 11.0)) < 0.5
+    assert rolling(briefing, 0.5, (8.5, 13.0)) == 0.0
+    # Rigid rims are not looked after: as before.
+    assert rolling(briefing, -0.5, (0.0, 0.0), slips=None) == -0.5
+
+
+def test_a_locked_wheel_is_driven_until_it_rolls(briefing):
+    """Soft soil holds it even without brakes, and it does not steer."""
+    limit = TYRE_GAINS.brake_slip + TYRE_GAINS.slip_band
+    assert rolling(briefing, 0.0, (8.0 * (1.001 - limit), 8.0)) == 0.0
+    for command in (-0.5, 0.0):
+        assert rolling(briefing, command, (2.0, 8.0)) == 1.0
+        assert 0.0 < rolling(briefing, command, (5.0, 8.0)) < 0.5
+    # A steered wheel rolls at the speed along its own plane.
+    assert rolling(briefing, -0.5, (8.0 * np.cos(0.5), 8.0), steer=0.5) == -0.5
+
+
+def test_where_the_linearisation_of_the_last_plan_is_of_no_use_the_cost_still_falls(briefing, monkeypatch):
+    """A last plan that steers and pushes as no drive does: the plan is driven by the model itself."""
+    agent = planning(briefing, 0.08, 0.5, 8.0)
+    senses = Senses(0.3, 0.1, 0.0, np.full(len(briefing.preview), 0.05), 8.0, (8.0, 8.0))
+    soil = agent._numbers.at(0.5, 0.5, 1.0)
+    belief = Belief(0.5, 0.5, 0.5)
+    limits = agent._limits(senses, belief, soil)
+    wild = np.random.default_rng(3).uniform(-1.0, 1.0, (Horizon().stages, len(INPUTS))) * [0.6, 9.0]
+    start = agent._rolled_out(wild, senses.curvature, soil)
+    cost = agent._programme.cost(agent._problem, start, wild, limits)
+    states, inputs = agent._drivable(wild, senses.curvature, soil, limits)
+    assert states == pytest.approx(agent._rolled_out(inputs, senses.curvature, soil))
+    assert agent._programme.cost(agent._problem, states, inputs, limits) < 0.5 * cost
+    # A plan that the model does not follow is noticed, one that it follows is left as it is.
+    assert not agent._strays((states, inputs), senses.curvature, soil)
+    off = states.copy()
+    off[-1, E] += 0.35
+    assert agent._strays((off, inputs), senses.curvature, soil)
+    monkeypatch.setattr(agent, "_guess", lambda: (start, wild))
+    monkeypatch.setattr(agent, "_solved", lambda *_: (off, inputs))
+    monkeypatch.setattr(agent, "_drivable", lambda *_: (states, wild))
+    agent._replan(senses, belief, soil)
+    assert agent._plan[1] is wild
+
+
+def test_a_programme_that_has_not_converged_gives_no_plan(briefing, monkeypatch):
+    args = asked_of(briefing, monkeypatch, kappa=0.05, n=0.5)[-1]
+    assert Programme(Horizon()).solve(*args) is not None
+    monkeypatch.setitem(SOLVERS["hpipm"], "hpipm", {"iter_max": 2})
+    assert Programme(Horizon()).solve(*args) is None
