@@ -2,7 +2,9 @@
 
 Damages every channel of simulated drives of 30 s with bends and braking in every way of
 `estimators.logs.corruptions`, and counts how often the damaged channel is named; then counts refusals of
-drives in which nothing is wrong but the model: with every fault of the library at its largest plausible size.
+drives in which nothing is wrong but the model: with every fault of the library at its largest plausible size,
+and with sensors that are mounted otherwise than stated. The bounds of the checks were set on the drives of
+the default seeds; ``--first`` draws others.
 """
 
 from __future__ import annotations
@@ -10,20 +12,32 @@ from __future__ import annotations
 import argparse
 import re
 from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
 
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
-from estimators.discrepancy.faults.library import FAULTS
-from estimators.logs import quality
+from estimators.discrepancy.faults.library import FAULTS, ONE_SIDED
+from estimators.discrepancy.physical_ranges import NEVER_NEGATIVE
+from estimators.logs import quality, read_log
 from estimators.logs.corruptions import CORRUPTIONS, corrupted, corruptible
 from estimators.logs.log import Log
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
+from offroad_env.simulation.drive import Faults
 from offroad_env.world.vehicles import VEHICLES
 
 #: Length of a drive [s].
 DURATION = 30.0
 #: First seeds of the drives that are damaged, and of those with a fault.
 DAMAGED, HIDDEN = 35, 100
+#: Faults of a mounting, each in both directions.
+MOUNTINGS = ("antenna_x", "imu_misalignment_pitch", "imu_misalignment_roll", "lever_arm_x", "lever_arm_z")
+#: Effects that cannot be negative.
+POSITIVE = (*ONE_SIDED, *NEVER_NEGATIVE, "aero_drag")
 
 
 def named(log: Log, channel: str) -> bool:
@@ -40,39 +54,81 @@ def damage(seed: int) -> tuple[int, list[str]]:
     return len(cases), missed
 
 
-def refusals(first: int) -> tuple[int, list[str]]:
-    """Number of drives with a fault, and the sentences of those that are refused."""
-    count, refused = 0, []
-    for k, name in enumerate(FAULTS):
-        size = EFFECTS[name].plausible(VEHICLES["mrzr"])
+def yawed(angle: float) -> Faults:
+    """An IMU that is turned to the left, which the library does not know."""
+
+    def sample(sample: np.ndarray) -> None:
+        a_x, a_y = sample[0], sample[1]
+        sample[0] = np.cos(angle) * a_x + np.sin(angle) * a_y
+        sample[1] = np.cos(angle) * a_y - np.sin(angle) * a_x
+
+    return Faults(sample=sample)
+
+
+def report_refusals(what: str, drives: Iterable[tuple[str, Callable[[], Log]]]) -> None:
+    """Count sound drives, and print the sentences of those that are refused."""
+    count, refused = 0, 0
+    for name, make in drives:
         try:
-            log = simulated_log(draw_case(first + k, duration=DURATION), FAULTS[name](size))
+            log = make()
         except OffroadError:
             continue  # the vehicle sinks in
-        count += 1
-        refused += [f"{name}: {finding.sentence}" for finding in quality(log).problems]
-    return count, refused
+        problems = quality(log).problems
+        count, refused = count + 1, refused + bool(problems)
+        for finding in problems:
+            print(f"{name}: {finding.sentence}")
+    print(f"{what}: {count}; refused: {refused}")
+
+
+def with_faults(first: int, *, both: bool) -> Iterator[tuple[str, Callable[[], Log]]]:
+    """A drive with each fault at its largest plausible size, its sign drawn where ``both`` are asked for."""
+    for k, name in enumerate(FAULTS):
+        size = EFFECTS[name].plausible(VEHICLES["mrzr"])
+        if both and name not in POSITIVE:
+            size *= float(np.random.default_rng([first + k, 3]).choice((-1.0, 1.0)))
+        yield name, _drive(first + k, FAULTS[name], size)
+
+
+def with_mountings(first: int) -> Iterator[tuple[str, Callable[[], Log]]]:
+    """A drive with a receiver and each mounting, in both directions."""
+    makers: Mapping[str, Callable[[float], Faults]] = {name: FAULTS[name] for name in MOUNTINGS}
+    sizes = {name: EFFECTS[name].plausible(VEHICLES["mrzr"]) for name in MOUNTINGS}
+    for name, make in {**makers, "IMU turned to the left": yawed}.items():
+        for sign in (-1.0, 1.0):
+            yield name, _drive(first, make, sign * sizes.get(name, 0.1), gnss=True)
+
+
+def _drive(
+    seed: int, make: Callable[[float], Faults], size: float, *, gnss: bool | None = None
+) -> Callable[[], Log]:
+    return lambda: simulated_log(draw_case(seed, duration=DURATION, gnss=gnss), make(size))
 
 
 def main() -> None:
-    """Print both counts."""
+    """Print all counts."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--drives", type=int, default=4, help="drives that are damaged")
     parser.add_argument("--rounds", type=int, default=3, help="drives with each fault")
+    parser.add_argument("--mountings", type=int, default=10, help="drives with each mounting and direction")
+    parser.add_argument("--first", type=int, help="seed of the first drive: a fresh sample, with drawn signs")
+    parser.add_argument("--recorded", type=Path, nargs="*", default=[], help="sound drives in files")
     asked = parser.parse_args()
+    fresh = asked.first is not None
     total, often = 0, Counter[str]()
-    for seed in range(DAMAGED, DAMAGED + asked.drives):
+    first = asked.first if fresh else DAMAGED
+    for seed in range(first, first + asked.drives):
         count, missed = damage(seed)
         total += count
         often.update(missed)
         print(f"drive {seed}: {count - len(missed)} of {count} named; not: {', '.join(missed)}")
     print(f"named: {total - often.total()} of {total}")
-    logs = 0
-    for one in range(asked.rounds):
-        count, refused = refusals(HIDDEN * (one + 1))
-        logs += count
-        print(*refused, sep="\n")
-    print(f"drives with a fault: {logs}")
+    first = asked.first if fresh else HIDDEN
+    rounds = (with_faults(first + HIDDEN * one, both=fresh) for one in range(asked.rounds))
+    report_refusals("drives with a fault", chain.from_iterable(rounds))
+    mounted = (with_mountings(first + k) for k in range(asked.mountings))
+    report_refusals("drives with another mounting", chain.from_iterable(mounted))
+    if asked.recorded:
+        report_refusals("recorded drives", [(file.name, partial(read_log, file)) for file in asked.recorded])
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.logs.log import Log
+from estimators.logs.mounting_leaks import Leak, leaks_into_push, leaks_into_turn, without_leaks
 from estimators.logs.signals import Windows, likeness, longest_run
 
 __all__ = ["MOTIONS", "Motion", "Route", "Suspect", "median_of", "routes_of", "suspects_of", "witnesses_of"]
@@ -104,7 +105,7 @@ def suspects_of(log: Log, untrusted: frozenset[str] = frozenset()) -> tuple[list
             suspect, decided = _judged(log, windows, route, others, MOTIONS[name])
             if decided and not (name == "push" and _of(route, _WHEELS)):
                 judged |= set(route.channels)
-            if suspect is not None:
+            if suspect is not None and not _mounted(windows, suspect, route, others, agreed):
                 found.append(suspect)
     return found, judged
 
@@ -275,10 +276,20 @@ def _judged(
     votes = sum(_confirms(route, one, motion) for one in witnesses)
     if 2 * votes > len(witnesses) or _confirms(route, Route((), reference), motion):
         return None, True
+    # Wheels that spin follow the torques while the vehicle stays: two of its own channels outweigh them.
+    if _of_body(route, motion) and any(
+        _of_body(one, motion) and _confirms(route, one, motion) for one in others
+    ):
+        return None, True
     found, decided = _contradiction(route, reference, names, motion)
     if found is not None and _excused(found, route, (reference, others), motion):
         return None, True
     return found, decided
+
+
+def _of_body(route: Route, motion: Motion) -> bool:
+    """Whether a route to the change of speed shows the vehicle itself, and not its wheels or torques."""
+    return motion is MOTIONS["push"] and not _of(route, (*_WHEELS, *_TORQUES))
 
 
 def _excused(found: Suspect, route: Route, rest: tuple[np.ndarray, Sequence[Route]], motion: Motion) -> bool:
@@ -303,6 +314,36 @@ def _excused(found: Suspect, route: Route, rest: tuple[np.ndarray, Sequence[Rout
         return together and 1.0 < found.factor < _RESISTED
     body = any(not _of(one, (*_WHEELS, *_TORQUES)) for one in witnesses_of(others, motion))
     return not body and (found.kind == "contradiction" or abs(found.factor) < 1.0)
+
+
+def _mounted(
+    windows: Windows, suspect: Suspect, route: Route, others: Sequence[Route], speed: np.ndarray | None
+) -> bool:
+    """Whether a channel shows the motion once what a mounting adds to it is taken away.
+
+    Of two routes alone either may be the one that its mounting disturbs.
+    """
+    motion = suspect.motion
+    witnesses = witnesses_of(others, motion)
+    pairs = [(route, Route((), median_of(witnesses or others)))]
+    if not witnesses:
+        pairs += [(other, route) for other in others]
+    return suspect.kind != "stuck" and any(
+        _shows_without(windows, one, reference, motion, speed) for one, reference in pairs
+    )
+
+
+def _shows_without(
+    windows: Windows, route: Route, reference: Route, motion: Motion, speed: np.ndarray | None
+) -> bool:
+    leaks = list[Leak]()
+    if motion is MOTIONS["turn"]:
+        fast = None if speed is None else np.where(np.abs(speed) > _SLOW, speed, math.nan)
+        leaks = leaks_into_turn(windows, route.channels, reference.values, fast)
+    elif motion is MOTIONS["push"]:
+        leaks = leaks_into_push(windows, route.channels)
+    rest = without_leaks(route.values, reference.values, leaks, centred=motion.centred)
+    return rest is not None and _confirms(Route(route.channels, rest), reference, motion)
 
 
 def _always(ratio: np.ndarray, motion: Motion) -> bool:
@@ -369,13 +410,18 @@ def _contradiction(
 
 
 def _held_span(log: Log, name: str) -> tuple[float, float] | None:
-    """(From, to) [s] of the longest run of equal samples, if it is long."""
+    """(From, to) [s] of the longest run of equal samples, if it is long.
+
+    A torque may rest at an end of its range, since full throttle is held, unless it never comes back.
+    """
     t, values = log.samples(name)
     start, length = longest_run(values)
     if length < _HELD_SAMPLES or length == len(values):
         return None
     span = float(t[start]), float(t[start + length - 1])
-    return span if span[1] - span[0] > _HELD else None
+    back = start + length < len(values)
+    full = name in _TORQUES and back and values[start] in (values.min(), values.max())
+    return span if span[1] - span[0] > _HELD and not full else None
 
 
 def _stuck_in(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from estimators.logs.agreement import MOTIONS, median_of, routes_of, witnesses_of
 from estimators.logs.log import Log
+from estimators.logs.mounting_leaks import antenna_limit, leaks_into_lean, without_leaks
 from estimators.logs.signals import Likeness, Windows, likeness, noise_sd, unwrapped
 from offroad_env.physics.numerics import GRAVITY
 
@@ -113,15 +115,44 @@ def _positions(
     moved = {name: v[known] for name, v in zip(("x", "y"), velocity, strict=True)}
     if stated:
         # A heading that is stated leaves nothing to be turned: each coordinate has its own reference.
-        alone = {name: columns * (np.arange(2) == i) for i, name in enumerate(moved)}
+        tables = {name: columns * (np.arange(2) == i) for i, name in enumerate(moved)}
         seen = {name for i, name in enumerate(moved) if np.sqrt(np.mean(columns[:, i] ** 2)) > _EXCITED}
-        ways = {name: _way(alone[name], moved[name]) for name in seen}
-        return _position_violations(ways), seen
-    # Straight on, one column is a multiple of the other: a scale looks like a turned heading.
-    singular = np.linalg.svd(columns, compute_uv=False)
-    if singular[1] < 0.15 * singular[0]:
-        return [], set()
-    return _position_violations({name: _way(columns, v) for name, v in moved.items()}), {"x", "y"}
+    else:
+        # Straight on, one column is a multiple of the other: a scale looks like a turned heading.
+        singular = np.linalg.svd(columns, compute_uv=False)
+        if singular[1] < 0.15 * singular[0]:
+            return [], set()
+        tables, seen = dict.fromkeys(moved, columns), {"x", "y"}
+    found = _position_violations({name: _way(tables[name], moved[name]) for name in seen})
+    if found:
+        aside = turn[known] * np.stack([-np.sin(heading[known]), np.cos(heading[known])])
+        rest = _without_antenna(tables, moved, dict(zip(("x", "y"), aside, strict=True)), windows)
+        if not _position_violations({name: _way(tables[name], rest[name]) for name in seen}):
+            found = []
+    return found, seen
+
+
+def _without_antenna(
+    tables: Mapping[str, np.ndarray],
+    moved: Mapping[str, np.ndarray],
+    aside: Mapping[str, np.ndarray],
+    windows: Windows,
+) -> dict[str, np.ndarray]:
+    """Velocities of both coordinates without what an antenna ahead of the centre of gravity adds.
+
+    Parameters
+    ----------
+    tables, moved, aside
+        By coordinate: what it may be a multiple of (W, 2), its velocity (W,), and that per metre [1/s].
+    """
+    nothing = {name: np.zeros_like(table) for name, table in tables.items()}
+    rows = [
+        np.column_stack([*(tables[one] if one == name else nothing[one] for one in moved), aside[name]])
+        for name in moved
+    ]
+    shares = np.linalg.lstsq(np.concatenate(rows), np.concatenate([*moved.values()]), rcond=None)[0]
+    ahead = float(np.clip(shares[-1], -antenna_limit(windows), antenna_limit(windows)))
+    return {name: values - ahead * aside[name] for name, values in moved.items()}
 
 
 def _heading(windows: Windows, turn: np.ndarray, untrusted: frozenset[str]) -> tuple[np.ndarray, bool]:
@@ -233,7 +264,13 @@ def _leaning(windows: Windows, gyro: str, push: str, lean: float) -> Likeness | 
         return None
     change = np.full(len(acceleration), math.nan)
     change[1:-1] = lean * (acceleration[2:] - acceleration[:-2]) / windows.length
-    return likeness(Windows.as_course_rate(rate), change, centred=True)
+    smooth = Windows.as_course_rate(rate)
+    seen = likeness(smooth, change, centred=True)
+    if seen is None or 0.0 < seen.factor <= _LEAN_FACTOR:
+        return seen
+    # A gyro that is turned reads a share of what its sisters should.
+    rest = without_leaks(smooth, change, leaks_into_lean(windows, gyro), centred=True)
+    return seen if rest is None else likeness(rest, change, centred=True)
 
 
 def _vertical(log: Log) -> tuple[list[Violation], set[str]]:

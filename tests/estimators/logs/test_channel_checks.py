@@ -52,6 +52,23 @@ def test_a_wrong_model_is_no_problem_of_the_data(fault, size):
     assert not quality(simulated_log(draw_case(107, duration=30.0), FAULTS[fault](size))).problems
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    ("seed", "fault", "size"),
+    [(108, "antenna_x", 2.7), (105, "imu_misalignment_roll", 0.1), (105, "imu_misalignment_pitch", 0.1)],
+)
+def test_a_sensor_that_is_mounted_otherwise_is_no_problem_of_the_data(seed, fault, size, sign):
+    log = simulated_log(draw_case(seed, duration=30.0, gnss=True), FAULTS[fault](sign * size))
+    assert not quality(log).problems
+
+
+def test_a_mounting_excuses_no_wrong_unit():
+    log = simulated_log(draw_case(43, duration=30.0), FAULTS["imu_misalignment_roll"](0.1))
+    for channel in ("yaw_rate", "a_y", "pitch_rate"):
+        assert channel in _named(corrupted(log, channel, "x57.3"))
+        assert channel in _named(corrupted(log, channel, "sign"))
+
+
 def test_wheels_that_spin_up_are_no_problem_of_the_data():
     folder = measured_data("scm_drives")
     assert not quality(read_log(folder / "train_29_steps_flat_steps.parquet")).problems
