@@ -207,23 +207,34 @@ class _Trials:
         #: Windows to which n is fitted; the others are apart.
         self.fitted = np.arange(count) % 2 == 0
         self._changes = _steps(self.stated)
-        self._known: dict[tuple[Case, float], np.ndarray] = {}
+        #: Errors of the windows to which n is fitted, and of those apart.
+        self._known: dict[tuple[Case, float, bool], np.ndarray] = {}
 
     def errors(self, case: Case, change: float) -> np.ndarray:
         """Root mean square errors (W, C) with n changed by so much; infinite where a window fails."""
-        key = (case, round(change, 6))
+        found = np.empty((len(self.fitted), len(_FLOORS)))
+        for fitted in (True, False):
+            found[self.fitted == fitted] = self._part(case, change, fitted=fitted)
+        return found
+
+    def _part(self, case: Case, change: float, *, fitted: bool) -> np.ndarray:
+        """The rows of the windows to which n is fitted, or of those apart: one needs no other."""
+        key = (case, round(change, 6), fitted)
         if key not in self._known:
-            self._known[key] = np.concatenate([self._of(one, case, change) for one in self.prepared])
+            ends = np.cumsum([one.shape[0] for one in self.prepared])[:-1]
+            wanted = np.split(self.fitted == fitted, ends)
+            parts = zip(self.prepared, wanted, strict=True)
+            self._known[key] = np.concatenate([self._of(one, case, change, rows) for one, rows in parts])
         return self._known[key]
 
     @staticmethod
-    def _of(prepared: WindowReplay, case: Case, change: float) -> np.ndarray:
+    def _of(prepared: WindowReplay, case: Case, change: float, wanted: np.ndarray) -> np.ndarray:
         try:
             plant = plant_for(prepared.log, case)
         except OffroadError:
-            return np.full((prepared.shape[0], len(_FLOORS)), math.inf)
+            return np.full((int(wanted.sum()), len(_FLOORS)), math.inf)
         soil = plant.soil._replace(n=float(np.clip(plant.soil.n + change, _LEAST, _MOST)))
-        return _errors_by_window(prepared, plant._replace(soil=soil))
+        return _errors_by_window(prepared, plant._replace(soil=soil), wanted)
 
     def with_effects(self, case: Case, setups: Sequence[Setup]) -> StructureTrial:
         """The nominal structure with effects, of which those of inputs and sensors are undone in the logs."""
@@ -240,7 +251,7 @@ class _Trials:
         """The structure with the n that suits the fitted windows, sought near ``start`` where it is given."""
 
         def cost(change: float) -> float:
-            return self.cost(self.near(case, change))
+            return self._cost(self._part(case, change, fitted=True))
 
         ends = (_LEAST - self.stated, _MOST - self.stated)
         near = [] if start is None else np.clip([start - _BESIDE, start, start + _BESIDE], *ends).tolist()
@@ -249,7 +260,8 @@ class _Trials:
         low, high = changes[max(at - 1, 0)], changes[min(at + 1, len(changes) - 1)]
         options = {"xatol": _ACCURACY, "maxiter": 8 if start is None else 5}
         minimize_scalar(cost, bounds=(low, high), method="bounded", options=options)
-        return self.near(case, min((change for own, change in self._known if own == case), key=cost))
+        known = (change for own, change, fitted in self._known if own == case and fitted)
+        return self.near(case, min(known, key=cost))
 
     def near(self, case: Case, change: float) -> StructureTrial:
         """The structure with this change of n."""
@@ -261,11 +273,16 @@ class _Trials:
 
     def coarse(self, case: Case) -> StructureTrial:
         """The structure with the best of a few n."""
-        return min((self.near(case, change) for change in self._changes), key=self.cost)
+        return self.near(
+            case, min(self._changes, key=lambda change: self._cost(self._part(case, change, fitted=True)))
+        )
 
     def cost(self, trial: StructureTrial) -> float:
         """Sum of the logarithms of the errors in the fitted windows."""
-        errors = trial.errors[self.fitted]
+        return self._cost(trial.errors[self.fitted])
+
+    @staticmethod
+    def _cost(errors: np.ndarray) -> float:
         squares = np.mean(np.where(np.isinf(errors), _FAILED, errors) ** 2, axis=0)
         return float(np.nansum(np.log(np.sqrt(squares + np.array([*_FLOORS.values()]) ** 2))))
 
@@ -294,12 +311,16 @@ class _Trials:
         return tuple(found)
 
 
-def _errors_by_window(prepared: WindowReplay, plant: Plant) -> np.ndarray:
-    """Root mean square errors (W, C) of a model; infinite where a window fails."""
+def _errors_by_window(prepared: WindowReplay, plant: Plant, wanted: np.ndarray | None = None) -> np.ndarray:
+    """Root mean square errors (W, C) of a model; infinite where a window fails.
+
+    ``wanted`` (W,): in these windows alone.
+    """
     try:
-        errors = prepared.errors(plant)
+        errors = prepared.errors(plant, wanted)
     except OffroadError:
-        return np.full((prepared.shape[0], len(_FLOORS)), math.inf)
+        count = prepared.shape[0] if wanted is None else int(wanted.sum())
+        return np.full((count, len(_FLOORS)), math.inf)
     failed = ~np.isfinite(errors["v_x"]).all(axis=1)
     roots = [np.sqrt(np.mean(errors[name] ** 2, axis=1)) for name in _FLOORS]
     return np.stack([np.where(failed, math.inf, values) for values in roots], axis=1)
