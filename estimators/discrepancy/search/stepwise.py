@@ -230,17 +230,21 @@ def _pruned(fit: FitResult, threshold: float) -> FitResult:
     return fit
 
 
-def _support(fit: FitResult, larger: FitResult, gain: float) -> float:
+def _support(fit: FitResult, trial: FitResult, larger: FitResult) -> float:
     """Evidence of the fitted windows for the effects that are new in a ``larger`` model.
 
-    The ``gain`` with the noise as it was, or the likelihood ratio of the least of the new effects, if that is
-    less.
+    The gain of the ``trial`` from which it was settled, with the noise as it was, or the likelihood ratio of
+    the least of the new effects, if that is less. Road and soil scatter more beside the smaller noise of the
+    larger model, so that each is measured in its own noise.
     """
     names = {candidate.effect for candidate in fit.candidates}
-    new = [i for i, candidate in enumerate(larger.candidates) if candidate.effect not in names]
-    least = np.min(np.abs(larger.sizes[new]) / larger.size_deviations()[new], initial=np.inf)
-    wide = float(np.max(larger.size_inflation[new], initial=1.0))
-    return float(min(gain / wide, 0.5 * least**2))
+
+    def new(model: FitResult) -> list[int]:
+        return [i for i, candidate in enumerate(model.candidates) if candidate.effect not in names]
+
+    wide = float(np.max(trial.size_inflation[new(trial)], initial=1.0))
+    least = np.min((np.abs(larger.sizes) / larger.size_deviations())[new(larger)], initial=np.inf)
+    return float(min((fit.cost - trial.cost) / wide, 0.5 * least**2))
 
 
 def _accepted(test: HoldOutTest, trials: Sequence[FitResult], bars: _Bars) -> _Accepted:
@@ -254,9 +258,8 @@ def _accepted(test: HoldOutTest, trials: Sequence[FitResult], bars: _Bars) -> _A
     names = {candidate.effect for candidate in fit.candidates}
     enough = 0.5 * bars.together**2
     for trial in trials[:_TESTED]:
-        gain = fit.cost - trial.cost
         # After a refusal, only what is confirmed with the noise as it is gets the work of a noise of its own.
-        if gains and not _confirmed(test.result(trial), _support(fit, trial, gain), enough):
+        if gains and not _confirmed(test.result(trial), _support(fit, trial, trial), enough):
             continue
         try:
             larger = _pruned(settled(trial), bars.fitted)
@@ -265,7 +268,7 @@ def _accepted(test: HoldOutTest, trials: Sequence[FitResult], bars: _Bars) -> _A
             continue
         if {candidate.effect for candidate in larger.candidates} == names:
             break
-        result, support = test.result(larger), _support(fit, larger, gain)
+        result, support = test.result(larger), _support(fit, trial, larger)
         if result is None:
             return _Accepted(larger, gains, refused=False)
         gains.append(result.gain)
