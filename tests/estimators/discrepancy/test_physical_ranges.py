@@ -77,6 +77,15 @@ def test_soil_that_would_bear_less_the_faster_it_is_pressed_has_no_score(pulled)
     assert _possible_share(pulled, names, np.full(3, -1e-3)).tolist() == [0.0, 0.0, 1.0]
 
 
+def test_residuals_that_do_not_change_move_no_score(pulled):
+    """The priors of starts and nuisances pull at every fit, and have no part in the error of a solver."""
+    scores = score_test(pulled, [Candidate(effect="rolling_resistance"), Candidate(effect="payload")])
+    nothing, some = np.zeros_like(pulled.residual), 0.1 * pulled.residual
+    assert scores.scores(pulled, nothing) == pytest.approx([0.0, 0.0], abs=1e-9)
+    once, twice = scores.scores(pulled, some), scores.scores(pulled, 2.0 * some)
+    assert twice == pytest.approx(2.0 * once)
+
+
 def test_a_score_counts_what_a_size_within_its_range_explains(pulled):
     """Half of a step explains three quarters of the square of its score."""
     name = Candidate(effect="payload")

@@ -52,14 +52,30 @@ def test_a_wrong_model_is_no_problem_of_the_data(fault, size):
     assert not quality(simulated_log(draw_case(107, duration=30.0), FAULTS[fault](size))).problems
 
 
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
 @pytest.mark.parametrize(
-    ("seed", "fault", "size"),
-    [(108, "antenna_x", 2.7), (105, "imu_misalignment_roll", 0.1), (105, "imu_misalignment_pitch", 0.1)],
+    ("seed", "gnss", "fault", "size"),
+    [
+        (140, None, "antenna_x", 2.72),  # its course turns 2.4 times as much as the vehicle
+        (105, True, "antenna_x", -2.72),  # its path is mostly what the vehicle turns it aside
+        (236, None, "imu_misalignment_roll", 0.1),  # its pitch gyro reads the yaw rate
+    ],
 )
-def test_a_sensor_that_is_mounted_otherwise_is_no_problem_of_the_data(seed, fault, size, sign):
-    log = simulated_log(draw_case(seed, duration=30.0, gnss=True), FAULTS[fault](sign * size))
+def test_a_sensor_that_is_mounted_otherwise_is_no_problem_of_the_data(seed, gnss, fault, size):
+    log = simulated_log(draw_case(seed, duration=30.0, gnss=gnss), FAULTS[fault](size))
     assert not quality(log).problems
+
+
+@pytest.mark.parametrize(
+    ("seed", "fault", "size"), [(1018, "slip_exponent", -1.0), (1005, "torque_scale", -0.3)]
+)
+def test_a_vehicle_that_digs_in_or_drives_at_full_throttle_is_no_problem_of_the_data(seed, fault, size):
+    assert not quality(simulated_log(draw_case(seed, duration=30.0), FAULTS[fault](size))).problems
+
+
+def test_a_torque_that_never_comes_back_from_full_throttle_is_stuck(drive):
+    t, values = drive.times, drive.channels["torque_f"]
+    held = np.where(t > 15.0, np.nanmax(values), values)
+    assert "torque_f" in _named(replace(drive, channels={**drive.channels, "torque_f": held}))
 
 
 def test_a_mounting_excuses_no_wrong_unit():

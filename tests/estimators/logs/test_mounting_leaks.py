@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
-from estimators.discrepancy.faults.library import FAULTS
-from estimators.logs import quality
 from estimators.logs.mounting_leaks import (
     Leak,
     leaks_into_lean,
@@ -60,11 +58,6 @@ def test_a_mounting_goes_no_further_than_a_description_can_have_it_wrong(windows
     assert {leak.most for leak in leaks_into_lean(windows, "pitch_rate")} == {math.sin(0.2)}
     assert not leaks_into_turn(windows, ("steer",), turn, speed)  # it has no mounting
     assert not leaks_into_push(windows, ("torque_f",))
-
-
-def test_an_imu_that_lies_on_its_side_is_a_problem_of_the_data():
-    log = simulated_log(draw_case(105, duration=30.0, gnss=True), FAULTS["imu_misalignment_roll"](0.6))
-    assert "pitch_rate" in {finding.channel for finding in quality(log).problems}
 
 
 def test_gravity_leaks_into_an_accelerometer_that_feels_it(windows):
