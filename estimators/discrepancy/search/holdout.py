@@ -7,8 +7,8 @@ So both count together: windows that were fitted and windows apart must gain mor
 apart must not contradict.
 
 On an unknown road and on soil that scatters, the residuals of windows apart are no white noise along the
-difference of two models: their scatter along it is taken from null simulations of those windows. It depends on
-the window, too, so that a model whose noise has become smaller in the fitted windows would lose in rougher
+difference of two models: their scatter along it is taken from null simulations of those windows. It depends
+on the window, too, so that a model whose noise has become smaller in the fitted windows would lose in rougher
 ones whatever its effects are worth. There both models have the noise of the smaller one.
 """
 
