@@ -83,9 +83,11 @@ def report_refusals(what: str, drives: Iterable[tuple[str, Callable[[], Log]]]) 
 def with_faults(first: int, *, both: bool) -> Iterator[tuple[str, Callable[[], Log]]]:
     """A drive with each fault at its largest plausible size, its sign drawn where ``both`` are asked for."""
     for k, name in enumerate(FAULTS):
-        size = EFFECTS[name].plausible(VEHICLES["mrzr"])
+        effect = EFFECTS[name]
+        size = effect.plausible(VEHICLES["mrzr"])
         if both and name not in POSITIVE:
             size *= float(np.random.default_rng([first + k, 3]).choice((-1.0, 1.0)))
+        size = min(max(size, effect.size.low), effect.size.high)  # a shear modulus of zero is no soil
         yield name, _drive(first + k, FAULTS[name], size)
 
 

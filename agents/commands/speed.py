@@ -10,6 +10,7 @@ from agents.reports.output import Results, console, say, table
 
 if TYPE_CHECKING:
     from agents.studies.speed.fresh import Fresh
+    from agents.studies.speed.predictive import SolveTime
     from agents.studies.speed.study import Ratio, Speed
     from agents.studies.speed.verdicts import VerdictTime
 
@@ -60,6 +61,10 @@ class SpeedCommand(Results):
             heading = ("what is wrong", "median [s]", "largest [s]", "promised")
             title = "CPU time of a verdict, natural drives of 60 s"
             console().print(table(title, heading, map(_verdict_row, speed.verdicts)))
+        if speed.solves is None:
+            say("left out: decisions of nmpc_truth, casadi is not installed")
+        else:
+            say(_solves(speed.solves))
         if speed.fresh is not None:
             console().print(table("new interpreters", ("what", "measured"), _fresh_rows(speed.fresh)))
 
@@ -78,6 +83,17 @@ def _row(ratio: Ratio) -> tuple[str, ...]:
 def _verdict_row(verdict: VerdictTime) -> tuple[str, ...]:
     promise = f"at most {verdict.bar:g}{'' if verdict.met else ' - MISSED'}"
     return verdict.what, f"{verdict.seconds:.1f}", f"{verdict.most:.1f}", promise
+
+
+def _solves(solves: SolveTime) -> str:
+    from agents.studies.speed.predictive import MOST_SOLVE_MS
+
+    return (
+        f"a decision of nmpc_truth: {solves.median_ms:.1f} ms of CPU time in the median of "
+        f"{solves.decisions}, 95 % within {solves.high_ms:.1f} ms; promised at most {MOST_SOLVE_MS:g} ms "
+        f"in the median"
+        f"{'' if solves.met else ' - MISSED'}"
+    )
 
 
 def _fresh_rows(fresh: Fresh) -> Iterator[tuple[str, str]]:

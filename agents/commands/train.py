@@ -94,6 +94,12 @@ class Train(TrainArgs):
                 raise InvalidParameter(f"{name} must be > 0, got {value:g}")
         if not 0.0 <= self.centre < math.inf:
             raise InvalidParameter(f"centre must be >= 0, got {self.centre:g}")
+        last = self.last_log_std
+        if last is not None and not -20.0 <= last <= self.log_std:
+            allowed = f"last_log_std must be in [-20, log_std = {self.log_std:g}]"
+            raise InvalidParameter(f"{allowed}, got {last:g}")
+        if last is not None and self.held_noise >= 1.0:
+            raise InvalidParameter(f"last_log_std needs held_noise < 1, got {self.held_noise:g}")
         if self.most_failures is not None and not 0.0 <= self.most_failures <= 1.0:
             raise InvalidParameter(f"most_failures must be in [0, 1], got {self.most_failures:g}")
         if self.algorithm == "sac" and self.frames > 1:

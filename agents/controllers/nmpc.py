@@ -59,6 +59,19 @@ _BEYOND = 3
 _MOST_POWER = 0.99
 
 
+#: Largest values of the settings. Beyond 30 degrees of slip angle the tables end.
+_HIGHEST = {
+    "margin": 1.5,
+    "slip_angle": 0.52,
+    "corridor": 1.0,
+    "inside": 3.0,
+    "beyond": 3.0,
+    "brake_share": 1.0,
+    "braking": 1.0,
+    "speed_max": 50.0,
+}
+
+
 @dataclass(frozen=True, kw_only=True)
 class NmpcSettings:
     """Caution, weights and timing."""
@@ -66,12 +79,23 @@ class NmpcSettings:
     margin: float = 0.85  #: share of the side force that the plan counts on [-]
     slip_angle: float = 0.3  #: largest slip angle of the plan [rad]
     corridor: float = 0.55  #: share of the corridor's half width that the plan uses [-]
-    beyond: float = 0.7  #: share of the lateral limit by which it must be able to slow down beyond [-]
-    brake_share: float = 0.7  #: share of the braking that it counts on there [-]
+    inside: float = 1.25  #: share of the lateral limit that the path itself may take inside the plan [-]
+    beyond: float = 1.0  #: share of the lateral limit by which it must be able to slow down beyond [-]
+    brake_share: float = 0.5  #: share of the braking with which it slows down for bends [-]
+    braking: float = 0.8  #: share of what the axles hold along that the plan itself brakes with [-]
     speed_max: float = 15.0  #: [m/s]
     replan: int = 4  #: control intervals between two decisions
     iterations: int = 1  #: linearisations a decision
     horizon: Horizon = field(default_factory=Horizon)
+
+    def __post_init__(self) -> None:
+        for name, highest in _HIGHEST.items():
+            value = getattr(self, name)
+            if not 0.0 < value <= highest:
+                raise InvalidParameter(f"{name} must be above 0 and at most {highest:g}, got {value:g}")
+        for name in ("replan", "iterations"):
+            if getattr(self, name) < 1:
+                raise InvalidParameter(f"{name} must be at least 1, got {getattr(self, name)}")
 
 
 class SoilNumbers(NamedTuple):
@@ -254,24 +278,29 @@ class NmpcAgent:
         moved = np.column_stack([np.interp(shift, np.arange(stages), column) for column in inputs.T])
         return states, moved[:, : len(INPUTS)]
 
+    def _profile(self, highest: np.ndarray, braking: float) -> np.ndarray:
+        """(S,) speeds from which all later ones can be met with this deceleration [m/s^2]."""
+        at = self._stations
+        return np.array([planned_speed(highest, at, braking, float(station)) for station in at])
+
     def _limits(self, senses: Senses, belief: Belief, soil: np.ndarray) -> Limits:
         """Bounds of the plan."""
         s, v, table = self.settings, self._vehicle, self._table
-        lateral = s.beyond * table.lateral_limit(belief.low, belief.high, s.slip_angle)
+        lateral = table.lateral_limit(belief.low, belief.high, s.slip_angle)
         braking = s.brake_share * table.braking_limit(belief.low, belief.high)
         curvature = np.interp(self._stations, self._preview, senses.curvature)
-        highest = speed_limit(curvature, lateral, s.speed_max)
-        final = np.array(
-            [planned_speed(highest, self._stations, braking, float(at)) for at in self._stations]
+        speeds, final = (
+            self._profile(speed_limit(curvature, share * lateral, s.speed_max), braking)
+            for share in (s.inside, s.beyond)
         )
         if senses.target_speed > 0.0:
-            final = np.minimum(final, senses.target_speed)
+            speeds, final = (np.minimum(row, senses.target_speed) for row in (speeds, final))
         hold = soil[SOIL.index("hold")]
         resistance = soil[SOIL.index("resistance")]
         most = v.drive_torque_max / v.r
         most /= math.hypot(1.0, most * max(*senses.rim_speed, senses.speed) / v.power_max)
         push = min(most / v.m, 0.9 * hold + resistance)
-        brake = -min(v.brake_torque_max / (v.r * v.m), 0.8 * hold)
+        brake = -min(v.brake_torque_max / (v.r * v.m), s.braking * hold)
         return Limits(
             corridor=s.corridor * self._briefing.corridor,
             slip=s.slip_angle,
@@ -279,7 +308,7 @@ class NmpcAgent:
             steer_rate=v.steer_rate,
             push=max(push, 0.5),
             brake=min(brake, -0.5),
-            speed_max=s.speed_max if senses.target_speed <= 0.0 else senses.target_speed,
             stations=self._stations,
+            speeds=speeds,
             final=final,
         )

@@ -18,6 +18,7 @@ from offroad_env.physics.records import Vehicle
 __all__ = [
     "CONTROLS",
     "INPUTS",
+    "SLACKS",
     "SOIL",
     "STATES",
     "Horizon",
@@ -32,8 +33,8 @@ STATES = ("e", "psi", "s", "v", "vy", "r", "steer", "push", "steer_command", "pu
 #: Rates of the commands [rad/s, m/s^3].
 INPUTS = ("steer_rate", "push_rate")
 #: Slacks of corridor [m], slip angles of front and rear [rad], final speed [m/s].
-_SLACKS = 4
-CONTROLS = len(INPUTS) + _SLACKS
+SLACKS = 4
+CONTROLS = len(INPUTS) + SLACKS
 #: Numbers of the soil: side acceleration D sin(C arctan(B alpha)) of both axles, drag c (sqrt(alpha^2 + w^2)
 #: - w) of each in a bend [m/s^2], resistance [m/s^2], largest acceleration by drive and brake [m/s^2], what
 #: the axles hold, and what moves the vehicle on, beyond the model [m/s^2].

@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from agents.controllers.nmpc_problem import CONTROLS, INPUTS, STATES, Horizon, Problem
+from agents.controllers.nmpc_problem import CONTROLS, INPUTS, SLACKS, STATES, Horizon, Problem
 
 __all__ = ["Limits", "Programme"]
 
 _E, _PSI, _S, _V, _VY, _R, _STEER, _PUSH, _STEER_COMMAND, _PUSH_COMMAND = range(len(STATES))
 _X, _U = len(STATES), CONTROLS
-_CORRIDOR, _FRONT, _REAR, _SPEED = range(len(INPUTS), CONTROLS)  # slacks
 
 #: Metres of progress that cost as much as: (m/s^3)^2 of drive, (rad/s)^2 of steering, over a second.
 _PUSH_WEIGHT, _STEER_WEIGHT = 2e-3, 1.0
@@ -23,9 +22,14 @@ _REGULAR = np.array([0.02, 0.1, 1e-6, 1e-4, 1e-3, 1e-2, 1e-3, 1e-4, 1e-3, 1e-4])
 #: At the end of the plan the vehicle should lie along the path.
 _FINAL = np.array([0.3, 2.0, 1e-6, 1e-4, 0.05, 0.2, 1e-3, 1e-4, 1e-3, 1e-4])
 #: Linear and quadratic cost of the slacks: corridor [m], slip angles [rad], final speed [m/s].
-_LINEAR = np.array([20.0, 20.0, 20.0, 8.0])
+_LINEAR = np.array([60.0, 20.0, 20.0, 8.0])
 _QUADRATIC = np.array([200.0, 100.0, 100.0, 10.0])
-_FAR = 1e8
+#: Linear cost of the slack of the speed at the end [m/(m/s)]. A metre a second more there gains up to 1.8 m,
+#: the duration of the plan times it: at a lower cost the bound would be broken in every plan.
+_FINAL_SPEED = 4.0
+_FAR = float("inf")
+#: Largest rate of the drive [m/s^3].
+_PUSH_RATE = 12.0
 
 
 class Limits(NamedTuple):
@@ -37,81 +41,112 @@ class Limits(NamedTuple):
     steer_rate: float  #: its rate [rad/s]
     push: float  #: largest drive per mass [m/s^2]
     brake: float  #: lowest, negative [m/s^2]
-    speed_max: float  #: [m/s]
     stations: np.ndarray  #: (S,) ways ahead [m]
-    final: np.ndarray  #: (S,) speeds there from which all that is seen can be driven [m/s]
+    speeds: np.ndarray  #: (S,) highest speeds there inside the plan [m/s]
+    final: np.ndarray  #: (S,) speeds there at its end, from which all that is seen can be driven [m/s]
+
+
+_BOUNDS = 7  #: rows of bounds a state: corridor and two slip angles from above and below, speed
+
+
+class _Layout(NamedTuple):
+    """Where the unknowns and the rows of the programme stand.
+
+    Unknowns: the inputs of the first stage; state, inputs and slacks of the later ones; the last state with
+    its slacks; and a nought, with which a chain of stages ends. Rows, stage by stage: dynamics, then bounds
+    of the state.
+    """
+
+    sparsity: Any  #: of the rows, a casadi `Sparsity`
+    source: np.ndarray  #: (entries,) of the rows: places in what `_values` gives
+    states: np.ndarray  #: (N, 10) places of the states after the first one
+    inputs: np.ndarray  #: (N, 2) of the inputs
+    slacks: np.ndarray  #: (N, 4) of the slacks
+    dynamics: np.ndarray  #: (N, 10) rows
+    bounds: np.ndarray  #: (N, 7) rows
+    sizes: dict[str, Any]  #: of the stages
+
+    @property
+    def unknowns(self) -> int:
+        """Number of unknowns."""
+        return int(self.slacks[-1, -1]) + 2
 
 
 @lru_cache(maxsize=4)
-def _pattern(stages: int) -> tuple[Any, np.ndarray]:
-    """Sparsity of the constraints' matrix (as a casadi `Sparsity`), and the order of its entries.
-
-    Unknowns: stage by stage state and controls, and the last state. Rows, stage by stage: dynamics, then slip
-    angles and corridor of the later state, each as an upper and a lower bound, then the speed.
-    """
+def _layout(stages: int) -> _Layout:
+    """The layout, and which entries of the linearised stages fill it."""
     import casadi as ca
 
-    full = _fill(
-        stages, np.ones((stages, _X, _X)), np.ones((stages, _X, len(INPUTS))), np.ones((stages, 2, _X))
-    )
-    matrix = csc_matrix(full)
-    matrix.sort_indices()
-    rows, columns = matrix.shape
-    sparsity = ca.Sparsity(rows, columns, matrix.indptr.tolist(), matrix.indices.tolist())
-    return sparsity, np.flatnonzero(full.T.ravel())
+    N, u, width, height = stages, len(INPUTS), _X + _U, _X + _BOUNDS
+    states = u + width * np.arange(N)[:, None] + np.arange(_X)
+    inputs = np.vstack([np.arange(u), states[:-1, -1:] + 1 + np.arange(u)])
+    slacks = states[:, -1:] + 1 + u + np.arange(SLACKS)
+    slacks[-1] -= u  # no inputs follow the last state
+    dynamics = height * (np.arange(N)[:, None] - 1) + _X + np.arange(_X)
+    dynamics[0] = np.arange(_X)
+    bounds = height * np.arange(N)[:, None] + 2 * _X + np.arange(_BOUNDS)
+    bounds[-1] -= _X - 1
+    labels = np.zeros((int(bounds[-1, -1]) + 1, int(slacks[-1, -1]) + 2), dtype=np.int64)
+    plus, minus, entries = 1, 2, 3 + np.arange(N * (_X * (_X + u) + 2 * _X))
+    A, B, G = np.split(entries, np.cumsum([N * _X * _X, N * _X * u]))
+    A, B, G = A.reshape(N, _X, _X), B.reshape(N, _X, u), G.reshape(N, 2, _X)
+    for k in range(N):
+        if k > 0:
+            labels[np.ix_(dynamics[k], states[k - 1])] = A[k]
+        labels[np.ix_(dynamics[k], inputs[k])] = B[k]
+        labels[dynamics[k], states[k]] = minus
+        rows = bounds[k]
+        labels[rows[:2], states[k, _E]] = plus
+        labels[rows[-1], states[k, _V]] = plus
+        for j in range(2):
+            labels[np.ix_(rows[2 + 2 * j : 4 + 2 * j], states[k])] = G[k, j]
+        labels[rows, slacks[k, [0, 0, 1, 1, 2, 2, 3]]] = [minus, plus, minus, plus, minus, plus, minus]
+    labels[bounds[-1, 0] - 1, -1] = minus
+    filled = csc_matrix(labels)
+    sparsity = ca.Sparsity(*labels.shape, filled.indptr.tolist(), filled.indices.tolist())
+    sizes = {
+        "N": N + 1,
+        "nx": [0, *[_X] * N, 1],
+        "nu": [u, *[_U] * (N - 1), SLACKS, 0],
+        "ng": [0, *[_BOUNDS] * N, 0],
+    }
+    return _Layout(sparsity, filled.data - 1, states, inputs, slacks, dynamics, bounds, sizes)
 
 
-_ROWS = _X + 2 + 4 + 1  # dynamics, corridor, slips, speed
-
-
-def _fill(stages: int, A: np.ndarray, B: np.ndarray, G: np.ndarray) -> np.ndarray:
-    """The constraints' matrix, dense."""
-    width = _X + _U
-    full = np.zeros((stages * _ROWS, stages * width + _X))
-    for k in range(stages):
-        top, left = k * _ROWS, k * width
-        late = left + width
-        full[top : top + _X, left : left + _X] = A[k]
-        full[top : top + _X, left + _X : left + _X + len(INPUTS)] = B[k]
-        full[top : top + _X, late : late + _X] -= np.eye(_X)
-        row = top + _X
-        slack = left + _X
-        full[row, late + _E], full[row, slack + _CORRIDOR] = 1.0, -1.0
-        full[row + 1, late + _E], full[row + 1, slack + _CORRIDOR] = 1.0, 1.0
-        for j, name in enumerate((_FRONT, _REAR)):
-            full[row + 2 + 2 * j, late : late + _X], full[row + 2 + 2 * j, slack + name] = G[k, j], -1.0
-            full[row + 3 + 2 * j, late : late + _X], full[row + 3 + 2 * j, slack + name] = G[k, j], 1.0
-        full[row + 6, late + _V], full[row + 6, slack + _SPEED] = 1.0, -1.0
-    return full
+def _values(A: np.ndarray, B: np.ndarray, G: np.ndarray) -> np.ndarray:
+    """What stands in the rows: (N, 10, 10) and (N, 10, 2) of the dynamics, (N, 2, 10) of the slip angles."""
+    return np.concatenate([[1.0, -1.0], A.ravel(), B.ravel(), G.ravel()])
 
 
 class Programme:
     """Builds and solves the programme; keeps the last multipliers as the next start."""
 
-    def __init__(self, horizon: Horizon, *, solver: str = "osqp") -> None:
+    def __init__(self, horizon: Horizon, *, solver: str = "hpipm") -> None:
         import casadi as ca
 
         self._horizon = horizon
-        self._width = _X + _U
-        self._count = horizon.stages * self._width + _X
-        sparsity, self._order = _pattern(horizon.stages)
-        self._H = self._weights()
-        options: dict[str, Any] = {"print_time": False, "error_on_fail": False}
-        options |= SOLVERS[solver]
-        self._solver = ca.conic(
-            "programme", solver, {"h": ca.Sparsity.diag(self._count), "a": sparsity}, options
-        )
+        self._layout = _layout(horizon.stages)
+        H, self._g = self._cost()
+        self._H = ca.diag(ca.DM(H))  # a mere column would be repeated to a full matrix at every call
+        options: dict[str, Any] = {"print_time": False, "error_on_fail": False, **SOLVERS[solver]}
+        if solver == "hpipm":
+            options |= self._layout.sizes
+        shapes = {"h": ca.Sparsity.diag(self._layout.unknowns), "a": self._layout.sparsity}
+        self._solver = ca.conic("programme", solver, shapes, options)
         self._ca = ca
-        self._a = ca.DM(sparsity, np.zeros(sparsity.nnz()))
-        self._sparsity = sparsity
         self._last: Any = None
 
-    def _weights(self) -> np.ndarray:
-        """Diagonal of the Hessian."""
-        stages, dt = self._horizon
-        controls = np.concatenate([dt * np.array([_STEER_WEIGHT, _PUSH_WEIGHT]), _QUADRATIC * dt])
-        H = np.concatenate([*[np.concatenate([dt * _REGULAR, controls])] * stages, _FINAL])
-        return np.asarray(2.0 * H)
+    def _cost(self) -> tuple[np.ndarray, np.ndarray]:
+        """Diagonal of the Hessian, and gradient: progress at the end counts -1 a metre."""
+        at, dt = self._layout, self._horizon.dt
+        H, g = np.full(at.unknowns, 1e-6), np.zeros(at.unknowns)
+        H[at.states] = dt * _REGULAR
+        H[at.states[-1]] = _FINAL
+        H[at.inputs] = dt * np.array([_STEER_WEIGHT, _PUSH_WEIGHT])
+        H[at.slacks], g[at.slacks] = dt * _QUADRATIC, dt * _LINEAR
+        g[at.slacks[-1, -1]] = _FINAL_SPEED
+        g[at.states[-1, _S]] = -1.0
+        return 2.0 * H, g
 
     def solve(
         self,
@@ -124,35 +159,23 @@ class Programme:
         limits: Limits,
     ) -> tuple[np.ndarray, np.ndarray]:
         """States (N+1, 10) and inputs (N, 2) of the plan from ``start``, linearised about the given ones."""
-        stages = self._horizon.stages
+        stages, at = self._horizon.stages, self._layout
         late, A, B = (np.asarray(part) for part in problem.stage(states[:-1].T, inputs.T, soil, kappas[None]))
         A = A.reshape(_X, stages, _X).transpose(1, 0, 2)
         B = B.reshape(_X, stages, len(INPUTS)).transpose(1, 0, 2)
         slips, G = (np.asarray(part) for part in problem.slips(states[1:].T))
         G = G.reshape(2, stages, _X).transpose(1, 0, 2)
-        full = _fill(stages, A, B, G)
-        a = self._ca.DM(self._sparsity, full.T.ravel()[self._order])
-        # Rows: bounds. Everything but the plan's departure from the old one is constant.
         defect = np.einsum("kij,kj->ki", A, states[:-1]) + np.einsum("kij,kj->ki", B, inputs) - late.T
+        defect[0] -= A[0] @ start
         offset = slips.T - np.einsum("kij,kj->ki", G, states[1:])
-        low, high = np.full((stages, _ROWS), -_FAR), np.full((stages, _ROWS), _FAR)
-        low[:, :_X] = high[:, :_X] = defect
-        high[:, _X], low[:, _X + 1] = limits.corridor, -limits.corridor
-        for j in range(2):
-            high[:, _X + 2 + 2 * j] = limits.slip - offset[:, j]
-            low[:, _X + 3 + 2 * j] = -limits.slip - offset[:, j]
-        high[:, _X + 6] = limits.speed_max
-        high[-1, _X + 6] = min(
-            float(np.interp(states[-1, _S], limits.stations, limits.final)), limits.speed_max
-        )
-        lowest, highest = self._bounds(start, limits)
-        g = self._gradient()
+        low, high = self._row_bounds(defect, offset, states[1:, _S], limits)
+        lowest, highest = self._bounds(limits)
         found = self._solver(
             h=self._H,
-            g=g,
-            a=a,
-            lba=low.ravel(),
-            uba=high.ravel(),
+            g=self._g,
+            a=self._ca.DM(at.sparsity, _values(A, B, G)[at.source]),
+            lba=low,
+            uba=high,
             lbx=lowest,
             ubx=highest,
             **({} if self._last is None else self._last),
@@ -162,46 +185,63 @@ class Programme:
             self._last = None
             return states, inputs
         self._last = {"x0": found["x"], "lam_a0": found["lam_a"], "lam_x0": found["lam_x"]}
-        table = z[: stages * self._width].reshape(stages, self._width)
-        return np.vstack([table[:, :_X], z[-_X:]]), table[:, _X : _X + len(INPUTS)].copy()
+        return np.vstack([start, z[at.states]]), z[at.inputs]
 
-    def _gradient(self) -> np.ndarray:
-        """Progress at the end counts -1 a metre; slacks cost their linear weight."""
-        stages, dt = self._horizon
-        controls = np.concatenate([np.zeros(len(INPUTS)), dt * _LINEAR])
-        g = np.tile(np.concatenate([np.zeros(_X), controls]), stages)
-        final = np.zeros(_X)
-        final[_S] = -1.0
-        return np.concatenate([g, final])
+    def _row_bounds(
+        self, defect: np.ndarray, offset: np.ndarray, way: np.ndarray, limits: Limits
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of the rows.
 
-    def _bounds(self, start: np.ndarray, limits: Limits) -> tuple[np.ndarray, np.ndarray]:
-        stages = self._horizon.stages
-        low_x, high_x = np.full(_X, -_FAR), np.full(_X, _FAR)
-        low_x[_STEER_COMMAND], high_x[_STEER_COMMAND] = -limits.steer, limits.steer
-        low_x[_PUSH_COMMAND], high_x[_PUSH_COMMAND] = limits.brake, limits.push
-        low_u = np.array([-limits.steer_rate, -12.0, 0.0, 0.0, 0.0, 0.0])
-        high_u = np.array([limits.steer_rate, 12.0, _FAR, _FAR, _FAR, _FAR])
-        low = np.concatenate([*[np.concatenate([low_x, low_u])] * stages, low_x])
-        high = np.concatenate([*[np.concatenate([high_x, high_u])] * stages, high_x])
-        low[:_X] = high[:_X] = start
+        Parameters
+        ----------
+        defect : array (N, 10)
+            Right side of the dynamics.
+        offset : array (N, 2)
+            Slip angles at state zero [rad], linear about the last plan.
+        way : array (N,)
+            Of the last plan [m].
+        limits
+        """
+        at = self._layout
+        low, high = (np.full(at.sparsity.rows(), end) for end in (-_FAR, _FAR))
+        low[at.bounds[-1, 0] - 1] = high[at.bounds[-1, 0] - 1] = 0.0
+        low[at.dynamics] = high[at.dynamics] = defect
+        high[at.bounds[:, 0]], low[at.bounds[:, 1]] = limits.corridor, -limits.corridor
+        high[at.bounds[:, [2, 4]]], low[at.bounds[:, [3, 5]]] = limits.slip - offset, -limits.slip - offset
+        speeds = np.interp(way, limits.stations, limits.speeds)
+        speeds[-1] = min(speeds[-1], float(np.interp(way[-1], limits.stations, limits.final)))
+        high[at.bounds[:, 6]] = speeds
+        return low, high
+
+    def _bounds(self, limits: Limits) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of the unknowns."""
+        at = self._layout
+        low, high = (np.full(at.unknowns, end) for end in (-_FAR, _FAR))
+        low[at.slacks] = 0.0
+        for place, lowest, highest in (
+            (at.states[:, _STEER_COMMAND], -limits.steer, limits.steer),
+            (at.states[:, _PUSH_COMMAND], limits.brake, limits.push),
+            (at.inputs[:, 0], -limits.steer_rate, limits.steer_rate),
+            (at.inputs[:, 1], -_PUSH_RATE, _PUSH_RATE),
+        ):
+            low[place], high[place] = lowest, highest
         return low, high
 
 
-#: Options of solvers; none of them looks at a clock.
+#: Options of solvers; none of them looks at a clock. The interior-point method follows the stages and has
+#: converged after 8 to 14 iterations; osqp has not after 200, and the rate of the drive then errs by more
+#: than a third of its largest value in one decision of ten.
 SOLVERS: dict[str, dict[str, Any]] = {
+    "hpipm": {"inf": 1e4, "hpipm": {"iter_max": 15}},
     "osqp": {
         "osqp": {
             "verbose": False,
-            "max_iter": 200,
-            "eps_abs": 1e-3,
-            "eps_rel": 1e-3,
+            "max_iter": 4000,
+            "eps_abs": 1e-5,
+            "eps_rel": 1e-5,
             "adaptive_rho": True,
             "adaptive_rho_interval": 25,
             "polish": False,
         }
     },
-    "piqp": {"piqp": {}},
-    "proxqp": {"proxqp": {}},
-    "hpipm": {"hpipm": {}},
-    "qrqp": {"print_iter": False, "print_header": False, "print_info": False},
 }

@@ -39,14 +39,12 @@ class Coordinate(NamedTuple):
     """A limit that decides a task, and how a belief about soils gives it."""
 
     entry: str  #: of `BELIEF_VECTOR`
-    of_table: str  #: the same in a row of the table: "lateral", "braking" or "slip"
+    of_table: str  #: the same in a row of the table: "lateral" or "braking"
 
 
-#: Task -> the limit by which its controller knows the soil.
-COORDINATES: dict[str, Coordinate] = {
-    "brake": Coordinate("stopping", "braking"),
-    "climb": Coordinate("pull_slip", "slip"),
-}
+#: Task -> the limit by which its controller knows the soil. Not so in `climb`: tyres pull most at the highest
+#: slip on nearly all soils, so no two of them differ in it.
+COORDINATES: dict[str, Coordinate] = {"brake": Coordinate("stopping", "braking")}
 _LATERAL = Coordinate("lateral", "lateral")
 
 
@@ -83,8 +81,6 @@ def _value(coordinate: Coordinate, row: SoilRow) -> float:
     """The coordinate of a soil."""
     if coordinate.of_table == "braking":
         return float(row.scalars[0])
-    if coordinate.of_table == "slip":
-        return float(row.scalars[2])
     sides = [np.interp(_LATERAL_ANGLE, row.angles, np.maximum.accumulate(side)) for side in row.bends[0]]
     return float(min(sides))
 
@@ -120,8 +116,6 @@ def _mean(rows: Sequence[SoilRow], weights: np.ndarray) -> SoilRow:
 
 def _scaled(row: SoilRow, coordinate: Coordinate, value: float) -> SoilRow:
     """The row with its own coordinate at the wanted value."""
-    if coordinate.of_table == "slip":
-        return row
     factor = value / max(_value(coordinate, row), 1e-3)
     if coordinate.of_table == "braking":
         return row._replace(scalars=row.scalars * np.array([factor, 1.0, 1.0, 1.0]))

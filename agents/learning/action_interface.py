@@ -16,6 +16,8 @@ any model of the soil: the speed that a bend allows is learnt. The zero action d
 
 ``demand``: the same; the policy also sees what the path asks for at its speed: v^2 kappa ahead, and before a
 line v^2 / (2 d).
+
+``share``: the same; what the path asks for is also seen as a share of what the soil is believed to hold.
 """
 
 from __future__ import annotations
@@ -39,9 +41,11 @@ from agents.controllers.speed_planner import (
 )
 from agents.controllers.stop_controller import stopped_motion
 from agents.controllers.traction_limits import SlipAngles, SlipTable, anticipated_slip, soil_capability
+from estimators.filters.online_soil_belief import BELIEF_VECTOR
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.records import FloatArray, Vehicle
+from offroad_env.simulation.soil_holds import REFERENCE_SPEED
 
 __all__ = [
     "ACTION_INTERFACES",
@@ -49,6 +53,7 @@ __all__ = [
     "Demand",
     "Direct",
     "PlanInterface",
+    "Share",
     "TrackerInterface",
     "ZeroAction",
     "find_interface",
@@ -69,6 +74,12 @@ _SLOWING = 2.5
 _LAG, _FASTEST = 0.25, 15.0
 #: Distance to a line [m] below which, and deceleration [m/s^2] above which, no difference is shown.
 _NEAREST, _HARDEST = 0.1, 15.0
+#: Limits where nothing is known of the soil: middle and standard deviation of the population (150 soils,
+#: docs/natural_benchmark.md): lateral acceleration [m/s^2], distance of a stop from `REFERENCE_SPEED` [m].
+_NOMINAL = {"lateral": (5.6, 2.3), "stopping": (2.1, 0.9)}
+#: Limit that no soil is taken to be below [m/s^2], and the largest share that is shown [-].
+_LEAST_LIMIT, _LARGEST_SHARE = 0.5, 4.0
+_AT = {name: BELIEF_VECTOR.index(name) for name in BELIEF_VECTOR}
 #: Entries of the observation that change their sign in a mirror: lateral acceleration and yaw rate;
 #: steering; distance and heading error from the path and its curvatures.
 _LATERAL_SIGNALS = {"imu": [1, 4], "motion": [3], "path": [0, 1, *range(3, 11)]}
@@ -236,6 +247,47 @@ class Demand(Direct):
         return found
 
 
+def _limit(name: str, terrain: np.ndarray | None, deviations: float) -> np.ndarray:
+    """(..., 1) a limit so many standard deviations above its mean, in logarithms; see `_NOMINAL`."""
+    mean, sd = (np.array([value]) for value in _NOMINAL[name])
+    if terrain is not None and terrain.shape[-1] == len(BELIEF_VECTOR):
+        shown, spread = (terrain[..., _AT[key], None].astype(np.float64) for key in (name, f"{name}_sd"))
+        known = (terrain[..., -1:] > 0.5) & np.isfinite(shown) & np.isfinite(spread)
+        mean, sd = np.where(known, shown, mean), np.where(known, spread, sd)
+    mean = np.maximum(mean, _LEAST_LIMIT)
+    return np.asarray(np.maximum(mean * np.exp(deviations * sd / mean), _LEAST_LIMIT))
+
+
+class Share(Demand):
+    """As `Demand`, and the policy sees which share of the soil's limits that takes.
+
+    A policy that is shown the demand and a limit has to learn their quotient, and of rare weak soils it has
+    seen little. The limits are those of the key "terrain" where it holds what the soil holds, else the
+    middle of the population, whatever the true soil.
+    """
+
+    def seen(self, observations: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """As `Demand`, with a key "share".
+
+        Its entries are v^2 kappa over the lateral limit for every curvature ahead, and the deceleration that
+        stops at a line over that of the brakes, where there is a line: first with the means of the belief,
+        then with what lies one standard deviation below. Up to `_LARGEST_SHARE`.
+        """
+        found = super().seen(observations)
+        bends = found["path"].shape[-1] - 4
+        demand = found["demand"].astype(np.float64)
+        terrain, parts = found.get("terrain"), []
+        for deviations in (0.0, 1.0):
+            parts.append(demand[..., :bends] / _limit("lateral", terrain, -deviations))
+            if self._stops:
+                stopping = _limit("stopping", terrain, deviations)
+                braking = REFERENCE_SPEED**2 / (2.0 * np.maximum(stopping, _NEAREST))
+                parts.append(demand[..., bends : bends + 1] / np.maximum(braking, _LEAST_LIMIT))
+        shares = np.concatenate(parts, axis=-1)
+        found["share"] = np.clip(shares, -_LARGEST_SHARE, _LARGEST_SHARE).astype(np.float32)
+        return found
+
+
 class TrackerInterface:
     """Steers onto the path by geometry and drives at the speed of the action, without any model of the soil.
 
@@ -319,6 +371,7 @@ ACTION_INTERFACES: dict[str, type[ActionInterface]] = {
     "tracker": TrackerInterface,
     "direct": Direct,
     "demand": Demand,
+    "share": Share,
 }
 _ALIASES = {"pedals": "direct"}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,6 +21,7 @@ __all__ = [
     "configuration_hash",
     "decisive",
     "failure_charge",
+    "noise_bound",
     "objective",
     "task_of",
     "world_of",
@@ -41,6 +43,7 @@ _ADDED: dict[str, Any] = {
     "check_from": 0,
     "held_noise": 1.0,
     "centre": 0.0,
+    "last_log_std": None,
 }
 #: With the option's former spelling.
 ActionInterfaceName = Annotated[str, tyro.conf.arg(aliases=["--guide"])]  # alias
@@ -61,7 +64,7 @@ class TrainArgs:
     resume: bool = False  #: go on from the checkpoint in that folder
     checkpoint_steps: int = 8_000  #: steps between two checkpoints; 0 = none
     tensorboard: bool = False  #: also write what TensorBoard shows to out/tensorboard
-    action_interface: ActionInterfaceName = "plan"  #: meaning of an action: plan (n), tracker (speed), direct
+    action_interface: ActionInterfaceName = "plan"  #: an action's: plan, tracker, direct, demand, share
     objective: str | None = None  #: reward, or score: what the benchmark measures; default where it is time
     charge: float = 1.0 / 3.0  #: of a failure in the score that is learnt, as a share of the time limit
     first_charge: float | None = None  #: at the start, if less: grows by equal factors to the other
@@ -82,6 +85,7 @@ class TrainArgs:
     log_std: float = -3.2  #: first log standard deviation of the noise (not SAC)
     noise_steps: int = 25  #: above 1, noise follows the state and is drawn anew after so many (not SAC)
     held_noise: float = 1.0  #: share of the steps after which it is drawn anew at every step
+    last_log_std: float | None = None  #: from then on log_std is bounded, at the end by this (PPO)
     buffer_size: int = 300_000  #: steps that SAC remembers
     clip_reward: float = 10.0  #: largest reward that is learnt from [standard deviations of their sums]
     first_drive: float = 0.0  #: drive that an untrained policy asks for (not SAC)
@@ -121,6 +125,15 @@ def failure_charge(args: TrainArgs, steps: int) -> float:
     if args.first_charge is None:
         return args.charge
     return float(args.first_charge * (args.charge / args.first_charge) ** min(steps / args.total_steps, 1.0))
+
+
+def noise_bound(args: TrainArgs, steps: int) -> float:
+    """Upper bound of the log standard deviation of the noise after so many steps; infinite: there is none."""
+    share = steps / args.total_steps
+    if args.last_log_std is None or share < args.held_noise or args.held_noise >= 1.0:
+        return math.inf
+    gone = min((share - args.held_noise) / (1.0 - args.held_noise), 1.0)
+    return args.log_std + gone * (args.last_log_std - args.log_std)
 
 
 def task_of(args: TrainArgs) -> Scenario:

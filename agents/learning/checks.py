@@ -13,10 +13,14 @@ from agents.benchmark.runner import ENV_ID, Draw, run_episode
 from agents.controllers.protocol import Agent, EpisodeResult
 from agents.learning.action_interface import make_interface
 from agents.learning.emulated_belief import EmulatedBelief
+from offroad_env.environment.env import CONTROL_PERIOD
 from offroad_env.environment.scenarios import Scenario
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv, make_vec
 
 __all__ = ["drive_each", "merit", "scores_together"]
+
+#: Episodes that are stepped side by side.
+_LANES = 32
 
 
 def merit(scores: np.ndarray, success: np.ndarray, most_failures: float) -> tuple[float, float]:
@@ -54,47 +58,79 @@ def scores_together(
     *,
     form: str,
     interface: str,
-    belief: EmulatedBelief | None = None,
+    belief_seed: int | None = None,
     **options: Any,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Scores (E,) and successes (E,) of a policy without memory, all episodes stepped together.
+    """Scores (E,) and successes (E,) of a policy, episodes stepped side by side.
 
     Parameters
     ----------
     predict
-        Observations (E, ...) of each key -> actions (E, 2).
+        Observations (N, ...) of each key, and which of the N episodes (N,) have just begun -> actions (N, 2).
     task, draws, form
     interface
         Name of the action interface.
-    belief
-        Emulates what the policy sees of the soil, where the environments show the true limits.
+    belief_seed
+        Of the errors of an emulated belief, which the policy sees where the environments show the true
+        limits; None: what they show is seen.
     options
         Further arguments of the environment.
     """
     count = len(draws)
-    envs = make_vec(count, autoreset_mode="Disabled", **{**options_of(task, form), **options})
+    lanes = min(count, _LANES)
+    envs = make_vec(lanes, autoreset_mode="Disabled", **{**options_of(task, form), **options})
     assert isinstance(envs, OffroadBekkerVectorEnv)
     first = envs.envs[0]
     scenario: Scenario = first.scenario
-    seen, infos = envs.reset(seed=[draw.seed for draw in draws], options=_reset_options(draws))
     acting = make_interface(interface, first.briefing)
-    scores = np.full(count, scenario.time_limit)
-    success, driving = np.zeros(count, np.bool_), np.ones(count, np.bool_)
-    step = 0
-    while driving.any():
+    scores, success = np.full(count, scenario.time_limit), np.zeros(count, np.bool_)
+    seen, infos = envs.reset(
+        seed=[draw.seed for draw in draws[:lanes]], options=_reset_options(draws[:lanes])
+    )
+    belief = None
+    if belief_seed is not None:
+        belief = EmulatedBelief(lanes, acting.hold * CONTROL_PERIOD, belief_seed)
+    at, begun = np.arange(lanes), lanes  # the episode of each lane, -1 where it is over
+    step, fresh = 0, np.ones(lanes, np.bool_)
+    while (at >= 0).any() or begun < count:
         if step % acting.hold == 0:
-            known = {} if belief is None else {"terrain": belief.shown(seen)}
-            actions = predict(acting.seen({**seen, **known}))
+            free = np.flatnonzero(at < 0)[: count - begun]
+            if len(free):
+                at[free] = np.arange(begun, begun + len(free))
+                begun, fresh[free] = begun + len(free), True
+                seen = _begin(envs, draws, at, free)
+            known = {} if belief is None else {"terrain": _shown(belief, seen, fresh)}
+            actions = predict(acting.seen({**seen, **known}), fresh)
+            fresh = np.zeros(lanes, np.bool_)
         step += 1
         seen, _, terminated, truncated, infos = envs.step(acting.actions(seen, actions))
         over = terminated | truncated
-        for i in np.flatnonzero(over & driving):
-            success[i], scores[i] = _result(scenario, infos, i)
-        driving &= ~over
-        if over.any():  # what has ended rolls on from a new start, unobserved
+        for i in np.flatnonzero(over & (at >= 0)):
+            success[at[i]], scores[at[i]] = _result(scenario, infos, i)
+        at[over] = -1
+        if over.any():  # what has ended rolls on from a new start, unobserved, until the next action is due
             seen, _ = envs.reset(options={"reset_mask": over})
     envs.close()
     return scores, success
+
+
+def _shown(belief: EmulatedBelief, seen: Mapping[str, np.ndarray], fresh: np.ndarray) -> np.ndarray:
+    """The emulated beliefs of all lanes, ``fresh`` episodes having just begun."""
+    if fresh.any():
+        belief.restart(fresh)
+    return belief.shown(seen)
+
+
+def _begin(
+    envs: OffroadBekkerVectorEnv, draws: Sequence[Draw], at: np.ndarray, free: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Begin the episodes ``at`` in the lanes ``free``; what all lanes observe."""
+    beginning = np.isin(np.arange(len(at)), free)
+    given = [draws[max(i, 0)] for i in at.tolist()]
+    seen, _ = envs.reset(
+        seed=[draw.seed for draw in given], options={**_reset_options(given), "reset_mask": beginning}
+    )
+    return seen
 
 
 def _reset_options(draws: Sequence[Draw]) -> dict[str, Any]:

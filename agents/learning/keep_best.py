@@ -65,7 +65,7 @@ class KeepBest(BaseCallback):
         self._last = self.num_timesteps
         scaling = scaling_of(self._scaler)
 
-        def predict(seen: dict[str, np.ndarray]) -> np.ndarray:
+        def predict(seen: dict[str, np.ndarray], _: np.ndarray) -> np.ndarray:
             return self.model.predict(scaled(seen, scaling), deterministic=True)[0]
 
         scores, success = scores_together(

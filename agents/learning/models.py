@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from gymnasium import spaces
 from agents.learning.learners import find_learner
 from agents.learning.parameters import load_parameters
 
-__all__ = ["make_model", "policy_settings", "start_rolling", "trained_model"]
+__all__ = ["bound_noise", "make_model", "policy_settings", "start_rolling", "trained_model"]
 
 
 def make_model(algorithm: str, env: Any, *, seed: int | None, settings: Mapping[str, Any]) -> Any:
@@ -28,6 +29,15 @@ def start_rolling(model: Any, drive: float) -> None:
 
     with torch.no_grad():
         model.policy.action_net.bias[1] = drive
+
+
+def bound_noise(model: Any, log_std: float) -> None:
+    """Keep the log standard deviations of a policy's noise below a bound."""
+    import torch
+
+    if math.isfinite(log_std):
+        with torch.no_grad():
+            model.policy.log_std.clamp_(max=log_std)
 
 
 def policy_settings(

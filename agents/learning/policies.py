@@ -176,6 +176,7 @@ class PolicyAgent:
             key: deque([np.zeros_like(mean, np.float32)] * self._frames, maxlen=self._frames)
             for key, (mean, _) in self._scaling.items()
         }
+        self._rows: dict[str, np.ndarray] = {}
         self._memory, self._starts = None, np.ones(1, dtype=bool)
         self._step = 0
 
@@ -188,9 +189,21 @@ class PolicyAgent:
         action: np.ndarray = self._interface.actions(row, self._action[None])[0]
         return action
 
-    def decide_all(self, seen: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Actions (N, 2) of a policy without memory for observations as its action interface shows them."""
-        actions: np.ndarray = self._model.predict(scaled(seen, self._scaling))[0]
+    def decide_all(self, seen: Mapping[str, np.ndarray], fresh: np.ndarray) -> np.ndarray:
+        """Actions (N, 2) for observations of N episodes as the action interface shows them.
+
+        Those of the mask ``fresh`` (N,) have just begun. For networks without recurrence.
+        """
+        rows = scaled(seen, self._scaling)
+        if self._frames > 1:
+            for key, row in rows.items():
+                past = self._rows.get(key)
+                if past is None or len(past) != len(row):
+                    past = np.zeros((len(row), self._frames * row.shape[-1]), np.float32)
+                past = np.where(fresh[:, None], np.float32(0.0), past)
+                self._rows[key] = np.concatenate([past[:, row.shape[-1] :], row], axis=-1)
+            rows = self._rows
+        actions: np.ndarray = self._model.predict(rows)[0]
         return actions
 
     def _decide(self, observation: Observation) -> np.ndarray:

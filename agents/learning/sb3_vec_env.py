@@ -113,14 +113,14 @@ class LearningVecEnv(Sb3VecEnv):
         if self._belief is not None:
             if fresh.any():
                 self._belief.restart(fresh)
-            self._seen = {**self._seen, "terrain": self._belief.shown(self._seen)}
+            self._last_belief = self._belief.shown(self._seen)
+            self._seen = {**self._seen, "terrain": self._last_belief}
         return self._shown(self._seen)
 
-    def _ended(self, listed: list[dict[str, Any]], over: np.ndarray, last: np.ndarray | None) -> None:
-        """Put the last belief of an episode into its last observation, where it is emulated."""
-        if last is not None:
-            for i in np.flatnonzero(over):
-                listed[i]["terminal_observation"]["terrain"] = last[i]
+    def _shown_last(self, observation: dict[str, np.ndarray], row: int) -> dict[str, np.ndarray]:
+        """With the last belief of the episode, where it is emulated."""
+        known = {} if self._belief is None else {"terrain": self._last_belief[row]}
+        return self._shown({**observation, **known})
 
     def _set_price(self) -> None:
         """Weigh the edge of the corridor by how many of the last episodes arrived; from the next reset on.
@@ -146,10 +146,8 @@ class LearningVecEnv(Sb3VecEnv):
 
     def step_wait(self) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """One step of all episodes: a control period, or the time for which an action is held."""
-        last = None if self._belief is None else self._seen["terrain"]
         if self._interface is None:
             gained, done, ends = self._gained(self._actions)
-            self._ended(ends, done, last)
             return self._believed(done), gained, done, ends
         rewards = np.zeros(self.num_envs, np.float32)
         over = np.zeros(self.num_envs, np.bool_)
@@ -160,7 +158,6 @@ class LearningVecEnv(Sb3VecEnv):
             for i in np.flatnonzero(done & ~over):
                 listed[i] = ends[i]
             over |= done
-        self._ended(listed, over, last)
         return self._believed(over), rewards, over, listed
 
     def _gained(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[dict[str, Any]]]:

@@ -30,6 +30,7 @@ from agents.learning.arguments import (
     configuration_hash,
     decisive,
     failure_charge,
+    noise_bound,
     objective,
     task_of,
     world_of,
@@ -43,8 +44,7 @@ from agents.learning.checkpoint import (
     write_checkpoint,
 )
 from agents.learning.checks import drive_each, merit, scores_together
-from agents.learning.emulated_belief import EmulatedBelief
-from agents.learning.models import make_model, policy_settings, start_rolling
+from agents.learning.models import bound_noise, make_model, policy_settings, start_rolling
 from agents.learning.policies import (
     CLIP,
     KIND,
@@ -57,11 +57,9 @@ from agents.learning.policies import (
     find_learner,
     load_policy,
     packed_arrays,
-    scaled,
     scaling_of,
 )
 from agents.reports.output import only_writer, write_bytes
-from offroad_env.environment.env import CONTROL_PERIOD
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv, make_vec
 from offroad_env.errors import InvalidParameter
 
@@ -252,6 +250,7 @@ class _Watch:
         self._envs.episodes.charge = failure_charge(args, steps)
         if args.held_noise < 1.0 and steps >= args.held_noise * args.total_steps:
             model.sde_sample_freq = 1
+        bound_noise(model, noise_bound(args, steps))
         checked = args.check_episodes > 0 and steps >= args.check_from
         if checked and (steps == 0 or self._due("check", steps, args.check_steps)):
             self.check(model)
@@ -323,24 +322,22 @@ def _check(model: Any, scaler: Any, args: TrainArgs) -> tuple[np.ndarray, np.nda
     options = {"terrain_info": args.terrain_info, **args.world.env_options()}
     split = "training" if args.most_failures is None else "validation"
     draws = draw_episodes(args.scenario, args.check_episodes, 0, split=split, form=args.form)
-    together = args.algorithm == "ppo" and args.frames == 1 and task_of(args).measure != "cross_track"
     network = Network.of(model) if args.algorithm == "ppo" else model
-    if not together:
-        agent = PolicyAgent(
-            network, scaling_of(scaler), frames=args.frames, action_interface=args.action_interface
-        )
+    agent = PolicyAgent(
+        network, scaling_of(scaler), frames=args.frames, action_interface=args.action_interface
+    )
+    if args.algorithm != "ppo" or task_of(args).measure == "cross_track":
         driven = drive_each(agent, args.scenario, draws, form=args.form, **options)
         return np.array([e.score for e in driven]), np.array([e.success for e in driven])
-
-    def predict(seen: dict[str, np.ndarray]) -> np.ndarray:
-        return network.predict(scaled(seen, scaling_of(scaler)))[0]
-
-    interface = args.action_interface
     options |= {"threads": args.threads, "terrain_info": _shown(args)}
-    hold = find_interface(interface).hold * CONTROL_PERIOD
-    belief = EmulatedBelief(len(draws), hold, 0) if args.emulated else None
     return scores_together(
-        predict, args.scenario, draws, form=args.form, interface=interface, belief=belief, **options
+        agent.decide_all,
+        args.scenario,
+        draws,
+        form=args.form,
+        interface=args.action_interface,
+        belief_seed=0 if args.emulated else None,
+        **options,
     )
 
 

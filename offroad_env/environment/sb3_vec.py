@@ -105,6 +105,10 @@ class Sb3VecEnv(VecEnv):
         """What the learner sees of them."""
         return observations
 
+    def _shown_last(self, observation: dict[str, np.ndarray], row: int) -> dict[str, np.ndarray]:
+        """What the learner sees of the last observation of the episode that has ended in ``row``."""
+        return self._shown(observation)
+
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions for `step_wait`."""
         self._actions = actions
@@ -130,7 +134,7 @@ class Sb3VecEnv(VecEnv):
         for i in np.flatnonzero(done):
             listed[i] = {
                 **_row(infos["final_info"], i),
-                "terminal_observation": self._shown(infos["final_obs"][i]),
+                "terminal_observation": self._shown_last(infos["final_obs"][i], int(i)),
                 "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
                 "is_success": bool(infos["final_info"]["success"][i]),
             }

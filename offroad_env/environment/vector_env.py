@@ -78,6 +78,11 @@ def _threads(wanted: int | None, num_envs: int) -> int:
     return min(require_count("threads", wanted), num_envs)
 
 
+def _copied(infos: dict[str, Any]) -> dict[str, Any]:
+    """Infos that share no memory with these."""
+    return {key: _copied(value) if isinstance(value, dict) else value.copy() for key, value in infos.items()}
+
+
 def _period_of(env: OffroadBekkerEnv) -> Any:
     """The compiled period of its model."""
     return period_full if env.model == "full" else period_paper
@@ -155,6 +160,7 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         self._over = np.zeros(self.num_envs, np.bool_)
         self._begun = np.zeros(self.num_envs, np.bool_)
         self._has_context = np.zeros(self.num_envs, np.bool_)
+        self._context_infos: dict[str, Any] | None = None
 
     def _make_pool(self) -> ThreadPoolExecutor | None:
         """Threads for all shares but the first, which the caller's own thread takes."""
@@ -162,11 +168,13 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
 
     def __getstate__(self) -> dict[str, Any]:
         """Without threads and compiled code, which no file can hold."""
-        return {key: value for key, value in self.__dict__.items() if key not in ("_pool", "_period")}
+        left_out = ("_pool", "_period", "_context_infos")
+        return {key: value for key, value in self.__dict__.items() if key not in left_out}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """With threads of its own."""
         self.__dict__.update(state)
+        self._context_infos = None
         self._period = _period_of(self.envs[0])
         self._pool, self._process = self._make_pool(), os.getpid()
 
@@ -302,6 +310,7 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         self.envs[row].reset(seed=seed, options=options)
         self._elapsed[row], self._over[row], self._begun[row] = 0, False, True
         self._has_context[row] = self.envs[row].context is not None
+        self._context_infos = None
 
     def _advance(self, moving: np.ndarray) -> None:
         """One period of the episodes in the mask ``moving``."""
@@ -353,8 +362,17 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
             ),
         }
         found = self._with_masks(columns, present)
+        return found | self._contexts(present)
+
+    def _contexts(self, present: np.ndarray) -> dict[str, Any]:
+        """What `_infos` holds of the contexts, in Gymnasium's form: made anew where an episode has begun."""
+        if present.all() and self._context_infos is not None:
+            return _copied(self._context_infos)
+        found: dict[str, Any] = {}
         for i in np.flatnonzero(present & self._has_context).tolist():
             found = self._add_info(found, {"context": self.envs[i].context}, i)
+        if present.all():
+            self._context_infos = _copied(found)
         return found
 
     @staticmethod

@@ -169,6 +169,20 @@ def test_single_and_vector_environments_draw_and_drive_the_same_to_the_last_bit(
     assert infos["context"]["vehicle.m"][0] != infos["context"]["vehicle.m"][1]
 
 
+def test_the_contexts_of_one_step_share_no_memory_with_those_of_the_next():
+    many = make_vec(2, threads=1, scenario="speed", randomise=KEYS)
+    many.reset(seed=4)
+    first = many.step(np.tile(manoeuvre(0), (2, 1)))[4]["context"]
+    kept = first["vehicle.m"].copy()
+    first["vehicle.m"][:] = 0.0
+    second = many.step(np.tile(manoeuvre(1), (2, 1)))[4]["context"]
+    assert np.array_equal(second["vehicle.m"], kept)
+    many.reset(seed=[9, 9], options={"reset_mask": np.array([True, False])})
+    third = many.step(np.tile(manoeuvre(2), (2, 1)))[4]["context"]
+    assert third["vehicle.m"][0] != kept[0]
+    assert third["vehicle.m"][1] == kept[1]
+
+
 def test_whole_vehicles_and_sensors_may_differ_between_the_episodes_of_a_vector_environment():
     contexts = [
         {"sensors": "consumer", "vehicle": "hmmwv"},

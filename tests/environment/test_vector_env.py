@@ -30,6 +30,7 @@ CASES = [
     {"scenario": "brake"},
     {"scenario": "patches", "terrain_info": "truth"},
     {"scenario": "ride"},
+    {"scenario": "speed", "randomise": {"vehicle.m": (1250.0, 1500.0)}},  # has a context
 ]
 
 

@@ -37,7 +37,9 @@ class Watch(numba.core.event.Listener):
         pass
 
 
-def test_collections_are_rare_while_a_kernel_compiles(usual):
+def test_collections_are_rare_while_a_kernel_compiles(usual, monkeypatch, tmp_path):
+    monkeypatch.setenv("OFFROAD_CACHE", str(tmp_path))  # what an earlier run has kept would not be compiled
+
     @_jit.kernel
     def doubled(x):
         return x + x

@@ -18,7 +18,7 @@ from estimators.logs.config import StartSpec
 from estimators.logs.runs import config_of, log_of_drive
 from estimators.replay.inputs import InputRows
 from offroad_env.errors import SolverFailure
-from offroad_env.physics.records import FloatArray, Soil
+from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.drive import Driver, simulate_drive
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
 from offroad_env.simulation.simulator import Plant, make_plant
@@ -38,8 +38,8 @@ _PASSABLE = 0.5
 _SPEEDS, _LATERAL, _GAIN = (2.5, 5.5), 0.6, 1500.0
 
 
-def clean_log(seed: int) -> tuple[Log, Soil]:
-    """A drive of 30 s and its true soil; the log's description errs by the tolerances of the belief.
+def clean_log(seed: int) -> tuple[Log, Plant]:
+    """A drive of 30 s and the true vehicle on its soil; the description errs by the belief's tolerances.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def clean_log(seed: int) -> tuple[Log, Soil]:
         log = log_of_drive(
             replace(drive, commands=departure.logged(drive.commands)), config, f"clean_{seed:03d}"
         )
-        return log, truth.soil
+        return log, truth
     raise SolverFailure(f"{_TRIES} soils of the population and no drive on any of them")
 
 

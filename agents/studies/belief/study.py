@@ -22,10 +22,10 @@ from agents.studies.belief.simulated import clean_log
 from agents.studies.runner import Key, run_units, stamp_of
 from estimators.belief.limits import HELD, limits_of, sampled_limits
 from estimators.belief.soil_belief import believe_log
-from estimators.logs import Log, read_log
+from estimators.logs import read_log
 from estimators.replay.structures import Case, plant_for
 from offroad_env.errors import InvalidParameter
-from offroad_env.physics.records import Soil
+from offroad_env.simulation.simulator import Plant
 from offroad_env.simulation.soil_holds import what_soil_holds
 
 __all__ = ["BeliefStudy", "run_unit"]
@@ -36,19 +36,20 @@ _FILE, _SIMULATED = "file", "simulated"
 
 def run_unit(kind: str, name: str) -> dict[str, Any]:
     """The belief over the soil of one drive, and the truth."""
-    log, soil = (read_log(Path(name)), None) if kind == _FILE else clean_log(int(name))
-    truth = log.config.soil if soil is None else soil
+    log, plant = (read_log(Path(name)), None) if kind == _FILE else clean_log(int(name))
+    truth = log.config.soil if plant is None else plant.soil
     before = time.process_time()
     belief = believe_log(log)
     seconds = time.process_time() - before
     held = limits_of(sampled_limits(belief))
-    structure = belief.parts[0].case.structure if soil is None else log.config.structure
+    if plant is None:
+        plant = plant_for(log, Case(belief.parts[0].case.structure, "half_car"))._replace(soil=truth)
     result = {
         "name": log.name,
         "truth": {"n": truth.n, "phi": truth.phi},
         "soil": belief.soil(),
         "holds": held,
-        "true_holds": _true_limits(log, truth, structure),
+        "true_holds": _true_limits(plant),
         "valid_share": belief.valid_share,
         "answered": belief.answered,
         "structure": [[*part.case, part.weight] for part in belief.parts],
@@ -60,9 +61,12 @@ def run_unit(kind: str, name: str) -> dict[str, Any]:
     return found
 
 
-def _true_limits(log: Log, truth: Soil, structure: str) -> dict[str, float]:
-    """What the true soil holds, by the laws of ``structure``."""
-    plant = plant_for(log, Case(structure, "half_car"))._replace(soil=truth)
+def _true_limits(plant: Plant) -> dict[str, float]:
+    """What the soil holds for a vehicle; on a log of another program by the laws of the best structure.
+
+    A simulated vehicle is not the one that its log describes: it is the true one that drives, and whose
+    resistance the wheels' torques tell.
+    """
     held = what_soil_holds(plant)
     return {name: getattr(held, name) for name in HELD}
 
@@ -78,6 +82,7 @@ class BeliefStudy(Results):
 
     logs: tuple[Path, ...] = ()  #: drives whose description states the true soil
     simulated: int = 0  #: drives of this project's own structures, soils from the population
+    first_seed: int = 0  #: of the simulated drives
     n_jobs: Jobs = 1  #: local processes
 
     def run(self) -> None:
@@ -86,9 +91,12 @@ class BeliefStudy(Results):
 
         if not self.logs and self.simulated < 1:
             raise InvalidParameter("name logs with --logs, or a number of drives with --simulated")
+        if self.first_seed < 0:
+            raise InvalidParameter(f"first_seed must be 0 or more, got {self.first_seed}")
         stamp = stamp_of("estimators.belief.limits", "agents.studies.belief.simulated")
         units: dict[Key, str] = {(_FILE, str(path)): stamp for path in self.logs}
-        units |= {(_SIMULATED, f"{seed}"): stamp for seed in range(self.simulated)}
+        last = self.first_seed + self.simulated
+        units |= {(_SIMULATED, f"{seed}"): stamp for seed in range(self.first_seed, last)}
         found = run_units(self.out / "belief.jsonl", run_unit, units, label="drives", n_jobs=self.n_jobs)
         drives = [row for key, row in found.items() if key[0] == _FILE]
         groups = {

@@ -67,7 +67,6 @@ def arguments(task: str, arm: str, seed: int, out: Path) -> TrainArgs:
     return TrainArgs(
         scenario=task,
         form=FORM,
-        action_interface="demand",
         objective="reward",
         terrain_info=DIRECT[arm],
         emulated=DIRECT[arm] == "belief",
@@ -101,9 +100,7 @@ def run_unit(task: str, arm: str, seed: int, episodes: int, test_seed: int, *, o
 
 
 def _driven_by(agent: PolicyAgent, args: TrainArgs, draws: Sequence[Draw]) -> Result:
-    """Scores and successes of a policy; episodes side by side, which is faster, where it may be."""
-    if args.frames > 1 or args.terrain_info == "belief":
-        return _driven(agent, args.scenario, draws, args.terrain_info)
+    """Scores and successes of a policy, episodes side by side."""
     scores, success = scores_together(
         agent.decide_all,
         args.scenario,

@@ -22,6 +22,7 @@ import numpy as np
 
 from agents.studies.speed.drives import DRIVES, structured_drive
 from agents.studies.speed.fresh import Fresh, measure_fresh
+from agents.studies.speed.predictive import SolveTime, measure_solves
 from agents.studies.speed.verdicts import VerdictTime, verdict_times
 from estimators.discrepancy.diagnosis import diagnose
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
@@ -48,6 +49,8 @@ _BEKKER = "offroad_env:OffroadBekker-v0"
 _ACTIONS = 4000
 #: Steps that every episode of the task lasts, however it is driven.
 _FEWEST = 100
+#: Decisions of model-predictive control.
+_DECISIONS = 300
 
 #: Seconds of CPU time and of the clock per step, of so many steps.
 Run = Callable[[int], tuple[float, float]]
@@ -124,6 +127,7 @@ class Speed:
     diagnosis_s: float | None = None  #: CPU time of `diagnose` on a log of a minute [s]; None when left out
     verdicts: tuple[VerdictTime, ...] = ()  #: of `diagnose` in a natural world; empty when left out
     fresh: Fresh | None = field(default=None)
+    solves: SolveTime | None = None  #: of model-predictive control; None without its solver
 
 
 # ---------------------------------------------------------------------- sides
@@ -436,4 +440,5 @@ def measure_speed(
         diagnosis_s=None if quick else _diagnosis(),
         verdicts=() if quick else verdict_times(),
         fresh=measure_fresh(rounds=1 if quick else 3, cold=not quick),
+        solves=measure_solves(_DECISIONS // 10 if quick else _DECISIONS),
     )

@@ -179,6 +179,11 @@ def test_wrong_arguments_are_wrong_usage_and_no_traceback(arguments, capsys):
         (("train", "--gamma", "99"), "gamma must be in (0, 1], got 99"),
         (("train", "--held-noise", "40"), "held_noise must be in (0, 1], got 40"),
         (("train", "--centre", "-0.3"), "centre must be >= 0, got -0.3"),
+        (
+            ("train", "--last-log-std", "-3", "--log-std", "-3.2"),
+            "last_log_std must be in [-20, log_std = -3.2], got -3",
+        ),
+        (("train", "--last-log-std", "-4"), "last_log_std needs held_noise < 1, got 1"),
         (("demo", "--only", "tea"), "only must name sections among soil, forward"),
     ],
 )

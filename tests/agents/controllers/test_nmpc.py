@@ -6,10 +6,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+import agents.controllers.nmpc as nmpc
 from agents.controllers.arms import believe_fixed, believe_truth
 from agents.controllers.nmpc import NmpcAgent, soil_numbers
 from agents.controllers.nmpc_arms import PREDICTIVE, make_nmpc
 from agents.controllers.nmpc_problem import INPUTS, SOIL, STATES, Horizon, make_problem
+from agents.controllers.nmpc_programme import Programme
 from agents.controllers.path_lqg import bend_dynamics
 from agents.controllers.speed_planner import limits_over_n
 from agents.driving.episode import find_agent
@@ -71,6 +73,11 @@ def test_about_straight_driving_it_is_the_linear_bicycle_of_the_steering_by_lqg(
 
 def planned(briefing, kappa, n, speed=7.0, replans=6):
     """States of the plan on a path of that curvature [1/m] from 15 m on."""
+    return planning(briefing, kappa, n, speed, replans)._plan[0]
+
+
+def planning(briefing, kappa, n, speed, replans=6):
+    """The agent that has made it."""
     agent = NmpcAgent(believe_fixed((n - 0.3) / 0.8))
     agent.reset(briefing)
     preview = np.array(briefing.preview)
@@ -83,7 +90,7 @@ def planned(briefing, kappa, n, speed=7.0, replans=6):
     for _ in range(replans):  # each one linearises once more
         agent._age = agent.settings.replan
         agent.act(seen)
-    return agent._plan[0]
+    return agent
 
 
 def test_a_plan_goes_faster_on_the_straight_and_slows_down_before_a_bend(briefing):
@@ -101,6 +108,81 @@ def test_on_soil_with_less_grip_the_plan_enters_the_bend_more_slowly(briefing):
 def test_a_plan_stays_inside_its_part_of_the_corridor(briefing):
     plan = planned(briefing, 0.08, 0.7, speed=5.0)
     assert np.abs(plan[:, E]).max() < 0.55 * briefing.corridor + 0.05
+
+
+def asked_of(briefing, monkeypatch, **path):
+    """Arguments of the programmes of a plan."""
+    asked = []
+
+    class Spy(Programme):
+        def solve(self, *args):
+            asked.append(args)
+            return super().solve(*args)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(nmpc, "Programme", Spy)
+        planned(briefing, **path)
+    return asked
+
+
+@pytest.mark.parametrize("n", [0.3, 0.7])
+def test_a_plan_ends_no_faster_than_what_is_seen_beyond_it_allows(briefing, monkeypatch, n):
+    args = asked_of(briefing, monkeypatch, kappa=0.08, n=n, speed=8.0)[-1]
+    guess, limits = args[2], args[-1]
+    end = Programme(Horizon()).solve(*args)[0][-1]
+    assert end[V] < np.interp(guess[-1, S], limits.stations, limits.final) + 0.02
+
+
+def test_the_way_that_a_plan_gains_by_ending_too_fast_does_not_pay(briefing, monkeypatch):
+    *args, limits = asked_of(briefing, monkeypatch, kappa=0.0, n=0.7, speed=7.0)[-1]
+    free = limits._replace(speeds=np.full_like(limits.speeds, 15.0), final=np.full_like(limits.final, 15.0))
+    slower = free._replace(final=np.full_like(limits.final, 6.5))
+    ends = [Programme(Horizon()).solve(*args, each)[0][-1, V] for each in (free, slower)]
+    assert ends[0] > 8.0
+    assert ends[1] < 6.52
+
+
+def test_on_its_way_a_plan_keeps_the_speeds_that_the_path_itself_takes(briefing, monkeypatch):
+    *args, limits = asked_of(briefing, monkeypatch, kappa=0.0, n=0.7, speed=7.0)[-1]
+    slow = limits._replace(speeds=np.full_like(limits.speeds, 6.0))
+    free, bound = (Programme(Horizon()).solve(*args, each)[0] for each in (limits, slow))
+    assert free[10:, V].min() > 7.0
+    assert bound[10:, V].max() < 6.05
+
+
+def test_those_speeds_are_a_share_of_what_the_soil_holds(briefing, monkeypatch):
+    lateral = limits_over_n(briefing).lateral_limit(0.5, 0.5, nmpc.NmpcSettings().slip_angle)
+    limits = asked_of(briefing, monkeypatch, kappa=0.08, n=0.5)[-1][-1]
+    for share, speeds in (
+        (nmpc.NmpcSettings().inside, limits.speeds),
+        (nmpc.NmpcSettings().beyond, limits.final),
+    ):
+        assert 0.08 * speeds[25] ** 2 == pytest.approx(share * lateral)
+
+
+def test_it_slows_down_for_a_bend_with_its_share_of_what_the_soil_brakes(briefing, monkeypatch):
+    limits = asked_of(briefing, monkeypatch, kappa=0.08, n=0.5)[-1][-1]
+    braking = limits_over_n(briefing).braking_limit(0.5, 0.5)
+    for speeds in (limits.speeds, limits.final):
+        slowing = (speeds[4] ** 2 - speeds[12] ** 2) / (2.0 * 8.0)  # from 4 to 12 m ahead
+        assert slowing == pytest.approx(nmpc.NmpcSettings().brake_share * braking)
+    assert nmpc.NmpcSettings().brake_share < nmpc.NmpcSettings().braking
+
+
+def test_a_speed_that_cannot_be_met_does_not_lead_a_plan_out_of_the_corridor(briefing, monkeypatch):
+    *args, limits = asked_of(briefing, monkeypatch, kappa=0.08, n=0.5, speed=8.0)[-1]
+    slow = np.full_like(limits.final, 4.0)
+    states, _ = Programme(Horizon()).solve(*args, limits._replace(brake=-0.2, speeds=slow, final=slow))
+    assert states[-1, V] > 5.0
+    assert np.abs(states[:, E]).max() < 0.55 * briefing.corridor + 0.1
+
+
+@pytest.mark.parametrize("kappa", [0.0, 0.08])
+def test_the_plan_is_the_one_that_another_solver_finds(briefing, monkeypatch, kappa):
+    for args in asked_of(briefing, monkeypatch, kappa=kappa, n=0.5, speed=8.0, replans=4)[1:]:
+        ours, other = (Programme(Horizon(), solver=solver).solve(*args) for solver in ("hpipm", "osqp"))
+        assert ours[0] == pytest.approx(other[0], abs=0.01)
+        assert ours[1][0] == pytest.approx(other[1][0], abs=0.05)
 
 
 def test_it_stays_on_the_road_and_repeats_itself_to_the_last_digit():
@@ -129,3 +211,35 @@ def test_tasks_that_it_cannot_plan_are_refused():
     env = gym.make("offroad_env:OffroadBekker-v0", scenario="brake").unwrapped
     with pytest.raises(InvalidParameter, match="line"):
         make_nmpc("nmpc_truth", scenario="brake").agent.reset(env.briefing)
+
+
+@pytest.mark.parametrize(
+    ("name", "highest"),
+    [
+        ("margin", 1.5),
+        ("slip_angle", 0.52),
+        ("corridor", 1.0),
+        ("inside", 3.0),
+        ("beyond", 3.0),
+        ("brake_share", 1.0),
+        ("braking", 1.0),
+        ("speed_max", 50.0),
+    ],
+)
+def test_settings_out_of_range_are_refused_by_name(name, highest):
+    assert getattr(nmpc.NmpcSettings(**{name: highest}), name) == highest
+    for value in (0.0, 1.01 * highest, float("nan")):
+        with pytest.raises(InvalidParameter, match=name):
+            nmpc.NmpcSettings(**{name: value})
+
+
+@pytest.mark.parametrize("name", ["replan", "iterations"])
+def test_a_plan_needs_at_least_one_iteration_and_one_step(name):
+    with pytest.raises(InvalidParameter, match=name):
+        nmpc.NmpcSettings(**{name: 0})
+
+
+def test_a_plan_brakes_with_its_share_of_what_the_axles_hold(briefing, monkeypatch):
+    limits = asked_of(briefing, monkeypatch, kappa=0.08, n=0.5)[-1][-1]
+    hold = soil_numbers(briefing.vehicle, limits_over_n(briefing)).at(0.5, 0.5, 1.0)[SOIL.index("hold")]
+    assert limits.brake == pytest.approx(-nmpc.NmpcSettings().braking * hold)

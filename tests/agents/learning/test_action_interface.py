@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from agents.benchmark.natural import options_of
 from agents.benchmark.runner import ENV_ID, run_episode
 from agents.controllers.arms import believe_fixed
 from agents.controllers.pure_pursuit import PurePursuitAgent
@@ -18,11 +19,13 @@ from agents.learning.action_interface import (
     Demand,
     Direct,
     PlanInterface,
+    Share,
     TrackerInterface,
     ZeroAction,
     make_interface,
     mirrored,
 )
+from estimators.filters.online_soil_belief import BELIEF_VECTOR
 from offroad_env.environment.env import OffroadBekkerEnv
 from offroad_env.errors import InvalidParameter
 from offroad_env.world.soils import SOILS
@@ -198,7 +201,7 @@ def test_without_a_plan_the_zero_action_drives_worse_than_pure_pursuit():
 
 
 def test_an_unknown_interface_is_refused():
-    known = "plan, tracker, direct, demand"
+    known = "plan, tracker, direct, demand, share"
     with pytest.raises(InvalidParameter, match=f"must be one of {known}, got 'autopilot'"):
         make_interface("autopilot", OffroadBekkerEnv(scenario="speed").briefing)
 
@@ -228,3 +231,63 @@ def test_one_row_is_seen_as_many_are(seen):
     interface = Demand(OffroadBekkerEnv(scenario="brake").briefing)
     alone = interface.seen({key: value[0] for key, value in seen.items()})
     assert all(np.array_equal(interface.seen(seen)[key][0], alone[key]) for key in alone)
+
+
+def soil_shown(**entries):
+    """A belief, flag up, with these entries."""
+    row = np.zeros((1, len(BELIEF_VECTOR)))
+    row[0, -1] = 1.0
+    for name, value in entries.items():
+        row[0, BELIEF_VECTOR.index(name)] = value
+    return {"terrain": row}
+
+
+def shares(seen, task="speed", **entries):
+    interface = Share(OffroadBekkerEnv(scenario=task).briefing)
+    return interface.seen({**seen, **(soil_shown(**entries) if entries else {})})["share"][0]
+
+
+def test_a_policy_may_see_which_share_of_the_limit_a_bend_takes_and_which_if_the_belief_errs(seen):
+    sure = shares(seen, lateral=2.5, lateral_sd=0.0)
+    assert sure.shape == (16,)
+    assert sure[2] == pytest.approx(25.0 * 0.08 / 2.5)
+    assert sure[10] == pytest.approx(sure[2])
+    unsure = shares(seen, lateral=2.5, lateral_sd=1.0)
+    assert unsure[2] == pytest.approx(sure[2])
+    assert unsure[10] == pytest.approx(sure[2] * np.exp(0.4))
+    seen["motion"][0, 0] = 15.0
+    assert shares(seen, lateral=0.2)[2] == 4.0  # as far as is shown
+    assert shares(seen | {"path": -seen["path"]}, lateral=0.2)[2] == 4.0  # mirrored
+
+
+def test_before_a_line_it_sees_the_share_of_the_brakes(seen):
+    seen["path"][0, 3:-1], seen["path"][0, -1] = 0.0, 10.0  # 1.25 m/s^2 stop it there
+    sure = shares(seen, "brake", stopping=5.0, stopping_sd=0.0)  # 2.5 m/s^2
+    assert sure.shape == (18,)
+    assert sure[[8, 17]] == pytest.approx([0.5, 0.5])
+    unsure = shares(seen, "brake", stopping=5.0, stopping_sd=1.0)
+    assert unsure[[8, 17]] == pytest.approx([0.5, 0.5 * np.exp(0.2)])
+
+
+def test_whoever_knows_nothing_of_the_soil_sees_shares_of_the_middle_of_the_population(seen):
+    middle = shares(seen)
+    assert middle[2] == pytest.approx(25.0 * 0.08 / 5.6)
+    assert np.array_equal(shares(seen | soil_shown(lateral=2.0, valid=0.0)), middle)
+    assert np.array_equal(shares(seen | soil_shown(lateral=np.nan)), middle)
+    assert np.array_equal(
+        shares(seen | {"terrain": np.array([[0.7, 0.05, 1.0]])}), middle
+    )  # an estimate of n
+
+
+def test_without_information_on_the_soil_the_same_place_and_speed_look_alike_on_every_soil():
+    shown = []
+    for seed in range(3):
+        env = gym.make(ENV_ID, terrain_info="none", **options_of("speed", "natural"))
+        observation, _ = env.reset(seed=seed)
+        observation["path"], observation["motion"] = np.full(12, 0.1), np.full(5, 4.0)
+        found = Share(env.unwrapped.briefing).seen(observation)
+        env.close()
+        assert set(found) == {"imu", "motion", "path", "demand", "share"}
+        shown.append(found["share"])
+    assert np.array_equal(shown[0], shown[1])
+    assert np.array_equal(shown[0], shown[2])

@@ -8,12 +8,13 @@ import pytest
 
 from agents.benchmark.natural import options_of
 from agents.benchmark.runner import ENV_ID, draw_episodes
+from agents.learning import checks
 from agents.learning.action_interface import mirrored
 from agents.learning.checks import drive_each, merit, scores_together
 from agents.learning.emulated_belief import EmulatedBelief
 from agents.learning.models import make_model, start_rolling
 from agents.learning.policies import PolicyAgent
-from agents.learning.train import TrainArgs, configuration_hash, train
+from agents.learning.train import TrainArgs, configuration_hash, noise_bound, train
 from estimators.filters.online_soil_belief import BELIEF_VECTOR
 from offroad_env.environment.vector_env import make_vec
 from offroad_env.errors import InvalidParameter
@@ -122,6 +123,44 @@ def test_noise_is_held_at_first_and_drawn_anew_at_every_step_later(tmp_path, mon
         assert held == expected
 
 
+def test_noise_that_is_drawn_anew_at_every_step_may_be_bounded_ever_more_closely(tmp_path, monkeypatch):
+    from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+
+    found = []
+    collect = OnPolicyAlgorithm.collect_rollouts
+
+    def noted(model, *args, **options):
+        going_on = collect(model, *args, **options)  # it bounds the noise before the first step
+        found.append(float(model.policy.log_std.detach().max()))
+        return going_on
+
+    monkeypatch.setattr(OnPolicyAlgorithm, "collect_rollouts", noted)
+    small = {"n_envs": 1, "n_steps": 4, "batch_size": 4, "n_epochs": 1, "check_episodes": 0}
+    args = TrainArgs(
+        **small,
+        action_interface="direct",
+        total_steps=16,
+        log_std=-2.0,
+        held_noise=0.5,
+        last_log_std=-4.0,
+        learning_rate=1e-4,
+        eval_episodes=0,
+        out=tmp_path,
+    )
+    assert [noise_bound(args, steps) for steps in (0, 7, 8, 12, 16, 17)] == [
+        np.inf,
+        np.inf,
+        -2.0,
+        -3.0,
+        -4.0,
+        -4.0,
+    ]
+    train(args)
+    assert found[:2] == pytest.approx([-2.0, -2.0], abs=0.01)
+    assert found[2] <= -2.0
+    assert found[3] == pytest.approx(-3.0, abs=1e-6)
+
+
 def test_a_policy_that_sees_what_the_path_asks_for_learns_and_drives(tmp_path):
     small = {"total_steps": 8, "n_envs": 1, "n_steps": 4, "batch_size": 4, "n_epochs": 1, "check_steps": 4}
     args = TrainArgs(
@@ -154,6 +193,56 @@ def test_episodes_side_by_side_score_as_one_by_one(task, form):
     each = drive_each(agent, task, draws, form=form)
     assert together == pytest.approx([episode.score for episode in each])
     assert success.tolist() == [episode.success for episode in each]
+
+
+def test_more_episodes_than_are_stepped_at_a_time_score_as_one_by_one(monkeypatch):
+    monkeypatch.setattr(checks, "_LANES", 2)
+    draws = draw_episodes("brake", 5, 0, training=True)
+    scaling = {key: (np.zeros(1), np.ones(1)) for key in ("path", "motion")}
+    agent = PolicyAgent(Proportional(), scaling, action_interface="direct")
+    together, success = scores_together(
+        agent.decide_all, "brake", draws, form="matched", interface="direct", threads=1
+    )
+    each = drive_each(agent, "brake", draws, form="matched")
+    assert together == pytest.approx([episode.score for episode in each])
+    assert success.tolist() == [episode.success for episode in each]
+
+
+class Reminded:
+    """A network's stand-in that sums all it sees of three frames."""
+
+    def predict(self, seen, **_):
+        assert {key: value.shape[-1] for key, value in seen.items()} == {"path": 36, "motion": 15}
+        weights = 0.05 * np.sin(np.arange(51.0))
+        total = np.concatenate([seen["motion"], seen["path"]], axis=-1) @ weights
+        return np.clip(np.stack([total - 0.1, 0.4 - 0.2 * total], axis=-1), -1.0, 1.0), None
+
+
+def test_a_policy_with_memory_drives_side_by_side_as_it_drives_alone(monkeypatch):
+    monkeypatch.setattr(checks, "_LANES", 2)
+    draws = draw_episodes("speed", 3, 0, training=True)
+    scaling = {"path": (np.zeros(12), np.ones(12)), "motion": (np.zeros(5), np.ones(5))}
+    decided = []
+
+    def agent():
+        return PolicyAgent(Noting(), scaling, frames=3, action_interface="direct")
+
+    class Noting(Reminded):
+        def predict(self, seen, **_):
+            found = super().predict(seen)
+            decided.append(np.atleast_2d(found[0]))
+            return found
+
+    together, _ = scores_together(
+        agent().decide_all, "speed", draws, form="matched", interface="direct", threads=1
+    )
+    side_by_side = np.concatenate(decided)
+    decided.clear()
+    each = drive_each(agent(), "speed", draws, form="matched")
+    assert together == pytest.approx([episode.score for episode in each])
+    assert len(decided) > 30
+    for action in decided:  # also where episodes fail, whose scores are all the time limit
+        assert np.abs(side_by_side - action).max(axis=1).min() < 1e-6
 
 
 def limits(count, lateral):
@@ -206,15 +295,22 @@ def test_episodes_with_an_emulated_belief_never_show_the_limits():
     envs = make_vec(
         2, autoreset_mode="SameStep", threads=1, terrain_info="limits", **options_of("speed", "natural")
     )
-    episodes = LearningVecEnv(envs, action_interface="direct", belief_seed=0)
+    episodes = LearningVecEnv(envs, action_interface="share", belief_seed=0)
     episodes.seed(0)
     shown = [episodes.reset()]
-    for _ in range(60):
-        seen, _, done, infos = episodes.step(np.tile([1.0, 0.8], (2, 1)).astype(np.float32))
+    for _ in range(150):
+        seen, _, done, infos = episodes.step(np.tile([0.0, 0.5], (2, 1)).astype(np.float32))
         shown += [seen, *(infos[i]["terminal_observation"] for i in np.flatnonzero(done))]
-    assert len(shown) > 62  # some have ended
+    assert len(shown) > 152  # some have ended
+    believed = 0
     for seen in shown:
-        assert (np.atleast_2d(seen["terrain"])[:, LATERAL_SD] > 0.1).all()
+        terrain, demand, share = (np.atleast_2d(seen[key]) for key in ("terrain", "demand", "share"))
+        assert (terrain[:, LATERAL_SD] > 0.1).all()
+        known = terrain[:, -1:] > 0.5  # until the flag is up it is the middle of the population
+        limit = np.where(known, terrain[:, LATERAL, None], 5.6)
+        assert share[:, :8] == pytest.approx(np.clip(demand / limit, -4.0, 4.0), rel=1e-4, abs=1e-5)
+        believed += int(known.sum())
+    assert believed > 20
 
 
 def test_an_emulated_belief_is_refused_where_none_is_observed(tmp_path):
@@ -234,6 +330,7 @@ def test_what_was_added_to_the_arguments_leaves_former_configurations_as_they_we
         {"clip_reward": 5.0},
         {"centre": 0.1},
         {"held_noise": 0.5},
+        {"last_log_std": -4.0},
     ):
         assert configuration_hash(TrainArgs()) != configuration_hash(TrainArgs(**change))
 

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from agents.commands.cli import main
+from agents.studies.belief import study
 from agents.studies.belief.figure import belief_figure
 from agents.studies.belief.results import score, straight
 from agents.studies.belief.simulated import STRUCTURES, clean_log
+from agents.studies.belief.study import BeliefStudy, run_unit
+from offroad_env.errors import InvalidParameter
+from offroad_env.simulation.soil_holds import what_soil_holds
 
 
 def row(n: float, found: float, sd: float, *, answered: bool = True) -> dict:
@@ -36,7 +41,8 @@ def test_a_drive_is_straight_while_it_hardly_turns():
 
 
 def test_simulated_drives_err_in_their_description_and_are_the_same_again():
-    log, soil = clean_log(3)
+    log, plant = clean_log(3)
+    soil = plant.soil
     assert log.config.structure == STRUCTURES[0]
     assert log.duration == pytest.approx(30.0)
     assert soil.n == log.config.soil.n
@@ -46,6 +52,34 @@ def test_simulated_drives_err_in_their_description_and_are_the_same_again():
     assert again.hash == log.hash
     other, _ = clean_log(4)
     assert other.hash != log.hash
+
+
+def test_limits_are_compared_with_those_of_the_vehicle_that_drives(monkeypatch):
+    part = SimpleNamespace(case=("grid", "half_car"), weight=1.0, fit=SimpleNamespace(misfit=np.ones(3)))
+    believed = SimpleNamespace(soil=dict, valid_share=1.0, answered=True, parts=[part])
+    monkeypatch.setattr(study, "believe_log", lambda log: believed)
+    monkeypatch.setattr(study, "sampled_limits", lambda belief: np.empty((0, 6)))
+    monkeypatch.setattr(study, "limits_of", lambda limits: {})
+    log, plant = clean_log(3)
+    described = plant._replace(vehicle=log.vehicle)
+    found = run_unit("simulated", "3")["true_holds"]["resistance"]
+    assert found == pytest.approx(what_soil_holds(plant).resistance)
+    assert abs(found / what_soil_holds(described).resistance - 1.0) > 0.002
+
+
+def test_simulated_drives_begin_at_the_first_seed(monkeypatch, tmp_path):
+    class SeenError(Exception):
+        pass
+
+    def units_of(path, work, units, **_):
+        raise SeenError(sorted(units))
+
+    monkeypatch.setattr(study, "run_units", units_of)
+    with pytest.raises(SeenError) as seen:
+        BeliefStudy(out=tmp_path, simulated=2, first_seed=200).run()
+    assert seen.value.args[0] == [("simulated", "200"), ("simulated", "201")]
+    with pytest.raises(InvalidParameter, match="first_seed must be 0 or more, got -1"):
+        BeliefStudy(out=tmp_path, simulated=2, first_seed=-1).run()
 
 
 def test_the_figure_shows_every_group():

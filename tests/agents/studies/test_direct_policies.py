@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from agents.benchmark.runner import draw_episodes
+from agents.learning.action_interface import Direct, find_interface
 from agents.learning.arguments import configuration_hash
 from agents.learning.policies import DIRECT
 from agents.studies.direct_policies.study import (
@@ -27,6 +28,8 @@ def test_arms_differ_in_what_they_see_of_the_soil_and_in_nothing_else(task, tmp_
         differing = {name for name in vars(args) if getattr(args, name) != getattr(blind, name)}
         assert differing <= {"terrain_info", "emulated", "frames", "out"}, arm
         assert args.form == "natural"
+        # Neither a planner nor a tracker inside.
+        assert issubclass(find_interface(args.action_interface), Direct)
     assert len({configuration_hash(args) for args in each.values()}) == len(DIRECT)
 
 

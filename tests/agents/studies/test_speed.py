@@ -14,6 +14,7 @@ from agents.commands.cli import main
 from agents.studies.speed.drives import DRIVES
 from agents.studies.speed.figure import speed_figure
 from agents.studies.speed.fresh import Fresh
+from agents.studies.speed.predictive import SolveTime, measure_solves
 from agents.studies.speed.study import BARS, SIZES, Bar, Speed, compare
 from agents.studies.speed.verdicts import VERDICT_BARS, VerdictTime
 from helpers import run_fresh
@@ -85,7 +86,7 @@ def test_a_side_measures_the_steps_and_not_the_resets():
         del gym.registry["Slow-v0"]
 
 
-def some_speed():
+def some_speed(median_ms=11.0):
     times = {side: (1.0 + i) * TIMES["ours"] for i, bar in enumerate(BARS) for side in (bar.ours, bar.peer)}
     return Speed(
         ratios=compare(times),
@@ -99,6 +100,7 @@ def some_speed():
             VerdictTime(what="no fault", seconds=14.0, most=40.0, bar=15.0),
             VerdictTime(what="one effect", seconds=16.0, most=20.0, bar=15.0),
         ),
+        solves=SolveTime(median_ms=median_ms, high_ms=2.0 * median_ms, decisions=300),
         fresh=Fresh(
             import_s=0.1,
             import_others_s=0.3,
@@ -129,6 +131,26 @@ def test_the_command_prints_promises_and_writes_numbers_and_figure(monkeypatch, 
     numbers = json.loads((tmp_path / "speed.json").read_text(encoding="utf-8"))
     assert len(numbers["ratios"]) == len(BARS)
     assert numbers["fresh"]["peak_mb"] == 190.0
+    assert numbers["solves"]["median_ms"] == 11.0
+
+
+@pytest.mark.parametrize("median_ms", [40.0, 40.1])
+def test_a_decision_of_predictive_control_takes_forty_milliseconds_at_most(
+    monkeypatch, tmp_path, capsys, median_ms
+):
+    monkeypatch.setattr(study, "measure_speed", lambda **_: some_speed(median_ms))
+    with pytest.raises(SystemExit):
+        main(["speed", "--out", str(tmp_path)])
+    (line,) = (row for row in capsys.readouterr().out.splitlines() if "a decision of nmpc_truth" in row)
+    assert f"{median_ms:.1f} ms" in line
+    assert ("MISSED" in line) == (median_ms > 40.0)
+
+
+def test_decisions_are_measured_one_by_one():
+    pytest.importorskip("casadi", reason="needs the extra mpc")
+    solves = measure_solves(5)
+    assert solves.decisions == 5
+    assert 0.1 < solves.median_ms <= solves.high_ms
 
 
 def test_the_figure_shows_every_ratio_of_rates():
