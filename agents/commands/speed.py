@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from agents.studies.speed.fresh import Fresh
     from agents.studies.speed.predictive import SolveTime
     from agents.studies.speed.study import Ratio, Speed
+    from agents.studies.speed.verdicts import VerdictTime
 
 __all__ = ["SpeedCommand"]
 
@@ -56,6 +57,10 @@ class SpeedCommand(Results):
             say(f"left out: {name} is not installed")
         if speed.diagnosis_s is not None:
             say(f"diagnosis of a log of 60 s: {speed.diagnosis_s:.1f} s of CPU time")
+        if speed.verdicts:
+            heading = ("what is wrong", "median [s]", "largest [s]", "promised")
+            title = "CPU time of a verdict, natural drives of 60 s"
+            console().print(table(title, heading, map(_verdict_row, speed.verdicts)))
         if speed.solves is None:
             say("left out: decisions of nmpc_truth, casadi is not installed")
         else:
@@ -73,6 +78,11 @@ def _row(ratio: Ratio) -> tuple[str, ...]:
     kind = f"{ratio.kind}, {'clock' if ratio.clock else 'CPU'}"
     times = (f"{ratio.ours_us:.2f}", f"{ratio.peer_us:.2f}")
     return f"{ratio.ours} / {ratio.peer}", kind, *numbers, promise, *times
+
+
+def _verdict_row(verdict: VerdictTime) -> tuple[str, ...]:
+    promise = f"at most {verdict.bar:g}{'' if verdict.met else ' - MISSED'}"
+    return verdict.what, f"{verdict.seconds:.1f}", f"{verdict.most:.1f}", promise
 
 
 def _solves(solves: SolveTime) -> str:

@@ -14,19 +14,12 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-from scipy.optimize import minimize_scalar
-from scipy.stats import t as student
-
-from estimators.discrepancy.checks.holdout_gain import ChannelGain, channel_gain
-from estimators.discrepancy.corrected_log import corrected_log
-from estimators.discrepancy.model.run_model import RunModel
+from estimators.discrepancy.checks.holdout_gain import ChannelGain
+from estimators.discrepancy.structure_trials import FLOORS, StructureTrial, Trials
 from estimators.logs.log import Log
-from estimators.replay.replay import WindowReplay
-from estimators.replay.structures import Case, plant_for
+from estimators.replay.structures import Case
 from offroad_env.effects.protocol import Setup
-from offroad_env.errors import DataError, OffroadError
-from offroad_env.physics.axle import Plant
+from offroad_env.errors import DataError
 from offroad_env.world.structures import STRUCTURES
 
 __all__ = [
@@ -66,19 +59,6 @@ _LAWS: Mapping[str, Mapping[str, str]] = MappingProxyType(
 #: Presets that are tried whole, besides the nominal structure, and models of the vehicle.
 _PRESETS, _VEHICLES = ("grid", "field"), ("half_car", "four_wheel")
 _FOUR = "four_wheels_and_roll"
-#: Length of the windows [s].
-_WINDOW = 3.0
-#: Compared channels: errors below which differences do not count, and one that counts as a failure.
-_FLOORS: Mapping[str, float] = MappingProxyType(
-    {"v_x": 0.02, "v_y": 0.02, "yaw_rate": 0.008, "omega_f": 0.15, "omega_r": 0.15, "a_y": 0.08}
-)
-_FAILED = 50.0
-#: Search of n: over all that soils have, since a stated n may be far off, closer around the stated one.
-_GRID = (0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.2, 1.4, 1.6)
-_STEPS = (-0.2, -0.1, 0.0, 0.1, 0.2)
-_LEAST, _MOST = _GRID[0], _GRID[-1]
-#: Values of the grid this near to one that is tried anyway are left out; accuracy of n; steps from a known n.
-_APART, _ACCURACY, _BESIDE = 0.06, 0.004, 0.05
 #: A preset is looked at closely if it costs this much less than the nominal structure.
 _WORTH = 0.3
 #: A structure is named if errors fall by this share of themselves at least (mean logarithm over channels),
@@ -89,32 +69,6 @@ _LOSS, _LOSS_P = 0.03, 0.01
 #: Errors that differ by less than this share (mean logarithm over channels) do not decide between a structure
 #: and effects.
 _AS_GOOD = 0.1
-_SEED = 0
-
-
-@dataclass(frozen=True, kw_only=True)
-class StructureTrial:
-    """One structure, with the n that suits it best."""
-
-    case: Case
-    change: float  #: of n, against the stated one [-]
-    errors: np.ndarray  #: (W, C) root mean square errors by window and channel of `_FLOORS`
-
-    @staticmethod
-    def channels() -> tuple[str, ...]:
-        """Compared channels, the columns of ``errors``."""
-        return tuple(_FLOORS)
-
-    @property
-    def pooled(self) -> list[float | None]:
-        """Root mean square over the windows by channel; None where one is missing or a window failed."""
-        squares = np.mean(self.errors**2, axis=0)
-        return [float(np.sqrt(value)) if math.isfinite(value) else None for value in squares]
-
-    def logarithms(self) -> np.ndarray:
-        """Logarithms of the errors with their floors, (W, C)."""
-        known = np.where(np.isinf(self.errors), _FAILED, self.errors)
-        return np.asarray(np.log(np.hypot(known, np.array([*_FLOORS.values()]))))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,128 +135,11 @@ class StructureComparison:
                     "structure": one.case.structure,
                     "vehicle_model": one.case.vehicle_model,
                     "change_of_n": one.change,
-                    "error": dict(zip(_FLOORS, one.pooled, strict=True)),
+                    "error": dict(zip(FLOORS, one.pooled, strict=True)),
                 }
                 for one in (self.nominal, *self.trials)
             ],
         }
-
-
-def _steps(stated: float) -> list[float]:
-    """Changes of a stated n that are tried first; the first and last reach the ends of the range."""
-    near = [step for step in _STEPS if _LEAST < stated + step < _MOST]
-    ends = (_LEAST - stated, _MOST - stated)
-    far = [n - stated for n in _GRID[1:-1] if all(abs(n - stated - step) > _APART for step in near)]
-    inner = [step for step in near + far if ends[0] + _APART < step < ends[1] - _APART or step == 0.0]
-    return sorted({*inner, *ends})
-
-
-class _Trials:
-    """Replays of several runs of one vehicle on one soil, by structure."""
-
-    def __init__(self, logs: Sequence[Log]) -> None:
-        self.prepared = [WindowReplay(log, _WINDOW, references=False) for log in logs]
-        self.stated = float(logs[0].config.soil.n)
-        count = sum(one.shape[0] for one in self.prepared)
-        #: Windows to which n is fitted; the others are apart.
-        self.fitted = np.arange(count) % 2 == 0
-        self._changes = _steps(self.stated)
-        self._known: dict[tuple[Case, float], np.ndarray] = {}
-
-    def errors(self, case: Case, change: float) -> np.ndarray:
-        """Root mean square errors (W, C) with n changed by so much; infinite where a window fails."""
-        key = (case, round(change, 6))
-        if key not in self._known:
-            self._known[key] = np.concatenate([self._of(one, case, change) for one in self.prepared])
-        return self._known[key]
-
-    @staticmethod
-    def _of(prepared: WindowReplay, case: Case, change: float) -> np.ndarray:
-        try:
-            plant = plant_for(prepared.log, case)
-        except OffroadError:
-            return np.full((prepared.shape[0], len(_FLOORS)), math.inf)
-        soil = plant.soil._replace(n=float(np.clip(plant.soil.n + change, _LEAST, _MOST)))
-        return _errors_by_window(prepared, plant._replace(soil=soil))
-
-    def with_effects(self, case: Case, setups: Sequence[Setup]) -> StructureTrial:
-        """The nominal structure with effects, of which those of inputs and sensors are undone in the logs."""
-        errors = []
-        for prepared, setup in zip(self.prepared, setups, strict=True):
-            stated = RunModel(prepared.log).setup
-            corrected = WindowReplay(corrected_log(prepared.log, setup, stated), _WINDOW, references=False)
-            errors.append(_errors_by_window(corrected, setup.plant))
-        return StructureTrial(
-            case=case, change=setups[0].plant.soil.n - self.stated, errors=np.concatenate(errors)
-        )
-
-    def best(self, case: Case, start: float | None = None) -> StructureTrial:
-        """The structure with the n that suits the fitted windows, sought near ``start`` where it is given."""
-
-        def cost(change: float) -> float:
-            return self.cost(self.near(case, change))
-
-        ends = (_LEAST - self.stated, _MOST - self.stated)
-        near = [] if start is None else np.clip([start - _BESIDE, start, start + _BESIDE], *ends).tolist()
-        changes = near or self._changes
-        at = int(np.argmin([cost(change) for change in changes]))
-        low, high = changes[max(at - 1, 0)], changes[min(at + 1, len(changes) - 1)]
-        options = {"xatol": _ACCURACY, "maxiter": 8 if start is None else 5}
-        minimize_scalar(cost, bounds=(low, high), method="bounded", options=options)
-        return self.near(case, min((change for own, change in self._known if own == case), key=cost))
-
-    def near(self, case: Case, change: float) -> StructureTrial:
-        """The structure with this change of n."""
-        return StructureTrial(case=case, change=change, errors=self.errors(case, change))
-
-    def inside(self, trial: StructureTrial) -> bool:
-        """Whether the n of a structure is an optimum and not just an end of the range that was searched."""
-        return _LEAST + 2.0 * _ACCURACY < self.stated + trial.change < _MOST - 2.0 * _ACCURACY
-
-    def coarse(self, case: Case) -> StructureTrial:
-        """The structure with the best of a few n."""
-        return min((self.near(case, change) for change in self._changes), key=self.cost)
-
-    def cost(self, trial: StructureTrial) -> float:
-        """Sum of the logarithms of the errors in the fitted windows."""
-        errors = trial.errors[self.fitted]
-        squares = np.mean(np.where(np.isinf(errors), _FAILED, errors) ** 2, axis=0)
-        return float(np.nansum(np.log(np.sqrt(squares + np.array([*_FLOORS.values()]) ** 2))))
-
-    def apart(
-        self, worse: StructureTrial, better: StructureTrial, *, everywhere: bool = False
-    ) -> tuple[float, float]:
-        """Mean logarithm of the ratio of errors over the windows apart, and its one-sided p-value."""
-        change = np.nanmean(worse.logarithms() - better.logarithms(), axis=1)
-        change = change if everywhere else change[~self.fitted]
-        spread = float(np.std(change, ddof=1)) / math.sqrt(len(change)) if len(change) > 1 else math.inf
-        mean = float(np.mean(change))
-        if spread <= 0.0:
-            return mean, 0.5 if mean <= 0.0 else 0.0
-        return mean, float(student.sf(mean / spread, max(len(change) - 1, 1)))
-
-    def gains(self, nominal: StructureTrial, best: StructureTrial) -> tuple[ChannelGain, ...]:
-        """Errors by channel on the windows apart."""
-        rng = np.random.default_rng(_SEED)
-        found = []
-        for k, name in enumerate(_FLOORS):
-            pair = [one.errors[~self.fitted, k] for one in (nominal, best)]
-            both = np.isfinite(pair[0]) & np.isfinite(pair[1])
-            if both.any():
-                before, after = (values[both] ** 2 for values in pair)
-                found.append(channel_gain(name, before, after, int(both.sum()), rng))
-        return tuple(found)
-
-
-def _errors_by_window(prepared: WindowReplay, plant: Plant) -> np.ndarray:
-    """Root mean square errors (W, C) of a model; infinite where a window fails."""
-    try:
-        errors = prepared.errors(plant)
-    except OffroadError:
-        return np.full((prepared.shape[0], len(_FLOORS)), math.inf)
-    failed = ~np.isfinite(errors["v_x"]).all(axis=1)
-    roots = [np.sqrt(np.mean(errors[name] ** 2, axis=1)) for name in _FLOORS]
-    return np.stack([np.where(failed, math.inf, values) for values in roots], axis=1)
 
 
 def compare_structures(
@@ -323,7 +160,7 @@ def compare_structures(
     if first.model != "full" or first.soil.rigid > 0.5:
         return None
     try:
-        trials = _Trials(logs)
+        trials = Trials(logs)
     except DataError:
         return None
     if int((~trials.fitted).sum()) < _WINDOWS:
@@ -355,7 +192,7 @@ def compare_structures(
     )
 
 
-def _presets(trials: _Trials, nominal: StructureTrial) -> list[StructureTrial]:
+def _presets(trials: Trials, nominal: StructureTrial) -> list[StructureTrial]:
     """The presets, best first; with all vehicle models where one of them looks better than the nominal."""
     half, four = _VEHICLES
     names = [name for name in _PRESETS if name != nominal.case.structure]
@@ -375,13 +212,13 @@ def gains_with(found: StructureComparison, log: Log) -> tuple[ChannelGain, ...]:
     DataError
         If the run is too short or lacks inputs or pose.
     """
-    trials = _Trials([log])
+    trials = Trials([log])
     pair = [replace(one, errors=trials.errors(one.case, one.change)) for one in (found.nominal, found.best)]
     trials.fitted[:] = False
     return trials.gains(pair[0], pair[1])
 
 
-def _worse(trials: _Trials, one: StructureTrial, best: StructureTrial) -> bool:
+def _worse(trials: Trials, one: StructureTrial, best: StructureTrial) -> bool:
     loss, p_value = trials.apart(one, best)
     return loss > _LOSS and p_value < _LOSS_P
 
@@ -431,7 +268,7 @@ def _without(case: Case, cause: str, nominal: Case) -> Case:
 
 
 def _pruned(
-    trials: _Trials, nominal: StructureTrial, best: StructureTrial
+    trials: Trials, nominal: StructureTrial, best: StructureTrial
 ) -> tuple[StructureTrial, tuple[StructuralCause, ...]]:
     """The structure without the laws that the windows do not show, and those that they show."""
     causes: dict[str, StructuralCause] = {}

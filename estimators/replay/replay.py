@@ -245,15 +245,22 @@ class WindowReplay:
         """Places of the windows' instants on the log's grid (`grid_of`), (W, K)."""
         return self._instants
 
-    def errors(self, plant: Plant) -> dict[str, np.ndarray]:
-        """Errors of a model by channel, (W, K); NaN where nothing can be compared or the model fails."""
+    def errors(self, plant: Plant, windows: np.ndarray | None = None) -> dict[str, np.ndarray]:
+        """Errors of a model by channel, (W, K); NaN where nothing can be compared or the model fails.
+
+        Parameters
+        ----------
+        windows : (W,) bool, optional
+            Which windows are predicted, each for itself; default: all. Others have no row.
+        """
+        firsts, instants = self._firsts, self._instants
+        if windows is not None:
+            firsts, instants = firsts[windows], instants[windows]
         try:
-            predicted = predict_windows(
-                plant, self._motion, self._inputs, self._firsts, self._lengths, self._steps
-            )
+            predicted = predict_windows(plant, self._motion, self._inputs, firsts, self._lengths, self._steps)
         except SolverFailure:
-            return {name: np.full(self.shape, math.nan) for name in CHANNELS}
-        return _errors(predicted, self._reality, self._instants)
+            return {name: np.full(instants.shape, math.nan) for name in CHANNELS}
+        return _errors(predicted, self._reality, instants)
 
 
 def replay_log(

@@ -23,6 +23,7 @@ import numpy as np
 from agents.studies.speed.drives import DRIVES, structured_drive
 from agents.studies.speed.fresh import Fresh, measure_fresh
 from agents.studies.speed.predictive import SolveTime, measure_solves
+from agents.studies.speed.verdicts import VerdictTime, verdict_times
 from estimators.discrepancy.diagnosis import diagnose
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
@@ -124,6 +125,7 @@ class Speed:
     processors: int
     rounds: int
     diagnosis_s: float | None = None  #: CPU time of `diagnose` on a log of a minute [s]; None when left out
+    verdicts: tuple[VerdictTime, ...] = ()  #: of `diagnose` in a natural world; empty when left out
     fresh: Fresh | None = field(default=None)
     solves: SolveTime | None = None  #: of model-predictive control; None without its solver
 
@@ -436,6 +438,7 @@ def measure_speed(
         processors=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
         rounds=rounds,
         diagnosis_s=None if quick else _diagnosis(),
+        verdicts=() if quick else verdict_times(),
         fresh=measure_fresh(rounds=1 if quick else 3, cold=not quick),
         solves=measure_solves(_DECISIONS // 10 if quick else _DECISIONS),
     )

@@ -7,14 +7,16 @@ So both count together: windows that were fitted and windows apart must gain mor
 apart must not contradict.
 
 On an unknown road and on soil that scatters, the residuals of windows apart are no white noise along the
-difference of two models: their scatter along it is taken from null simulations of those windows.
+difference of two models: their scatter along it is taken from null simulations of those windows. It depends
+on the window, too, so that a model whose noise has become smaller in the fitted windows would lose in rougher
+ones whatever its effects are worth. There both models have the noise of the smaller one.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -87,7 +89,7 @@ class HoldOutTest:
             self._held = self._held or held_out(self.fit, self.runs)
             self._null = self._simulated(self._held)
             less = self._held if smaller is None else held_out(smaller, self.runs, self._held)
-            self._tested = held_out(larger, self.runs, less)
+            self._tested = held_out(self._beside(larger), self.runs, less)
             # Both models may use the better of their starts.
             less = held_beside(less, self._tested)
         except OffroadError:
@@ -95,6 +97,10 @@ class HoldOutTest:
         if smaller is None:
             self._held = less
         return _result(less, self._tested, larger, self._null)
+
+    def _beside(self, larger: FitResult) -> FitResult:
+        """A larger model as it is compared: on natural ground with the noise of this test's own."""
+        return larger if self.fit.null is None else replace(larger, noise=self.fit.noise)
 
     def _simulated(self, held: Held) -> np.ndarray | None:
         """Residuals (M, K) of null simulations of the windows; None where the fit has none."""
@@ -105,7 +111,9 @@ class HoldOutTest:
 
     def onward(self, fit: FitResult) -> HoldOutTest:
         """For models that are larger than the one that was tested last."""
-        return HoldOutTest(fit, self.runs, self._tested, self._null)
+        # On natural ground it was tested with another noise than its own.
+        held = self._tested if self.fit.null is None else None
+        return HoldOutTest(fit, self.runs, held, self._null)
 
 
 def _result(held: Held, larger: Held, fitted: FitResult, null: np.ndarray | None) -> HoldOutResult:

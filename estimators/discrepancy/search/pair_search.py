@@ -35,7 +35,8 @@ def _scores(fit: FitResult, last: ScoreTest) -> np.ndarray:
     """Scores (E + C,) of all effects, in the model or not, if none were in the model."""
     inside = len(fit.sizes)
     scores: np.ndarray = last.joint[:, :inside] @ fit.sizes
-    scores[inside:] += last.z * np.sqrt(np.diag(last.information))
+    # In full: beside others an effect may stay within the range that it exceeds alone.
+    scores[inside:] += np.where(last.z != 0.0, last.size * np.diag(last.information), 0.0)
     return scores
 
 

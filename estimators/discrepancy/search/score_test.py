@@ -52,12 +52,12 @@ class ScoreTest:
 
     def scores(self, fit: FitResult, residual: np.ndarray) -> np.ndarray:
         """Scores (C,) that residuals (M,) would have at a point of the fit."""
-        equations = fit.reduced(fit.noise.whiten(residual), self.white)
-        # What the priors add to a score is no answer to residuals.
-        prior = np.zeros(self.white.shape[1])
-        prior[: len(fit.nuisances)] = -fit.nuisances / fit.problem.nuisance_spread**2
-        inside = len(equations.score) - len(self.candidates)
-        _, score = projected(equations.normal, equations.score - prior, inside)
+        # What the priors of nuisances and starts add to a score is no answer to residuals.
+        answers = [
+            fit.reduced(fit.noise.whiten(one), self.white) for one in (residual, np.zeros_like(residual))
+        ]
+        inside = len(self.white[0]) - len(self.candidates)
+        _, score = projected(answers[0].normal, answers[0].score - answers[1].score, inside)
         return np.where(np.diag(self.information) > 0.0, score * np.minimum(self.deviation, 1e300), 0.0)
 
     def limits(self) -> dict[str, float]:
@@ -141,24 +141,30 @@ def score_test(fit: FitResult, candidates: Sequence[Candidate]) -> ScoreTest:
         joint = joint / np.sqrt(np.outer(inner, inner))
         score = score / wider
         deviation = deviation * np.sqrt(wider)
-    # Less than nothing is no evidence: soil never pulls.
-    possible = seen & ~((score < 0.0) & _one_sided(fit, candidates))
+    z = np.where(seen, score * deviation, 0.0)
+    size = np.where(seen, score * deviation**2, 0.0)
+    share = _possible_share(fit, candidates, size)
     return ScoreTest(
         fit=fit,
         candidates=tuple(candidates),
-        z=np.where(possible, score * deviation, 0.0),
+        z=z * np.sqrt(share * (2.0 - share)),
         information=information,
-        size=np.where(seen, score * deviation**2, 0.0),
+        size=size,
         joint=joint,
         white=white,
     )
 
 
-def _one_sided(fit: FitResult, candidates: Sequence[Candidate]) -> np.ndarray:
-    """(C,) effects that can only be there or not, but not be less than nothing."""
-    low, _ = fit.problem.limits(candidates)
+def _possible_share(fit: FitResult, candidates: Sequence[Candidate], size: np.ndarray) -> np.ndarray:
+    """(C,) share of the steps to these sizes that stays within the physical ranges.
+
+    A share s of the step explains s (2 - s) of what the whole one does, the square of the score. Less than
+    nothing is no evidence: soil never pulls.
+    """
+    low, high = (ends[len(fit.nuisances) :] for ends in fit.problem.limits(candidates))
     off = np.array([EFFECTS[candidate.effect].size.off for candidate in candidates])
-    return np.asarray(low[len(fit.nuisances) :] >= off)
+    reach = np.where(size < 0.0, off - low, high - off)
+    return np.asarray(np.clip(reach / np.maximum(np.abs(size), 1e-300), 0.0, 1.0))
 
 
 def refined_places(result: ScoreTest, bar: float, near: float) -> ScoreTest:

@@ -66,6 +66,7 @@ class _Accepted(NamedTuple):
     fit: FitResult | None  #: the first that is confirmed
     gains: list[float]  #: of each model tested, in the log-likelihood of windows apart
     refused: bool  #: one was rejected that the fitted windows support
+    rejected: frozenset[str] = frozenset()  #: effects of the first models that were rejected before this one
 
 
 def _starts(fit: FitResult, candidate: Candidate, size: float) -> list[float]:
@@ -230,17 +231,21 @@ def _pruned(fit: FitResult, threshold: float) -> FitResult:
     return fit
 
 
-def _support(fit: FitResult, larger: FitResult, gain: float) -> float:
+def _support(fit: FitResult, trial: FitResult, larger: FitResult) -> float:
     """Evidence of the fitted windows for the effects that are new in a ``larger`` model.
 
-    The ``gain`` with the noise as it was, or the likelihood ratio of the least of the new effects, if that is
-    less.
+    The gain of the ``trial`` from which it was settled, with the noise as it was, or the likelihood ratio of
+    the least of the new effects, if that is less. Road and soil scatter more beside the smaller noise of the
+    larger model, so that each is measured in its own noise.
     """
     names = {candidate.effect for candidate in fit.candidates}
-    new = [i for i, candidate in enumerate(larger.candidates) if candidate.effect not in names]
-    least = np.min(np.abs(larger.sizes[new]) / larger.size_deviations()[new], initial=np.inf)
-    wide = float(np.max(larger.size_inflation[new], initial=1.0))
-    return float(min(gain / wide, 0.5 * least**2))
+
+    def new(model: FitResult) -> list[int]:
+        return [i for i, candidate in enumerate(model.candidates) if candidate.effect not in names]
+
+    wide = float(np.max(trial.size_inflation[new(trial)], initial=1.0))
+    least = np.min((np.abs(larger.sizes) / larger.size_deviations())[new(larger)], initial=np.inf)
+    return float(min((fit.cost - trial.cost) / wide, 0.5 * least**2))
 
 
 def _accepted(test: HoldOutTest, trials: Sequence[FitResult], bars: _Bars) -> _Accepted:
@@ -254,9 +259,8 @@ def _accepted(test: HoldOutTest, trials: Sequence[FitResult], bars: _Bars) -> _A
     names = {candidate.effect for candidate in fit.candidates}
     enough = 0.5 * bars.together**2
     for trial in trials[:_TESTED]:
-        gain = fit.cost - trial.cost
         # After a refusal, only what is confirmed with the noise as it is gets the work of a noise of its own.
-        if gains and not _confirmed(test.result(trial), _support(fit, trial, gain), enough):
+        if gains and not _confirmed(test.result(trial), _support(fit, trial, trial), enough):
             continue
         try:
             larger = _pruned(settled(trial), bars.fitted)
@@ -265,7 +269,7 @@ def _accepted(test: HoldOutTest, trials: Sequence[FitResult], bars: _Bars) -> _A
             continue
         if {candidate.effect for candidate in larger.candidates} == names:
             break
-        result, support = test.result(larger), _support(fit, larger, gain)
+        result, support = test.result(larger), _support(fit, trial, larger)
         if result is None:
             return _Accepted(larger, gains, refused=False)
         gains.append(result.gain)
@@ -285,16 +289,28 @@ def _confirmed(result: HoldOutResult | None, support: float, enough: float) -> b
 def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float) -> _Accepted:
     """The next larger model: ``bar`` is the least score, ``rate`` that of the first scores."""
     last = refined_places(last, _LARGE * bar, _NEAR_BEST)
+    strongest, inside = float(np.abs(last.z).max(initial=0.0)), test.fit.candidates
+    gains: list[float] = []
+    rejected = frozenset[str]()
     while True:
         trials = _larger(last, bar, test)
         # The first name is the best or none; later ones may be any that explain as much.
-        tried = trials if test.fit.candidates else trials[:1]
+        tried = trials if inside else trials[:1]
         accepted = _accepted(test, tried, _Bars(bar, score_threshold(last, _CONFIRMED * rate)))
-        if accepted.fit is not None or accepted.gains or not trials:
-            return accepted
+        gains += accepted.gains
+        if accepted.fit is not None:
+            return _Accepted(accepted.fit, gains, refused=False, rejected=rejected)
+        # Where no null log has such a score, a refusal leaves a discrepancy whatever comes after it: the next
+        # best explanation costs no false alarm.
+        again = accepted.refused and not inside and len(gains) < _TESTED
+        again = again and strongest > score_threshold(last, _BEYOND)
+        if not trials or (accepted.gains and not again):
+            return _Accepted(None, gains, refused=accepted.refused or bool(rejected))
         # What looked best is not significant once it is fitted; what it was confounded with may be.
-        inside = {candidate.effect for candidate in test.fit.candidates}
-        gone = {candidate.effect for trial in trials for candidate in trial.candidates} - inside
+        names = {candidate.effect for candidate in inside}
+        gone = {candidate.effect for trial in tried for candidate in trial.candidates} - names
+        rejected |= gone if again else frozenset()
+        gone = gone if again else gone | {c.effect for trial in trials for c in trial.candidates} - names
         last = score_test(last.fit, [c for c in last.candidates if c.effect not in gone])
 
 
@@ -328,6 +344,7 @@ def search(
         gains += accepted.gains
         if accepted.fit is None:
             break
+        candidates = [c for c in candidates if c.effect not in accepted.rejected]
         last = score_test(accepted.fit, outside(accepted.fit, candidates))
         fit, test = last.fit, test.onward(accepted.fit)
         bar = score_threshold(last, rate)

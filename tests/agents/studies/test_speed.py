@@ -16,6 +16,7 @@ from agents.studies.speed.figure import speed_figure
 from agents.studies.speed.fresh import Fresh
 from agents.studies.speed.predictive import SolveTime, measure_solves
 from agents.studies.speed.study import BARS, SIZES, Bar, Speed, compare
+from agents.studies.speed.verdicts import VERDICT_BARS, VerdictTime
 from helpers import run_fresh
 
 TIMES = {
@@ -95,6 +96,10 @@ def some_speed(median_ms=11.0):
         processors=2,
         rounds=3,
         diagnosis_s=3.0,
+        verdicts=(
+            VerdictTime(what="no fault", seconds=14.0, most=40.0, bar=15.0),
+            VerdictTime(what="one effect", seconds=16.0, most=20.0, bar=15.0),
+        ),
         solves=SolveTime(median_ms=median_ms, high_ms=2.0 * median_ms, decisions=300),
         fresh=Fresh(
             import_s=0.1,
@@ -118,6 +123,9 @@ def test_the_command_prints_promises_and_writes_numbers_and_figure(monkeypatch, 
     assert "MISSED" in printed
     assert "racetrack-v0 is not installed" in printed
     assert "diagnosis of a log of 60 s: 3.0 s" in printed
+    rows = {line.split("  ")[0].strip(" │"): line for line in printed.splitlines()}
+    assert "MISSED" in rows["one effect"]
+    assert "MISSED" not in rows["no fault"]
     assert "15.0 s of CPU time, 16.0 s by the clock" in printed
     assert (tmp_path / "speed.png").stat().st_size > 10_000
     numbers = json.loads((tmp_path / "speed.json").read_text(encoding="utf-8"))
@@ -194,3 +202,9 @@ def test_a_first_compilation_is_announced_once(monkeypatch, tmp_path, caplog, co
     for _ in range(2):
         period.announce_compilation()
     assert len(caplog.records) == (0 if compiled else 1)
+
+
+def test_a_verdict_has_the_time_that_its_bar_allows():
+    assert dict(VERDICT_BARS) == {"no fault": 15.0, "one effect": 15.0, "another structure": 90.0}
+    for seconds, met in ((15.0, True), (15.1, False)):
+        assert VerdictTime(what="no fault", seconds=seconds, most=60.0, bar=15.0).met is met

@@ -14,7 +14,7 @@ from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT
 from estimators.discrepancy.physical_ranges import NEVER_NEGATIVE, at_end, drive_range
 from estimators.discrepancy.search.result import Alternative, Cause
-from estimators.discrepancy.search.score_test import _one_sided, score_test
+from estimators.discrepancy.search.score_test import _possible_share, score_test
 from estimators.discrepancy.search.stepwise import refit
 from estimators.discrepancy.stated_model import model_with
 from estimators.discrepancy.verdict import VehicleDiagnosis
@@ -74,7 +74,33 @@ def test_soil_that_would_have_to_pull_has_no_score_and_no_size(pulled):
 def test_soil_that_would_bear_less_the_faster_it_is_pressed_has_no_score(pulled):
     """A drag that the model lacks slows a vehicle as soil would that is softer at speed."""
     names = [Candidate(effect=name) for name in ("rate_damping", "rut_drag", "aero_drag")]
-    assert _one_sided(pulled, names).tolist() == [True, True, False]
+    assert _possible_share(pulled, names, np.full(3, -1e-3)).tolist() == [0.0, 0.0, 1.0]
+
+
+def test_residuals_that_do_not_change_move_no_score(pulled):
+    """The priors of starts and nuisances pull at every fit, and have no part in the error of a solver."""
+    scores = score_test(pulled, [Candidate(effect="rolling_resistance"), Candidate(effect="payload")])
+    nothing, some = np.zeros_like(pulled.residual), 0.1 * pulled.residual
+    assert scores.scores(pulled, nothing) == pytest.approx([0.0, 0.0], abs=1e-9)
+    once, twice = scores.scores(pulled, some), scores.scores(pulled, 2.0 * some)
+    assert twice == pytest.approx(2.0 * once)
+
+
+def test_a_score_counts_what_a_size_within_its_range_explains(pulled):
+    """Half of a step explains three quarters of the square of its score."""
+    name = Candidate(effect="payload")
+    low, high = pulled.runs[0].size_limits("payload")
+    shares = _possible_share(pulled, [name] * 4, np.array([2.0 * high, 0.5 * high, 4.0 * low, 0.0]))
+    assert shares == pytest.approx([0.5, 1.0, 0.25, 1.0])
+    free = score_test(pulled, [Candidate(effect="exit_angle")])
+    reach = abs(free.size[0]) / 4.0
+    pulled.runs[0].size_limits = lambda effect: (-reach, reach)
+    try:
+        held = score_test(pulled, [Candidate(effect="exit_angle")])
+    finally:
+        del pulled.runs[0].size_limits
+    assert held.size[0] == free.size[0]
+    assert held.z[0] == pytest.approx(free.z[0] * np.sqrt(0.4375))
 
 
 def test_the_model_of_the_named_causes_keeps_their_sizes_and_fits_the_rest(pulled):

@@ -8,7 +8,7 @@ import pytest
 
 from agents.reports.diagnosis import render_diagnosis
 from estimators.discrepancy import diagnosis as diagnosis_module
-from estimators.discrepancy import structure_comparison
+from estimators.discrepancy import structure_trials
 from estimators.discrepancy.diagnosis import diagnose
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
@@ -71,8 +71,8 @@ def test_a_stated_n_that_is_far_off_is_no_reason_to_name_a_structure(stated):
 def test_a_structure_whose_n_lies_at_the_end_of_the_range_is_not_named(sand, monkeypatch):
     # With the wrong n on both sides a structure looks better than one that cannot be right either.
     least = sand[0].config.soil.n
-    monkeypatch.setattr(structure_comparison, "_LEAST", least)
-    monkeypatch.setattr(structure_comparison, "_GRID", (least, 1.3, 1.6))
+    monkeypatch.setattr(structure_trials, "_LEAST", least)
+    monkeypatch.setattr(structure_trials, "_GRID", (least, 1.3, 1.6))
     compared = compare_structures(sand[:1])
     assert compared.gain > 0.6
     assert compared.p_value < 1e-3

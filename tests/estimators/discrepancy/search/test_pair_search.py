@@ -45,6 +45,7 @@ def _scores(inside: int, sizes: np.ndarray) -> tuple[SimpleNamespace, SimpleName
     result = SimpleNamespace(
         candidates=tuple(candidates[inside:]),
         z=free.T @ left / np.sqrt(np.diag(information)),
+        size=free.T @ left / np.diag(information),
         information=information,
         joint=traces.T @ traces,
     )
@@ -233,9 +234,11 @@ def test_a_search_goes_on_where_its_first_choice_does_not_hold_once_it_is_fitted
     monkeypatch.setattr(search_module, "refined_places", lambda last, bar, near: last)
     monkeypatch.setattr(search_module, "score_threshold", lambda last, rate: 3.0)
     monkeypatch.setattr(
-        search_module, "score_test", lambda fit, left: SimpleNamespace(fit=None, candidates=tuple(left))
+        search_module,
+        "score_test",
+        lambda fit, left: SimpleNamespace(fit=None, candidates=tuple(left), z=np.zeros(len(left))),
     )
-    first = SimpleNamespace(fit=None, candidates=tuple(Candidate(effect=name) for name in names))
+    first = search_module.score_test(None, [Candidate(effect=name) for name in names])
     test = SimpleNamespace(fit=SimpleNamespace(candidates=()))
     taken = search_module._onward(test, first, 3.0, 0.06)
     assert [candidate.effect for candidate in taken.fit.candidates] == ["steer_lag"]

@@ -1,0 +1,79 @@
+"""Comparison on windows apart in one noise, and what is tested after a refusal."""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimators.discrepancy.model.parameters import Candidate
+from estimators.discrepancy.search import stepwise
+from estimators.discrepancy.search.holdout import HoldOutTest
+from estimators.discrepancy.search.stepwise import _Accepted, _onward
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What the hold-out test takes from a fit before any window is simulated."""
+
+    null: object
+    noise: str
+    candidates: tuple[Candidate, ...] = ()
+
+
+@pytest.mark.parametrize(
+    ("null", "noise", "held"), [(None, "its own", "tested"), ("a sample", "nominal", None)]
+)
+def test_on_natural_ground_both_models_have_the_noise_of_the_smaller(null, noise, held):
+    test = HoldOutTest(Fit(null, "nominal"), [])
+    larger = Fit(null, "its own")
+    assert test._beside(larger).noise == noise
+    test._tested = "tested"
+    assert test.onward(larger)._held == held
+
+
+def _search(monkeypatch, strongest: float, refused: set[str]) -> tuple[_Accepted, list[str]]:
+    """The next model where effects fall from ``strongest``, null logs stay below 4 and some are refused."""
+    tried: list[str] = []
+
+    def scores(fit: Fit, candidates: list[Candidate]) -> SimpleNamespace:
+        order = {name: strongest - i for i, name in enumerate("abcde")}
+        strength = np.array([order[candidate.effect] for candidate in candidates])
+        return SimpleNamespace(fit=fit, candidates=tuple(candidates), z=strength)
+
+    def accepted(test: HoldOutTest, trials: list[Fit], bars: object) -> _Accepted:
+        (name,) = [candidate.effect for candidate in trials[0].candidates]
+        tried.append(name)
+        wrong = name in refused
+        return _Accepted(None if wrong else trials[0], [-5.0 if wrong else 5.0], refused=wrong)
+
+    monkeypatch.setattr(stepwise, "refined_places", lambda last, *_: last)
+    monkeypatch.setattr(stepwise, "score_threshold", lambda *_: 4.0)
+    monkeypatch.setattr(stepwise, "score_test", scores)
+    monkeypatch.setattr(stepwise, "_accepted", accepted)
+    monkeypatch.setattr(
+        stepwise, "_larger", lambda last, *_: [Fit(None, "", (one,)) for one in last.candidates]
+    )
+    nominal = Fit(None, "")
+    start = scores(nominal, [Candidate(effect=name) for name in "abcde"])
+    return _onward(HoldOutTest(nominal, []), start, 3.4, 0.06), tried
+
+
+def test_after_a_refusal_that_no_null_log_has_the_next_best_explanation_is_tested(monkeypatch):
+    found, tried = _search(monkeypatch, 9.0, {"a"})
+    assert tried == ["a", "b"]
+    assert found.fit.candidates[0].effect == "b"
+    assert found.rejected == {"a"}
+    assert not found.refused
+
+
+def test_where_null_logs_have_such_a_score_only_the_best_is_tested(monkeypatch):
+    found, tried = _search(monkeypatch, 3.9, {"a"})
+    assert tried == ["a"]
+    assert (found.fit, found.refused, found.rejected) == (None, True, frozenset())
+
+
+def test_no_more_than_three_explanations_are_tested(monkeypatch):
+    found, tried = _search(monkeypatch, 9.0, set("abcde"))
+    assert tried == ["a", "b", "c"]
+    assert (found.fit, found.refused) == (None, True)
