@@ -1,7 +1,8 @@
 """The leaderboard: scores of agents on test episodes of the benchmark, in files of the package.
 
 ``python -m agents.benchmark.leaderboard out/benchmark/benchmark.json`` writes or renews the file of every
-task and form in it, `agents/leaderboard/TASK.FORM.json`. `offroad compare` prints where an agent of one's own
+task and form in it, `agents/leaderboard/TASK.FORM.json`. Agents of the file that the run lacks are kept where
+it drove the same episodes, and named in any case. `offroad compare` prints where an agent of one's own
 stands.
 """
 
@@ -10,14 +11,14 @@ from __future__ import annotations
 import importlib.resources
 import json
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from agents.reports.output import write_bytes
+from agents.reports.output import say, write_bytes
 from offroad_env.errors import DataError
 from offroad_env.world.files import read_json, require_keys
 
-__all__ = ["Board", "Entry", "find_board", "read_board", "standing", "write_boards"]
+__all__ = ["Board", "Entry", "board_names", "find_board", "read_board", "standing", "write_boards"]
 
 _FOLDER = "leaderboard"
 _NUMBERS = ("score", "low", "high", "failures")
@@ -45,6 +46,11 @@ class Board:
     seed: int
     knobs: str  #: of the arms
     entries: tuple[Entry, ...]
+
+    @property
+    def conditions(self) -> tuple[int, int, str]:
+        """What scores of one board share: number and seed of the episodes, knobs of the arms."""
+        return self.episodes, self.seed, self.knobs
 
 
 def read_board(path: Path) -> Board:
@@ -87,6 +93,11 @@ def find_board(task: str, form: str) -> Board | None:
     return read_board(path) if path.exists() else None
 
 
+def board_names() -> list[str]:
+    """``task, form`` of every shipped board."""
+    return [path.stem.replace(".", ", ") for path in sorted(_place("", "").parent.glob("*.json"))]
+
+
 def standing(board: Board, agent: str, score: float, episodes: int) -> str:
     """Where an agent with this mean score would stand."""
     better = sum(entry.score < score for entry in board.entries)
@@ -98,8 +109,25 @@ def standing(board: Board, agent: str, score: float, episodes: int) -> str:
     return text if episodes >= board.episodes else f"{text}; {episodes} episodes are few for a place"
 
 
+def _with_absent(board: Board, former: Board | None) -> tuple[Board, str]:
+    """The board with those agents of the former one that the run lacks, and a sentence on them.
+
+    They are kept only where they drove the same episodes; scores of others cannot be compared.
+    """
+    present = {entry.agent for entry in board.entries}
+    absent = [entry for entry in former.entries if entry.agent not in present] if former is not None else []
+    if former is None or not absent:
+        return board, ""
+    name, agents = f"{board.task}, {board.form}", ", ".join(entry.agent for entry in absent)
+    if former.conditions != board.conditions:
+        there = "{} episodes of seed {}, {} knobs".format(*former.conditions)
+        return board, f"{name}: not in this run, and left out, since they drove {there}: {agents}"
+    entries = sorted((*board.entries, *absent), key=lambda entry: entry.score)
+    return replace(board, entries=tuple(entries)), f"{name}: not in this run, kept as they were: {agents}"
+
+
 def write_boards(numbers: Path, folder: Path) -> list[Path]:
-    """Boards from the ``benchmark.json`` of a run, into ``folder``."""
+    """Boards from the ``benchmark.json`` of a run, into ``folder``; says which agents the run lacks."""
     run, written = read_json(numbers), []
     for result in run["results"].values():
         entries = [
@@ -121,8 +149,11 @@ def write_boards(numbers: Path, folder: Path) -> list[Path]:
             knobs=run["arguments"]["knobs"],
             entries=tuple(sorted(entries, key=lambda entry: entry.score)),
         )
-        text = json.dumps(asdict(board), indent=1)
-        written.append(write_bytes(folder / f"{board.task}.{board.form}.json", f"{text}\n".encode()))
+        path = folder / f"{board.task}.{board.form}.json"
+        board, absent = _with_absent(board, read_board(path) if path.exists() else None)
+        if absent:
+            say(absent)
+        written.append(write_bytes(path, f"{json.dumps(asdict(board), indent=1)}\n".encode()))
     return written
 
 

@@ -53,7 +53,7 @@ class BenchmarkRun:
     quick: bool = False  #: 20 episodes each instead of 100, matched model only
     tasks: Scenarios = BUILT_IN  #: what is driven: names, or files of your own
     agents: tuple[str, ...] = ("pure_pursuit", "nominal", "conservative", "aware", "oracle")  #: who drives
-    policies: bool = True  #: also the policies that are shipped, trained with several seeds each
+    policies: bool = True  #: leave out the shipped policies, which are trained with several seeds each
     forms: Forms = ("matched", "mismatch")  #: vehicle as modelled, unlike it, or on whole measured soils
     knobs: Literal["common", "own"] = "common"  #: natural forms: arms drive with one set, or with their own
     episodes: int = 100  #: paired episodes of each agent

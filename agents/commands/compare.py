@@ -60,7 +60,7 @@ class Compare:
 
     def run(self) -> None:
         """Drive what is missing, compare, write and print."""
-        from agents.benchmark.leaderboard import find_board, standing
+        from agents.benchmark.leaderboard import board_names, find_board, standing
         from agents.benchmark.study import BenchmarkArgs, run_study
 
         start = time.perf_counter()
@@ -81,7 +81,10 @@ class Compare:
             for line in paired_lines(result, self.agent):
                 say(line)
             board = find_board(result.scenario, result.form)
-            if board is not None and not args.world:
+            if board is None:
+                boards = "; ".join(board_names())
+                say(f"no leaderboard of {result.scenario}, {result.form} (there are: {boards})")
+            elif not args.world:
                 own = result.arm(self.agent)
                 say(standing(board, self.agent, float(own.scores.mean()), len(own.episodes)))
         write_results(

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
 __all__ = ["changing_figure"]
@@ -13,6 +14,7 @@ __all__ = ["changing_figure"]
 _COLOURS = ("#009E73", "#D55E00", "#0072B2")
 #: The second and third filter often agree: both show.
 _STYLES = ("-", "-", (0, (4, 3)))
+_TRUTH = "true n"
 
 
 def changing_figure(results: Mapping[tuple[str, str], Mapping[str, Any]], *, step: float) -> Figure:
@@ -36,7 +38,7 @@ def changing_figure(results: Mapping[tuple[str, str], Mapping[str, Any]], *, ste
             n, sd = np.array(run["n"]), np.array(run["sd"])
             axes.fill_between(t, n - 2.0 * sd, n + 2.0 * sd, color=colour, alpha=0.15, lw=0)
             axes.plot(t, n, color=colour, lw=1.3, ls=style, label=name)
-        axes.plot(t, unit["truth"], color="0.1", lw=1.2, ls="--", label="true n")
+        axes.plot(t, unit["truth"], color="0.1", lw=1.2, ls="--", label=_TRUTH)
         low, high = min(unit["truth"]), max(unit["truth"])
         margin = 0.6 * (high - low)
         axes.set_ylim(low - margin, high + margin)
@@ -47,6 +49,12 @@ def changing_figure(results: Mapping[tuple[str, str], Mapping[str, Any]], *, ste
             axes.spines[side].set_visible(False)
     for axes in panels.flat:
         axes.set(xlabel="time [s]", ylabel="sinkage exponent n [-]")
+    handles: dict[str, Artist] = {}
     for row in panels:
-        row[0].legend(frameon=False, fontsize=8, loc="upper left")
+        artists, labels = row[0].get_legend_handles_labels()
+        handles |= dict(zip(labels, artists, strict=True))
+    shown = [name for name in handles if name != _TRUTH] + [_TRUTH]
+    figure.legend(
+        [handles[name] for name in shown], shown, loc="outside lower center", ncols=4, frameon=False
+    )
     return figure

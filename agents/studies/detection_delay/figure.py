@@ -14,12 +14,13 @@ from agents.studies.detection_delay.results import DrivenLine, FilterLine
 __all__ = ["delay_figure"]
 
 _AWARE, _BLIND = "#0072B2", "#E69F00"
-#: Colours of the drives with a delayed n, and height of the failures above the points [points].
-_DELAYED = {"0.25": -14.0, "#D55E00": 7.0}
+#: Drives with a delayed n: colour, and whether their bars stand left or right of the delay.
+_DELAYED = (("0.25", -0.5), ("#D55E00", 0.5))
+_BAR = 0.02  #: width of a bar of failures [s]
 
 
 def delay_figure(driven: Sequence[DrivenLine], filters: Sequence[FilterLine]) -> Figure:
-    """Mean time with a delayed n (line, with failures), of the arms (bands), and the filters' delays.
+    """Mean time and failures with a delayed n, of the arms (lines across), and the filters' delays.
 
     Parameters
     ----------
@@ -28,25 +29,49 @@ def delay_figure(driven: Sequence[DrivenLine], filters: Sequence[FilterLine]) ->
     filters
         Their median delays are marked below.
     """
-    figure = Figure(figsize=(8.0, 4.6), layout="constrained")
-    axes = figure.subplots()
+    figure = Figure(figsize=(8.0, 6.2), layout="constrained")
+    times, failures = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1.0))
     delayed = [line for line in driven if not math.isnan(line.delay)]
-    for name, (colour, above) in zip(
-        dict.fromkeys(line.name for line in delayed), _DELAYED.items(), strict=False
-    ):
-        _draw_late(axes, [line for line in delayed if line.name == name], colour, above)
+    names = dict.fromkeys(line.name for line in delayed)
+    for name, (colour, side) in zip(names, _DELAYED, strict=False):
+        here = [line for line in delayed if line.name == name]
+        _draw_times(times, here, colour)
+        delays = [line.delay + side * _BAR for line in here]
+        failures.bar(delays, [line.failures for line in here], width=_BAR, color=colour)
     for line in driven:
         if math.isnan(line.delay):
             colour, style = (_AWARE, "-") if line.name == "aware" else (_BLIND, "--")
             style = ":" if line.name == "conservative" else style
             failed = f"{line.failures} of {line.episodes} fail"
-            axes.axhline(line.score.value, color=colour, ls=style, label=f"{line.name}, {failed}")
-    bottom = axes.get_ylim()[0] - 3.0  # room for the filters' names
+            times.axhline(line.score.value, color=colour, ls=style, label=f"{line.name}, {failed}")
+    _draw_filters(times, filters)
+    times.set(ylabel="mean time to the goal,\na failure costs 120 s [s]")
+    episodes = max((line.episodes for line in delayed), default=0)
+    failures.set(xlabel="delay of n [s]", ylabel=f"failures\n[of {episodes}]", ylim=(0.0, None))
+    failures.yaxis.get_major_locator().set_params(integer=True)
+    times.set_title("patches", loc="left", fontsize=10)
+    for axes in (times, failures):
+        axes.grid(alpha=0.25)
+        axes.spines[["top", "right"]].set_visible(False)
+    times.legend(frameon=False, fontsize=8, loc="upper left")
+    return figure
+
+
+def _draw_times(axes: Axes, lines: Sequence[DrivenLine], colour: str) -> None:
+    """Mean time over the delay with its band."""
+    t, score = np.array([line.delay for line in lines]), [line.score for line in lines]
+    axes.fill_between(t, [s.low for s in score], [s.high for s in score], color=colour, alpha=0.12, lw=0)
+    axes.plot(t, [s.value for s in score], color=colour, marker="o", label=f"true n, {lines[0].name}")
+
+
+def _draw_filters(axes: Axes, filters: Sequence[FilterLine]) -> None:
+    """A mark at the median delay of each filter, on the lower edge of the panel."""
+    bottom = axes.get_ylim()[0] - 3.0  # room for the names
     for found in filters:
         if math.isfinite(found.delay):
-            axes.plot(found.delay, bottom, "^", color=_AWARE, ms=9, clip_on=False)
+            axes.plot(found.delay, bottom, "^", color=_AWARE, ms=9, clip_on=False, zorder=3)
             axes.annotate(
-                f"filter {found.name}",
+                f"filter of a {found.name}",
                 (found.delay, bottom),
                 xytext=(0, 9),
                 textcoords="offset points",
@@ -55,27 +80,3 @@ def delay_figure(driven: Sequence[DrivenLine], filters: Sequence[FilterLine]) ->
                 fontsize=8,
             )
     axes.set_ylim(bottom=bottom)
-    axes.set(xlabel="delay of n [s]", ylabel="mean time to the goal, a failure costs 120 s [s]")
-    axes.set_title("patches; numbers: failures", loc="left", fontsize=10)
-    axes.grid(alpha=0.25)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    axes.legend(frameon=False, fontsize=8)
-    return figure
-
-
-def _draw_late(axes: Axes, lines: Sequence[DrivenLine], colour: str, above: float) -> None:
-    """Mean time over the delay with its band, and the number of failures at each."""
-    t, score = np.array([line.delay for line in lines]), [line.score for line in lines]
-    axes.fill_between(t, [s.low for s in score], [s.high for s in score], color=colour, alpha=0.12, lw=0)
-    axes.plot(t, [s.value for s in score], color=colour, marker="o", label=f"true n, {lines[0].name}")
-    for line in lines:
-        axes.annotate(
-            f"{line.failures}",
-            (line.delay, line.score.value),
-            xytext=(0.0, above),
-            textcoords="offset points",
-            ha="center",
-            fontsize=8,
-            color=colour,
-        )

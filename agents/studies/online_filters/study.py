@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from agents.commands.options import Jobs
 from agents.reports.output import Results, console, say, table
 from agents.studies.runner import Key, run_units, stamp_of
 from offroad_env.errors import InvalidParameter
+
+if TYPE_CHECKING:
+    import gymnasium as gym
 
 __all__ = ["OnlineFilters", "OnlineLine", "lines_of", "run_unit"]
 
@@ -138,13 +142,22 @@ def run_unit(name: str, scenario: str, seed: int, duration: float) -> dict[str, 
     }
 
 
-def _peer_step() -> float | None:
-    """Seconds of a step of HalfCheetah-v5, or None where MuJoCo is not installed."""
+@cache
+def _peer() -> gym.Env[Any, Any] | None:
+    """HalfCheetah-v5, or None where MuJoCo is not installed; made once, since MuJoCo warns each time."""
     import gymnasium as gym
 
     try:
         peer = gym.make("HalfCheetah-v5")
     except gym.error.DependencyNotInstalled:
+        return None
+    return peer
+
+
+def _peer_step() -> float | None:
+    """Seconds of a step of HalfCheetah-v5, or None where MuJoCo is not installed."""
+    peer = _peer()
+    if peer is None:
         return None
     peer.reset(seed=0)
     action = np.zeros(peer.action_space.shape or ())

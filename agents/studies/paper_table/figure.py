@@ -136,8 +136,8 @@ def _draw_force(axes: Axes, soil: Sensitivity) -> None:
 
 
 def sweep_figure(points: Sequence[_Point], chosen: Mapping[str, _Point]) -> Figure:
-    """Median log-MSE over alpha and R_n, with the number of rows at or below the paper in every cell."""
-    figure = Figure(figsize=(7.0 * len(chosen), 4.2), layout="constrained")
+    """Median log-MSE over alpha and R_n, with the number of rows at or below the paper; chosen: framed."""
+    figure = Figure(figsize=(6.2 * len(chosen), 3.8), layout="constrained")
     for axes, (model, best) in zip(
         figure.subplots(1, len(chosen), squeeze=False)[0], chosen.items(), strict=True
     ):
@@ -150,15 +150,13 @@ def sweep_figure(points: Sequence[_Point], chosen: Mapping[str, _Point]) -> Figu
                 light = image.norm(own[a, d].median_log_mse) < _LIGHT
                 shade = "0.1" if light else "white"
                 axes.text(j, i, f"{own[a, d].reached}", ha="center", va="center", color=shade, fontsize=11)
-        corner = drifts.index(best.drift) - 0.5, alphas.index(best.alpha) - 0.5
-        axes.add_patch(Rectangle(corner, 1.0, 1.0, fill=False, ec="#D55E00", lw=3.5, clip_on=False, zorder=3))
+        corner = drifts.index(best.drift) - 0.45, alphas.index(best.alpha) - 0.45
+        axes.add_patch(Rectangle(corner, 0.9, 0.9, fill=False, ec="#D55E00", lw=3.0, zorder=3))
         axes.set_xticks(range(len(drifts)), [f"{d:g}" for d in drifts])
         axes.set_yticks(range(len(alphas)), [f"{a:g}" for a in alphas])
-        axes.set_xlabel("square root of R_n, per update [-]")
-        axes.set_ylabel("alpha [-]")
+        axes.set_xlabel(r"$\sqrt{R_n}$, drift of n in an update [-]")
+        axes.set_ylabel(r"$\alpha$, spread of the sigma points [-]")
         name = model.replace("_", "-")
-        axes.set_title(
-            f"{name}: rows of the table at or below the paper; framed: chosen", loc="left", fontsize=11
-        )
-        figure.colorbar(image, ax=axes, label="median log10 of the mean square error of n [-]")
+        axes.set_title(f"{name}: rows at or below the paper, of {len(ROWS)}", loc="left", fontsize=11)
+        figure.colorbar(image, ax=axes, label="median of log$_{10}$ (mean square error of n) [-]")
     return figure

@@ -41,7 +41,8 @@ def _ratios(axes: Axes, ratios: Sequence[Ratio]) -> None:
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axes.set_xlabel("ratio of steps per second, ours / peer [-]")
     axes.set_title("Against others in the same run", loc="left", fontsize=10.5)
-    axes.legend(frameon=False, fontsize=9, loc="upper right")
+    # Below the axis: ratios and promises lie anywhere on the panel.
+    axes.legend(frameon=False, fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)
     axes.grid(axis="x", alpha=0.3)
 
 

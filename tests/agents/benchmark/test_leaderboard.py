@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import agents
-from agents.benchmark.leaderboard import find_board, read_board, standing, write_boards
+from agents.benchmark.leaderboard import board_names, find_board, read_board, standing, write_boards
 from offroad_env.errors import DataError
 
 SHIPPED = sorted((Path(agents.__file__).parent / "leaderboard").glob("*.json"))
@@ -57,16 +57,51 @@ def test_a_score_outside_of_its_interval_is_refused(tmp_path):
         read_board(path)
 
 
-def test_a_board_comes_from_the_numbers_of_a_run(tmp_path):
-    summary = {"name": "own", "score": {"value": 9.0, "low": 8.0, "high": 10.0}, "success": {"value": 0.75}}
-    result = {"scenario": "brake", "form": "natural", "unit": "s", "seed": 4, "summaries": [summary]}
+def _run(folder: Path, scores: dict[str, float], seed: int = 4) -> Path:
+    """``benchmark.json`` of a run of these agents, as far as a board needs it."""
+    summaries = [
+        {
+            "name": name,
+            "score": {"value": score, "low": score - 1.0, "high": score + 1.0},
+            "success": {"value": 0.75},
+        }
+        for name, score in scores.items()
+    ]
+    result = {"scenario": "brake", "form": "natural", "unit": "s", "seed": seed, "summaries": summaries}
     run = {
         "results": {"brake.natural": {**result, "arms": [{"episodes": [1, 2, 3]}]}},
         "arguments": {"knobs": "own"},
     }
-    numbers = tmp_path / "benchmark.json"
+    numbers = folder / "benchmark.json"
     numbers.write_text(json.dumps(run), encoding="utf-8")
-    (path,) = write_boards(numbers, tmp_path)
+    return numbers
+
+
+def test_a_board_comes_from_the_numbers_of_a_run(tmp_path):
+    (path,) = write_boards(_run(tmp_path, {"own": 9.0}), tmp_path)
     board = read_board(path)
     assert (board.episodes, board.seed, board.knobs) == (3, 4, "own")
     assert board.entries[0].failures == 0.25
+
+
+def test_agents_that_a_run_lacks_stay_on_the_board_and_are_named(tmp_path, capsys):
+    write_boards(_run(tmp_path, {"nominal": 9.0, "oracle": 8.0}), tmp_path)
+    assert capsys.readouterr().out == ""
+    (path,) = write_boards(_run(tmp_path, {"nominal": 7.0}), tmp_path)
+    assert [(entry.agent, entry.score) for entry in read_board(path).entries] == [
+        ("nominal", 7.0),
+        ("oracle", 8.0),
+    ]
+    assert "kept as they were: oracle" in capsys.readouterr().out
+
+
+def test_agents_of_other_episodes_leave_the_board_and_are_named(tmp_path, capsys):
+    write_boards(_run(tmp_path, {"nominal": 9.0, "oracle": 8.0}), tmp_path)
+    (path,) = write_boards(_run(tmp_path, {"nominal": 7.0}, seed=5), tmp_path)
+    assert [entry.agent for entry in read_board(path).entries] == ["nominal"]
+    said = " ".join(capsys.readouterr().out.split())
+    assert "3 episodes of seed 4, own knobs: oracle" in said
+
+
+def test_the_shipped_boards_are_listed():
+    assert board_names() == [path.stem.replace(".", ", ") for path in SHIPPED]

@@ -7,6 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from agents.benchmark.statistics import Interval
+from agents.studies.detection_delay.figure import delay_figure
+from agents.studies.detection_delay.results import DrivenLine, FilterLine
 from agents.studies.detection_delay.study import Late, delays_of, driven_lines, filter_lines, run_unit
 from offroad_env.environment.env import OffroadBekkerEnv
 
@@ -50,3 +53,15 @@ def test_a_delay_costs_time_and_a_filter_that_expects_changes_answers_sooner():
     constant, changing = filter_lines(results)
     assert changing.delay < 0.5 * constant.delay
     assert changing.rmse < constant.rmse
+
+
+def test_failures_stand_in_a_panel_of_their_own_and_no_number_on_a_marker():
+    def line(name: str, delay: float, failures: int) -> DrivenLine:
+        return DrivenLine(name, delay, Interval(42.0, 41.0, 43.0, 0.95), failures, 30)
+
+    driven = [line("late", 0.0, 0), line("late", 0.5, 3), line("aware", float("nan"), 0)]
+    found = FilterLine("changing n", 0.36, 1.0, 99, 0.06, 0.98, 1.0)
+    times, failures = delay_figure(driven, [found]).axes
+    assert [bar.get_height() for bar in failures.patches] == [0.0, 3.0]
+    assert "of 30" in failures.get_ylabel()
+    assert [text.get_text() for text in times.texts] == ["filter of a changing n"]
