@@ -10,14 +10,21 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from agents.commands.options import Jobs
 from agents.reports.output import Results, console, say, table
 from agents.studies.runner import Key, run_units, stamp_of
-from estimators.experiments.soil_belief import BeliefHistory, believe, foreseen, limit_errors, stuck_at
+from estimators.experiments.soil_belief import (
+    BeliefHistory,
+    believe,
+    believe_fitted,
+    foreseen,
+    limit_errors,
+    stuck_at,
+)
 from estimators.experiments.soil_bound import limit_bounds
 from estimators.experiments.unknown_soils import CASES, SPLITS, TEST_CASES, SoilRun, draw_run
 from offroad_env.errors import InvalidParameter, SolverFailure
@@ -143,9 +150,19 @@ def _first(t: np.ndarray, event: np.ndarray) -> float:
 
 def run_unit(case: str, seed: int, split: str) -> dict[str, Any]:
     """One drive, see `_numbers`: errors in standard deviations, relative errors, half widths at `AT`."""
-    after = _WATCHED if CASES[case].soil is None else 0.0
-    run = draw_run(case, seed, split=split, duration=_DURATION + after)
+    run = _drive(case, seed, split)
     return _numbers(run, believe(run, until=_DURATION))
+
+
+def run_fitted_unit(case: str, seed: int, split: str) -> dict[str, Any]:
+    """The same by the fitted belief."""
+    run = _drive(case, seed, split)
+    return _numbers(run, believe_fitted(run, until=_DURATION))
+
+
+def _drive(case: str, seed: int, split: str) -> SoilRun:
+    after = _WATCHED if CASES[case].soil is None else 0.0
+    return draw_run(case, seed, split=split, duration=_DURATION + after)
 
 
 def limit_lines(results: Mapping[Key, Mapping[str, Any]], case: str = "nuisances") -> list[LimitLine]:
@@ -245,6 +262,7 @@ class SoilBelief(Results):
     case_seeds: int = 20  #: drives of each other case
     first_seed: int = 0  #: of every case
     under: tuple[str, ...] = ()  #: these cases
+    method: Literal["online", "fitted"] = "online"  #: filter, or fits to the drive so far
     tuning: bool = False  #: drives on which the settings were chosen
     n_jobs: Jobs = 2  #: local processes
 
@@ -254,8 +272,11 @@ class SoilBelief(Results):
 
         if self.quick:
             self.seeds, self.case_seeds = 8, 2
+        name, unit = {"online": ("soil_belief", run_unit), "fitted": ("fitted_belief", run_fitted_unit)}[
+            self.method
+        ]
         results = run_units(
-            self.out / "soil_belief.jsonl", run_unit, self._units(), label="soil belief", n_jobs=self.n_jobs
+            self.out / f"{name}.jsonl", unit, self._units(), label="soil belief", n_jobs=self.n_jobs
         )
         found = {case: limit_lines(results, case) for case in _DRAWN}
         limits, cases = found[_DRAWN[0]], case_lines(results)
