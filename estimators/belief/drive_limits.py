@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.belief.drive_errors import GROUPS
 from estimators.belief.drive_fit import DriveFit
-from estimators.belief.drive_numbers import STEPS, plant_of_drive
+from estimators.belief.drive_numbers import DRIVE_NUMBERS, STEPS, plant_of_drive
 from estimators.filters.soil_belief_holds import LIMITS, transform_limits
 from estimators.filters.soil_belief_points import N
 from offroad_env.errors import InvalidParameter
@@ -33,7 +34,7 @@ class FittedLimitSettings:
     """Chosen on tuning drives over whole soils with all nuisances; each has a test that it matters."""
 
     #: Factor of the standard deviations of the normal approximation: 95 % of the intervals hold then.
-    wider: float = 3.2
+    wider: float = 1.0
     #: Largest factor on the errors of a typical drive that a fit may need and still be valid: wrong laws of
     #: the wheel need more.
     adequate: float = 1.3
@@ -73,13 +74,14 @@ def limit_slopes(plant: Plant, numbers: FloatArray) -> FloatArray:
 def fitted_limits(plant: Plant, fit: DriveFit, settings: FittedLimitSettings | None = None) -> FittedLimits:
     """What the soil holds by a fit to a drive of the vehicle ``plant``."""
     settings = settings or FittedLimitSettings()
-    slopes, covariance = limit_slopes(plant, fit.numbers), settings.wider**2 * fit.covariance
+    own = len(DRIVE_NUMBERS)
+    numbers, covariance = fit.numbers[:own], settings.wider**2 * fit.covariance[:own, :own]
+    slopes, centre = limit_slopes(plant, numbers), drive_limits(plant, numbers)
     sd = np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes))
-    centre = drive_limits(plant, fit.numbers)
     sound = bool(np.isfinite(centre).all() and np.isfinite(sd).all())
     return FittedLimits(
         centre=centre,
         sd=sd,
-        n=(float(fit.numbers[N]), math.sqrt(float(covariance[N, N]))),
-        valid=sound and float(fit.scales.max()) <= settings.adequate,
+        n=(float(numbers[N]), math.sqrt(float(covariance[N, N]))),
+        valid=sound and float(fit.scales[: len(GROUPS)].max()) <= settings.adequate,
     )

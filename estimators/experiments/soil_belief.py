@@ -12,13 +12,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.belief.drive_fit import DriveFit, fit_drive
+from estimators.belief.drive_fit import DriveFit, Surroundings, fit_drive
 from estimators.belief.drive_limits import FittedLimitSettings, fitted_limits
 from estimators.experiments.adaptation import base_soil, continued, samples_until, true_plant
 from estimators.experiments.model_mismatch import excited
 from estimators.experiments.unknown_soils import CASES, VEHICLE, SoilRun
 from estimators.filters.online import OnBoard, Thinned, make_estimator
-from estimators.filters.online_soil_belief import POPULATION_RANGE, OnlineSoilBelief, population_n
+from estimators.filters.online_soil_belief import (
+    POPULATION_RANGE,
+    OnlineSoilBelief,
+    SoilBeliefSettings,
+    population_n,
+)
 from estimators.filters.protocol import Estimator
 from estimators.filters.soil_belief_holds import LIMITS, SHIFT, transform_limits
 from offroad_env.errors import InvalidParameter, SolverFailure
@@ -26,6 +31,7 @@ from offroad_env.physics import state as at
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig
 from offroad_env.simulation.soil_holds import SoilHolds
+from offroad_env.world.natural_soil import SoilSpread
 from offroad_env.world.vehicles import VEHICLES
 
 __all__ = [
@@ -114,7 +120,7 @@ def believe(run: SoilRun, filter_: Estimator | None = None, *, until: float | No
 
 
 #: Ends of the parts of a drive to which a belief is fitted [s]: it counts from then on.
-_FITS = (1.8, 2.8, 3.8, 5.8, 7.8, 9.8, 11.8, 13.8)
+_FITS = (1.8, 2.8, 4.8, 7.8, 9.8)
 
 
 def believe_fitted(
@@ -131,6 +137,8 @@ def believe_fitted(
     centre, sd = np.full((2, len(rows), LIMITS), np.nan)
     n, valid = np.full((len(rows), 2), np.nan), np.zeros(len(rows), dtype=bool)
     earlier: DriveFit | None = None
+    grade = 0.0 if CASES[run.case].level else SoilBeliefSettings().grade
+    surroundings = Surroundings(grade=grade, scatter=SoilSpread())
     for end in _FITS:
         since = record.t[rows] >= end
         if not since.any():
@@ -139,7 +147,7 @@ def believe_fitted(
         if not CASES[run.case].nuisances:
             samples = replace(samples, unit=ImuConfig())
         try:
-            earlier = fit_drive(nominal, samples, earlier)
+            earlier = fit_drive(nominal, samples, earlier, surroundings)
             found = fitted_limits(nominal, earlier, settings)
         except SolverFailure:
             valid[since] = False
