@@ -1,20 +1,19 @@
 """What the soil holds by a belief fitted to a drive, and whether its model is adequate.
 
-A fit to a drive is a point and a normal approximation around it. Soil that scatters acts on all channels
-together, and the posterior is a bent ridge, so the approximation is too narrow: its standard deviations are
-widened by what tuning drives ask for.
+A fit to a drive is a point and a normal approximation around it. The posterior is a bent ridge, more
+cohesion with less friction, along which the losses are equal within one, so the approximation is too narrow:
+its standard deviations are widened by what tuning drives ask for, and the limits follow it as far as that.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from estimators.belief.drive_errors import GROUPS
 from estimators.belief.drive_fit import DriveFit
-from estimators.belief.drive_numbers import DRIVE_NUMBERS, STEPS, plant_of_drive
+from estimators.belief.drive_numbers import DRIVE_NUMBERS, STEPS, bounds_of_drive, plant_of_drive
 from estimators.filters.soil_belief_holds import LIMITS, transform_limits
 from estimators.filters.soil_belief_points import N
 from offroad_env.errors import InvalidParameter
@@ -27,6 +26,8 @@ __all__ = ["FittedLimitSettings", "FittedLimits", "drive_limits", "fitted_limits
 
 #: Share of the steps of `STEPS` over which limits are differentiated.
 _SHARE = 0.2
+#: Least standard deviation of a limit, or of n: beyond its range a limit does not move.
+_LEAST_SD = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,9 +35,9 @@ class FittedLimitSettings:
     """Chosen on tuning drives over whole soils with all nuisances; each has a test that it matters."""
 
     #: Factor of the standard deviations of the normal approximation: 95 % of the intervals hold then.
-    wider: float = 1.0
-    #: Largest factor on the errors of a typical drive that a fit may need and still be valid: wrong laws of
-    #: the wheel need more.
+    wider: float = 2.0
+    #: Largest factor on the errors of a typical drive, scatter apart, that a fit may need and still be valid:
+    #: wrong laws of the wheel need more.
     adequate: float = 1.3
 
     def __post_init__(self) -> None:
@@ -72,16 +73,35 @@ def limit_slopes(plant: Plant, numbers: FloatArray) -> FloatArray:
 
 
 def fitted_limits(plant: Plant, fit: DriveFit, settings: FittedLimitSettings | None = None) -> FittedLimits:
-    """What the soil holds by a fit to a drive of the vehicle ``plant``."""
+    """What the soil holds by a fit to a drive of the vehicle ``plant``.
+
+    The limits are taken as parabolas through pairs of points along the columns L_i of the widened
+    covariance's Cholesky factor: mean f + sum bend_i / 2, variance sum slope_i^2 + sum bend_i^2 / 2, as
+    `limits_of_belief` has them.
+    """
     settings = settings or FittedLimitSettings()
     own = len(DRIVE_NUMBERS)
-    numbers, covariance = fit.numbers[:own], settings.wider**2 * fit.covariance[:own, :own]
-    slopes, centre = limit_slopes(plant, numbers), drive_limits(plant, numbers)
-    sd = np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes))
-    sound = bool(np.isfinite(centre).all() and np.isfinite(sd).all())
+    factor = settings.wider * np.linalg.cholesky(fit.covariance[:own, :own])
+    low, high = bounds_of_drive()
+    here, ahead, opposite = (
+        np.array([_limits_and_n(plant, np.clip(fit.numbers[:own] + move, low, high)) for move in moves])
+        for moves in (np.zeros((1, own)), factor.T, -factor.T)
+    )
+    # Where one side does not carry the vehicle, the other one has the slope.
+    ahead = np.where(np.isfinite(ahead), ahead, 2.0 * here - opposite)
+    opposite = np.where(np.isfinite(opposite), opposite, 2.0 * here - ahead)
+    slope, bend = 0.5 * (ahead - opposite), ahead + opposite - 2.0 * here
+    mean = here[0] + 0.5 * bend.sum(axis=0)
+    sd = np.maximum(np.sqrt((slope**2 + 0.5 * bend**2).sum(axis=0)), _LEAST_SD)
+    sound = bool(np.isfinite(mean).all() and np.isfinite(sd).all())
     return FittedLimits(
-        centre=centre,
-        sd=sd,
-        n=(float(numbers[N]), math.sqrt(float(covariance[N, N]))),
+        centre=mean[:LIMITS],
+        sd=sd[:LIMITS],
+        n=(float(mean[-1]), float(sd[-1])),
         valid=sound and float(fit.scales[: len(GROUPS)].max()) <= settings.adequate,
     )
+
+
+def _limits_and_n(plant: Plant, numbers: FloatArray) -> FloatArray:
+    """(7,) limits, then n."""
+    return np.append(drive_limits(plant, numbers), numbers[N])

@@ -120,7 +120,7 @@ def believe(run: SoilRun, filter_: Estimator | None = None, *, until: float | No
 
 
 #: Ends of the parts of a drive to which a belief is fitted [s]: it counts from then on.
-_FITS = (1.8, 2.8, 4.8, 7.8, 9.8)
+_FITS = (1.8, 4.8, 9.8)
 
 
 def believe_fitted(
