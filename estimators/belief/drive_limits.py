@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.belief.drive_errors import GROUPS
 from estimators.belief.drive_fit import DriveFit
 from estimators.belief.drive_numbers import DRIVE_NUMBERS, STEPS, bounds_of_drive, plant_of_drive
 from estimators.filters.soil_belief_holds import LIMITS, transform_limits
@@ -35,9 +34,9 @@ class FittedLimitSettings:
     """Chosen on tuning drives over whole soils with all nuisances; each has a test that it matters."""
 
     #: Factor of the standard deviations of the normal approximation: 95 % of the intervals hold then.
-    wider: float = 2.0
-    #: Largest factor on the errors of a typical drive, scatter apart, that a fit may need and still be valid:
-    #: wrong laws of the wheel need more.
+    wider: float = 1.7
+    #: Largest factor on the errors of a typical drive, and on the usual scatter of the soil, that a fit may
+    #: need and still be valid: wrong laws of the wheel need more.
     adequate: float = 1.3
 
     def __post_init__(self) -> None:
@@ -98,7 +97,7 @@ def fitted_limits(plant: Plant, fit: DriveFit, settings: FittedLimitSettings | N
         centre=mean[:LIMITS],
         sd=sd[:LIMITS],
         n=(float(mean[-1]), float(sd[-1])),
-        valid=sound and float(fit.scales[: len(GROUPS)].max()) <= settings.adequate,
+        valid=sound and float(fit.scales.max()) <= settings.adequate,
     )
 
 

@@ -1,4 +1,4 @@
-"""``offroad reproduce soil_belief``: what an online belief over whole soils says on soils nobody has seen.
+"""``offroad reproduce soil_belief``: what a belief over whole soils states on soils nobody has seen.
 
 Units are one drive of one case (`estimators.experiments.unknown_soils`). The filter was configured
 on drives of the split "tuning"; by default the drives are of the split "test".
@@ -165,6 +165,10 @@ def _drive(case: str, seed: int, split: str) -> SoilRun:
     return draw_run(case, seed, split=split, duration=_DURATION + after)
 
 
+#: Name of the results, and what runs a drive, by method.
+_METHODS = {"online": ("soil_belief", run_unit), "fitted": ("fitted_belief", run_fitted_unit)}
+
+
 def limit_lines(results: Mapping[Key, Mapping[str, Any]], case: str = "nuisances") -> list[LimitLine]:
     """A line for every limit, from the results by (case, seed, split)."""
     found = [result for key, result in results.items() if key[0] == case]
@@ -250,11 +254,11 @@ def _reliability(found: Sequence[Mapping[str, Any]]) -> list[tuple[int, float]]:
 
 @dataclass(kw_only=True)
 class SoilBelief(Results):
-    """The online belief over whole soils: what the soil holds, n, and the flag.
+    """A belief over whole soils: what the soil holds, n, and the flag.
 
     Coverage, error and width of the limits on soils drawn from the population, with all nuisances; flag and
     99 % interval where one thing differs. Writes soil_belief.png, and soil_belief.jsonl with the result of
-    every drive: a drive that is there is not repeated.
+    every drive (fitted_belief.png and .jsonl for the fits): a drive that is there is not repeated.
     """
 
     quick: bool = False  #: 8 drives with nuisances and 2 of each other case
@@ -272,9 +276,7 @@ class SoilBelief(Results):
 
         if self.quick:
             self.seeds, self.case_seeds = 8, 2
-        name, unit = {"online": ("soil_belief", run_unit), "fitted": ("fitted_belief", run_fitted_unit)}[
-            self.method
-        ]
+        name, unit = _METHODS[self.method]
         results = run_units(
             self.out / f"{name}.jsonl", unit, self._units(), label="soil belief", n_jobs=self.n_jobs
         )
@@ -284,11 +286,12 @@ class SoilBelief(Results):
         for case, lines in found.items():
             _show_limits(case, lines)
         _show_cases(cases)
-        _show_risks(risks)
+        if self.method == "online":
+            _show_risks(risks)
         if limits:
             self.save_figure(
                 soil_belief_figure(limits, widths_over_time(results), AT, BARS),
-                "soil_belief",
+                name,
                 "Left: intervals should hold the truth as often as the grey range demands. Right: how "
                 "they shrink with time.",
             )
