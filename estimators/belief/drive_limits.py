@@ -34,7 +34,7 @@ class FittedLimitSettings:
     """Chosen on tuning drives over whole soils with all nuisances; each has a test that it matters."""
 
     #: Factor of the standard deviations of the normal approximation: 95 % of the intervals hold then.
-    wider: float = 1.7
+    wider: float = 2.0
     #: Largest factor on the errors of a typical drive, and on the usual scatter of the soil, that a fit may
     #: need and still be valid: wrong laws of the wheel need more.
     adequate: float = 1.3

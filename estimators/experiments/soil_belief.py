@@ -119,8 +119,9 @@ def believe(run: SoilRun, filter_: Estimator | None = None, *, until: float | No
     )
 
 
-#: Ends of the parts of a drive to which a belief is fitted [s]: it counts from then on.
-_FITS = (1.8, 4.8, 9.8)
+#: Ends of the parts of a drive to which a belief is fitted [s]: it counts from then on. A search goes on from
+#: the fit before from the third on; after the first second it is too early to bind it.
+_FITS = (1.0, 1.8, 4.8, 9.8)
 
 
 def believe_fitted(
@@ -147,7 +148,7 @@ def believe_fitted(
         if not CASES[run.case].nuisances:
             samples = replace(samples, unit=ImuConfig())
         try:
-            earlier = fit_drive(nominal, samples, earlier, surroundings)
+            earlier = fit_drive(nominal, samples, earlier if end > _FITS[1] else None, surroundings)
             found = fitted_limits(nominal, earlier, settings)
         except SolverFailure:
             valid[since] = False

@@ -45,13 +45,13 @@ def fits() -> list[tuple[DriveFit, np.ndarray]]:
 
 
 def test_errors_over_whole_soils_are_about_as_large_as_stated(fits) -> None:
-    """Twice or half as wide they are not."""
+    """With intervals twice as wide they are 0.50, with half as wide 1.43."""
     kept = [i for i, name in enumerate(SoilHolds._fields) if name != "pull_slip"]
     z = []
     for fit, truth in fits:
         found = fitted_limits(NOMINAL, fit)
         z.append(((found.centre - truth) / found.sd)[kept])
-    assert 0.42 < np.sqrt(np.mean(np.square(z))) < 1.05
+    assert 0.55 < np.sqrt(np.mean(np.square(z))) < 1.05
 
 
 def test_widths_are_the_stated_number_of_times_those_of_the_normal_approximation(fits) -> None:
@@ -136,7 +136,7 @@ def test_scatter_does_to_a_drive_about_what_its_covariance_says() -> None:
         columns.append((moved - even).T.reshape(-1) / step)
     stated = scatter_covariance(np.column_stack(columns), numbers, even[:, 5], SoilSpread())
     off = []
-    for seed in range(12):
+    for seed in range(8):
         field: SoilField = natural_soil(plant.soil, seed, spread=SoilSpread(), waves=32)
         off.append((simulated_drive(plant._replace(soil_field=field), samples) - even).T.reshape(-1))
     actual = np.sqrt(np.mean(np.square(off), axis=0)).reshape(len(COMPARED), -1)[:, 3:]

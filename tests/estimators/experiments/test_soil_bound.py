@@ -53,7 +53,7 @@ def test_a_fitted_belief_counts_from_its_first_fit_and_is_narrower_where_nothing
     run = draw_run("matched", 0, split="tuning", duration=5.0)
     fitted, online = believe_fitted(run), believe(run)
     np.testing.assert_array_equal(fitted.t, online.t)
-    early = fitted.t < 1.8
+    early = fitted.t < 1.0
     assert not fitted.valid[early].any()
     assert np.isnan(fitted.centre[early]).all()
     assert fitted.valid[-1]
