@@ -130,7 +130,8 @@ def believe_fitted(
     """Fit the belief to ever longer parts of a drive; between two fits the last one is believed.
 
     Before the first fit nothing is believed: NaN, and the flag is down, as it is where no soil of the
-    population lets the vehicle drive. The ground is that of its map. Immobilisation is not announced.
+    population lets the vehicle drive. The ground is that of its map with an unknown slope, unless the case's
+    is known. Immobilisation is not announced.
     """
     record, nominal = run.record, run.stated._replace(soil=base_soil("population"))
     last = len(record.t) if until is None else round(until / record.timing.period) + 1
