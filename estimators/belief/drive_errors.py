@@ -49,8 +49,8 @@ DISCREPANCY = {
 HEADING, _FACTOR_SD = math.radians(1.0), 0.7
 #: Least speed with which an error of the velocity is one of the course [m/s].
 _LEAST_SPEED = 1.0
-#: First steps of the factors' logarithms, and when their search ends.
-_FIRST, _SEARCH = 0.7, {"maxiter": 60, "xatol": 0.05, "fatol": 0.05}
+#: First steps of the factors' logarithms, and when their search ends: after so many steps a group at most.
+_FIRST, _MOST, _SEARCH = 0.7, 20, {"xatol": 0.05, "fatol": 0.05}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,15 +58,15 @@ class DriveErrors:
     """Covariances of residuals (7 B,), channel by channel as `COMPARED`."""
 
     sensors: FloatArray  #: (7 B, 7 B) noise and constant errors
-    groups: FloatArray  #: (3, 7 B, 7 B) of the model, with the factor one, as `GROUPS`
+    groups: FloatArray  #: (G, 7 B, 7 B) of the model, with the factor one: as `GROUPS`, then what is added
 
     def factor(self, scales: FloatArray) -> FloatArray:
-        """(7 B, 7 B) lower Cholesky factor of the whole with ``scales`` (3,) on the groups."""
+        """(7 B, 7 B) lower Cholesky factor of the whole with ``scales`` (G,) on the groups."""
         found: FloatArray = cholesky(self.sensors + np.tensordot(scales**2, self.groups, 1), lower=True)
         return found
 
     def scales(self, residuals: FloatArray, slopes: FloatArray, information: FloatArray) -> FloatArray:
-        """(3,) most probable factors, what is fitted integrated out.
+        """(G,) most probable factors, what is fitted integrated out.
 
         Parameters
         ----------
@@ -88,10 +88,10 @@ class DriveErrors:
             volume = np.log(np.diag(L)).sum() + 0.5 * np.linalg.slogdet(H)[1]
             return float(0.5 * square + volume + 0.5 * (logs @ logs) / _FACTOR_SD**2)
 
-        corners = np.vstack([np.zeros(3), _FIRST * np.eye(3)])
-        found = minimize(
-            loss, corners[0], method="Nelder-Mead", options={**_SEARCH, "initial_simplex": corners}
-        )
+        groups = len(self.groups)
+        corners = np.vstack([np.zeros(groups), _FIRST * np.eye(groups)])
+        options = {**_SEARCH, "maxiter": _MOST * groups, "initial_simplex": corners}
+        found = minimize(loss, corners[0], method="Nelder-Mead", options=options)
         scales: FloatArray = np.exp(found.x)
         return scales
 

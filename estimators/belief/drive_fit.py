@@ -9,21 +9,23 @@ analyse a drive, or to run beside one, where `online_soil_belief` is the one to 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
-from estimators.belief.drive_errors import GROUPS, errors_of
-from estimators.belief.drive_numbers import STEPS, bounds_of_drive, plant_of_drive, prior_of_drive
-from estimators.belief.drive_samples import DriveSamples, simulated_drive
-from offroad_env.errors import SolverFailure
+from estimators.belief.drive_errors import GROUPS, DriveErrors, errors_of
+from estimators.belief.drive_numbers import bounds_of_drive, plant_of_drive, prior_of_drive, steps_of_drive
+from estimators.belief.drive_samples import COMPARED, DriveSamples, simulated_drive
+from estimators.belief.drive_scatter import scatter_covariance
+from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.simulator import Plant
+from offroad_env.world.natural_soil import SoilSpread
 
-__all__ = ["DriveFit", "drive_bound", "fit_drive"]
+__all__ = ["DriveFit", "Surroundings", "drive_bound", "fit_drive"]
 
 #: Evaluations of the search with the factors of the model's errors first taken, then with those found.
 _EVALUATIONS = (5, 8)
@@ -35,19 +37,32 @@ _ENOUGH = 1e-3
 _INSIDE = 1e-6
 #: Residual that every mean counts with where the soil does not carry the vehicle, in standard deviations.
 _STUCK = 30.0
-#: Step of the difference quotients by the slope of the ground [-].
-_SLOPE_STEP = 0.002
 #: Draws from the prior that are tried as starts beside its middle, and searches from the best of them.
 _DRAWS, _SEED, _STARTS = 12, 0, 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Surroundings:
+    """What is unknown of the ground beside soil and vehicle."""
+
+    grade: float = 0.0  #: standard deviation of its slope towards each of two axes [-]; 0: it is known
+    scatter: SoilSpread | None = None  #: of the soil in space, up to a factor that each drive tells
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.grade < 1.0:
+            raise InvalidParameter(f"grade must be in [0, 1), got {self.grade}")
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriveFit:
     """Normal approximation of the belief after a drive."""
 
-    numbers: FloatArray  #: (10,) most probable, as `DRIVE_NUMBERS`
-    covariance: FloatArray  #: (10, 10)
-    scales: FloatArray  #: (3,) errors of the model over those of a typical drive, as `drive_errors.GROUPS`
+    #: (P,) most probable, as `DRIVE_NUMBERS`; where the slope of the ground is unknown, its two follow.
+    numbers: FloatArray
+    covariance: FloatArray  #: (P, P)
+    #: (G,) errors of the model over those of a typical drive, as `drive_errors.GROUPS`; where the soil
+    #: scatters, the factor of its scatter follows.
+    scales: FloatArray
     loss: float  #: negative log-posterior up to a constant
     plant: Plant  #: vehicle on soil with these numbers
 
@@ -55,13 +70,15 @@ class DriveFit:
 class _Problem:
     """Residuals of a drive and their derivatives, in standard deviations."""
 
-    def __init__(self, plant: Plant, samples: DriveSamples) -> None:
+    def __init__(self, plant: Plant, samples: DriveSamples, surroundings: Surroundings | None = None) -> None:
         self.plant, self.samples = plant, samples
+        self.surroundings = surroundings or Surroundings()
         self.means, self.counts = samples.measured()
-        self.prior, cov = prior_of_drive()
+        self.speed: FloatArray = np.maximum(self.means[:, COMPARED.index("speed")], 0.0)
+        self.prior, cov = prior_of_drive(self.surroundings.grade)
         self.prior_factor = np.linalg.cholesky(cov)
         self.information: FloatArray = np.linalg.inv(cov).astype(np.float64)
-        self.low, self.high = bounds_of_drive()
+        self.low, self.high = bounds_of_drive(len(self.prior))
         self.whiten = np.empty(0)
         self._raw: tuple[FloatArray, FloatArray] | None = None  # numbers, and derivatives there
 
@@ -75,7 +92,7 @@ class _Problem:
         return found
 
     def residuals(self, numbers: FloatArray) -> FloatArray:
-        """(7 B + 10,) white residuals, those of the prior last."""
+        """(7 B + P,) white residuals, those of the prior last."""
         errors = self.errors(numbers)
         if errors is None:
             white = np.full(self.means.size, _STUCK)
@@ -88,13 +105,13 @@ class _Problem:
         return found
 
     def slopes(self, numbers: FloatArray) -> FloatArray:
-        """(7 B + 10, 10) derivatives."""
+        """(7 B + P, P) derivatives."""
         white = solve_triangular(self.whiten, self.raw_slopes(numbers), lower=True)
         own = solve_triangular(self.prior_factor, np.eye(len(numbers)), lower=True)
         return np.concatenate([white, own])
 
     def raw_slopes(self, numbers: FloatArray) -> FloatArray:
-        """(7 B, 10) derivatives of the errors; those of the last place are kept."""
+        """(7 B, P) derivatives of the errors; those of the last place are kept."""
         if self._raw is None or not np.array_equal(self._raw[0], numbers):
             self._raw = numbers.copy(), self._differences(numbers)
         return self._raw[1]
@@ -104,7 +121,7 @@ class _Problem:
         here, J = self.errors(numbers), np.zeros((self.means.size, len(numbers)))
         if here is None:
             return J
-        for i, step in enumerate(STEPS):
+        for i, step in enumerate(steps_of_drive(len(numbers))):
             for side in (step, -step):
                 moved = numbers.copy()
                 moved[i] += side
@@ -114,6 +131,15 @@ class _Problem:
                     J[:, i] = (errors - here) / side
                     break
         return J
+
+    def model_errors(self, numbers: FloatArray | None = None) -> DriveErrors:
+        """Covariances; with those of soil that scatters around ``numbers`` (P,), where it does."""
+        errors = errors_of(self.samples, self.counts, self.speed)
+        spread = self.surroundings.scatter
+        if spread is None or numbers is None:
+            return errors
+        scatter = scatter_covariance(self.raw_slopes(numbers), numbers, self.speed, spread)
+        return replace(errors, groups=np.concatenate([errors.groups, scatter[None]]))
 
     def search(self, numbers: FloatArray, evaluations: int) -> Any:
         """What `least_squares` finds from there."""
@@ -131,7 +157,7 @@ class _Problem:
         )
 
     def starts(self, earlier: FloatArray | None) -> list[FloatArray]:
-        """Where searches start: ``earlier`` (10,), or the best of the prior's middle and draws from it.
+        """Where searches start: ``earlier`` (P,), or the best of the prior's middle and draws from it.
 
         Raises
         ------
@@ -152,7 +178,12 @@ class _Problem:
         return [row for _, row in sorted(losses, key=lambda pair: pair[0])[:_STARTS]]
 
 
-def fit_drive(plant: Plant, samples: DriveSamples, earlier: DriveFit | None = None) -> DriveFit:
+def fit_drive(
+    plant: Plant,
+    samples: DriveSamples,
+    earlier: DriveFit | None = None,
+    surroundings: Surroundings | None = None,
+) -> DriveFit:
     """The numbers of soil and vehicle that are most probable after a drive.
 
     Parameters
@@ -163,7 +194,9 @@ def fit_drive(plant: Plant, samples: DriveSamples, earlier: DriveFit | None = No
     samples : DriveSamples
         Commands and sensors from the start until now.
     earlier : DriveFit, optional
-        A fit to the first part of the same drive, from which the search goes on.
+        A fit to the first part of the same drive in the same surroundings, from which the search goes on.
+    surroundings : Surroundings, optional
+        What is unknown beside soil and vehicle; default: nothing.
 
     Raises
     ------
@@ -172,15 +205,17 @@ def fit_drive(plant: Plant, samples: DriveSamples, earlier: DriveFit | None = No
     SolverFailure
         Where the vehicle drives on no soil of the population.
     """
-    problem = _Problem(plant, samples)
-    errors = errors_of(samples, problem.counts, np.maximum(problem.means[:, 5], 0.0))
-    scales = np.full(len(GROUPS), _FIRST_SCALES) if earlier is None else earlier.scales
+    problem = _Problem(plant, samples, surroundings)
+    errors, scales = problem.model_errors(), np.full(len(GROUPS), _FIRST_SCALES)
+    if earlier is not None and problem.errors(earlier.numbers) is not None:
+        errors, scales = problem.model_errors(earlier.numbers), earlier.scales
     problem.whiten = errors.factor(scales)
     starts = problem.starts(None if earlier is None else earlier.numbers)
     first, second = _EVALUATIONS
     numbers = min((problem.search(start, first) for start in starts), key=lambda found: found.cost).x
     left = problem.errors(numbers)
     if left is not None:
+        errors = problem.model_errors(numbers)
         scales = errors.scales(left, problem.raw_slopes(numbers), problem.information)
         problem.whiten = errors.factor(scales)
     found = problem.search(numbers, second)
@@ -208,31 +243,11 @@ def drive_bound(
     SolverFailure
         Where the vehicle gets stuck.
     """
-    problem = _Problem(plant, samples)
-    if problem.errors(numbers) is None:
+    problem = _Problem(plant, samples, Surroundings(grade=grade))
+    there = np.append(numbers, np.zeros(len(problem.prior) - len(numbers)))
+    if problem.errors(there) is None:
         raise SolverFailure("the vehicle gets stuck on this soil")
-    errors = errors_of(samples, problem.counts, np.maximum(problem.means[:, 5], 0.0))
-    problem.whiten = errors.factor(scales)
-    J = problem.slopes(numbers)
-    if grade > 0.0:
-        white = solve_triangular(problem.whiten, _by_slope(problem, numbers), lower=True)
-        own = np.zeros((len(J) - len(white), 2))
-        prior = np.column_stack([np.zeros((2, len(numbers))), np.eye(2) / grade])
-        J = np.vstack([np.column_stack([J, np.vstack([white, own])]), prior])
+    problem.whiten = problem.model_errors().factor(scales)
+    J = problem.slopes(there)
     found: FloatArray = np.linalg.inv(J.T @ J).astype(np.float64)
     return found[: len(numbers), : len(numbers)]
-
-
-def _by_slope(problem: _Problem, numbers: FloatArray) -> FloatArray:
-    """(7 B, 2) derivatives of the errors by the slope of the ground towards X and Y."""
-    columns, ground = [], problem.plant.ground
-    for axis in ("S_x", "S_y"):
-        ends = []
-        for side in (_SLOPE_STEP, -_SLOPE_STEP):
-            moved = ground._replace(**{axis: getattr(ground, axis) + side})
-            errors = _Problem(problem.plant._replace(ground=moved), problem.samples).errors(numbers)
-            if errors is None:
-                raise SolverFailure("the vehicle gets stuck on a slope a little steeper")
-            ends.append(errors)
-        columns.append((ends[0] - ends[1]) / (2.0 * _SLOPE_STEP))
-    return np.column_stack(columns)

@@ -7,16 +7,23 @@ population of soils.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from estimators.experiments.adaptation import continued, true_plant
+from estimators.belief.drive_fit import DriveFit, Surroundings, fit_drive
+from estimators.belief.drive_limits import FittedLimitSettings, fitted_limits
+from estimators.experiments.adaptation import base_soil, continued, samples_until, true_plant
 from estimators.experiments.model_mismatch import excited
 from estimators.experiments.unknown_soils import CASES, VEHICLE, SoilRun
 from estimators.filters.online import OnBoard, Thinned, make_estimator
-from estimators.filters.online_soil_belief import POPULATION_RANGE, OnlineSoilBelief, population_n
+from estimators.filters.online_soil_belief import (
+    POPULATION_RANGE,
+    OnlineSoilBelief,
+    SoilBeliefSettings,
+    population_n,
+)
 from estimators.filters.protocol import Estimator
 from estimators.filters.soil_belief_holds import LIMITS, SHIFT, transform_limits
 from offroad_env.errors import InvalidParameter, SolverFailure
@@ -24,9 +31,18 @@ from offroad_env.physics import state as at
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig
 from offroad_env.simulation.soil_holds import SoilHolds
+from offroad_env.world.natural_soil import SoilSpread
 from offroad_env.world.vehicles import VEHICLES
 
-__all__ = ["BeliefHistory", "LimitErrors", "believe", "foreseen", "limit_errors", "stuck_at"]
+__all__ = [
+    "BeliefHistory",
+    "LimitErrors",
+    "believe",
+    "believe_fitted",
+    "foreseen",
+    "limit_errors",
+    "stuck_at",
+]
 
 #: Quantile of a normal distribution that a 95 % interval ends at.
 _Z95 = 1.959964
@@ -99,8 +115,64 @@ def believe(run: SoilRun, filter_: Estimator | None = None, *, until: float | No
         used=_used(run)[every][: len(table)],
         announced=table[:, 4] > 0.5,
         risk=table[:, 5],
-        distance=float(np.hypot(*np.diff(record.states[:last, [at.X, at.Y]], axis=0).T).sum()),
+        distance=_distance(run, last),
     )
+
+
+#: Ends of the parts of a drive to which a belief is fitted [s]: it counts from then on. A search goes on from
+#: the fit before from the third on; after the first second it is too early to bind it.
+_FITS = (1.0, 1.8, 4.8, 9.8)
+
+
+def believe_fitted(
+    run: SoilRun, *, until: float | None = None, settings: FittedLimitSettings | None = None
+) -> BeliefHistory:
+    """Fit the belief to ever longer parts of a drive; between two fits the last one is believed.
+
+    Before the first fit nothing is believed: NaN, and the flag is down, as it is where no soil of the
+    population lets the vehicle drive. The ground is that of its map with an unknown slope, unless the case's
+    is known. Immobilisation is not announced.
+    """
+    record, nominal = run.record, run.stated._replace(soil=base_soil("population"))
+    last = len(record.t) if until is None else round(until / record.timing.period) + 1
+    rows = np.arange(2, last, 2)
+    centre, sd = np.full((2, len(rows), LIMITS), np.nan)
+    n, valid = np.full((len(rows), 2), np.nan), np.zeros(len(rows), dtype=bool)
+    earlier: DriveFit | None = None
+    grade = 0.0 if CASES[run.case].level else SoilBeliefSettings().grade
+    surroundings = Surroundings(grade=grade, scatter=SoilSpread())
+    for end in _FITS:
+        since = record.t[rows] >= end
+        if not since.any():
+            break
+        samples = samples_until(run, end)
+        if not CASES[run.case].nuisances:
+            samples = replace(samples, unit=ImuConfig())
+        try:
+            earlier = fit_drive(nominal, samples, earlier if end > _FITS[1] else None, surroundings)
+            found = fitted_limits(nominal, earlier, settings)
+        except SolverFailure:
+            valid[since] = False
+            continue
+        centre[since], sd[since], n[since], valid[since] = found.centre, found.sd, found.n, found.valid
+    acting = excited(record.readings[:, [at.A_Y, at.A_Z]], record.timing.period)
+    return BeliefHistory(
+        t=record.t[rows],
+        centre=centre,
+        sd=sd,
+        n=n,
+        valid=valid,
+        excited=acting[rows],
+        used=_used(run)[rows],
+        announced=np.zeros(len(rows), dtype=bool),
+        risk=np.zeros(len(rows)),
+        distance=_distance(run, last),
+    )
+
+
+def _distance(run: SoilRun, last: int) -> float:
+    """Way that is driven in the first rows [m]."""
+    return float(np.hypot(*np.diff(run.record.states[:last, [at.X, at.Y]], axis=0).T).sum())
 
 
 def stuck_at(run: SoilRun) -> float:

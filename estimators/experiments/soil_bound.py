@@ -8,22 +8,17 @@ import numpy as np
 
 from estimators.belief.drive_errors import GROUPS
 from estimators.belief.drive_fit import drive_bound
-from estimators.belief.drive_numbers import STEPS, numbers_of, plant_of_drive
+from estimators.belief.drive_limits import limit_slopes
+from estimators.belief.drive_numbers import numbers_of
 from estimators.experiments.adaptation import nominal_plant, samples_until
 from estimators.experiments.unknown_soils import CASES, SoilRun, sloping
 from estimators.filters.online_soil_belief import SoilBeliefSettings
-from estimators.filters.soil_belief_holds import LIMITS, transform_limits
 from estimators.filters.soil_belief_points import N
-from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.sensors import ImuConfig
-from offroad_env.simulation.simulator import Plant
-from offroad_env.simulation.soil_holds import SoilHolds, what_soil_holds
+from offroad_env.simulation.soil_holds import SoilHolds
 
 __all__ = ["limit_bounds"]
-
-#: Share of the steps of `STEPS` over which limits are differentiated.
-_SHARE = 0.2
 
 
 def limit_bounds(run: SoilRun, end: float) -> FloatArray:
@@ -45,22 +40,11 @@ def limit_bounds(run: SoilRun, end: float) -> FloatArray:
     samples = samples_until(run, end)
     if not CASES[run.case].nuisances:
         samples = replace(samples, unit=ImuConfig())
-    columns = [
-        (_limits(nominal, truth + step) - _limits(nominal, truth - step)) / (2.0 * _SHARE * STEPS[i])
-        for i, step in enumerate(_SHARE * np.diag(STEPS))
-    ]
     kept = [i for i, name in enumerate(SoilHolds._fields) if name != "pull_slip"]
-    slopes = np.vstack([np.array(columns).T[kept], np.eye(len(truth))[N]])
+    slopes = np.vstack([limit_slopes(nominal, truth)[kept], np.eye(len(truth))[N]])
     rows = []
     for scale in (0.0, 1.0):
         factors = np.full(len(GROUPS), scale)
         covariance = drive_bound(nominal, samples, truth, factors, grade)
         rows.append(np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)))
     return np.array(rows)
-
-
-def _limits(nominal: Plant, numbers: FloatArray) -> FloatArray:
-    """(6,) limits on the scale on which the belief is normal."""
-    found = np.zeros(LIMITS)
-    transform_limits(what_soil_holds(plant_of_drive(nominal, numbers)), nominal.vehicle.m * GRAVITY, found)
-    return found

@@ -1,4 +1,4 @@
-"""``offroad reproduce soil_belief``: what an online belief over whole soils says on soils nobody has seen.
+"""``offroad reproduce soil_belief``: what a belief over whole soils states on soils nobody has seen.
 
 Units are one drive of one case (`estimators.experiments.unknown_soils`). The filter was configured
 on drives of the split "tuning"; by default the drives are of the split "test".
@@ -10,14 +10,21 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from agents.commands.options import Jobs
 from agents.reports.output import Results, console, say, table
 from agents.studies.runner import Key, run_units, stamp_of
-from estimators.experiments.soil_belief import BeliefHistory, believe, foreseen, limit_errors, stuck_at
+from estimators.experiments.soil_belief import (
+    BeliefHistory,
+    believe,
+    believe_fitted,
+    foreseen,
+    limit_errors,
+    stuck_at,
+)
 from estimators.experiments.soil_bound import limit_bounds
 from estimators.experiments.unknown_soils import CASES, SPLITS, TEST_CASES, SoilRun, draw_run
 from offroad_env.errors import InvalidParameter, SolverFailure
@@ -143,9 +150,23 @@ def _first(t: np.ndarray, event: np.ndarray) -> float:
 
 def run_unit(case: str, seed: int, split: str) -> dict[str, Any]:
     """One drive, see `_numbers`: errors in standard deviations, relative errors, half widths at `AT`."""
-    after = _WATCHED if CASES[case].soil is None else 0.0
-    run = draw_run(case, seed, split=split, duration=_DURATION + after)
+    run = _drive(case, seed, split)
     return _numbers(run, believe(run, until=_DURATION))
+
+
+def run_fitted_unit(case: str, seed: int, split: str) -> dict[str, Any]:
+    """The same by the fitted belief."""
+    run = _drive(case, seed, split)
+    return _numbers(run, believe_fitted(run, until=_DURATION))
+
+
+def _drive(case: str, seed: int, split: str) -> SoilRun:
+    after = _WATCHED if CASES[case].soil is None else 0.0
+    return draw_run(case, seed, split=split, duration=_DURATION + after)
+
+
+#: Name of the results, and what runs a drive, by method.
+_METHODS = {"online": ("soil_belief", run_unit), "fitted": ("fitted_belief", run_fitted_unit)}
 
 
 def limit_lines(results: Mapping[Key, Mapping[str, Any]], case: str = "nuisances") -> list[LimitLine]:
@@ -233,11 +254,11 @@ def _reliability(found: Sequence[Mapping[str, Any]]) -> list[tuple[int, float]]:
 
 @dataclass(kw_only=True)
 class SoilBelief(Results):
-    """The online belief over whole soils: what the soil holds, n, and the flag.
+    """A belief over whole soils: what the soil holds, n, and the flag.
 
     Coverage, error and width of the limits on soils drawn from the population, with all nuisances; flag and
     99 % interval where one thing differs. Writes soil_belief.png, and soil_belief.jsonl with the result of
-    every drive: a drive that is there is not repeated.
+    every drive (fitted_belief.png and .jsonl for the fits): a drive that is there is not repeated.
     """
 
     quick: bool = False  #: 8 drives with nuisances and 2 of each other case
@@ -245,6 +266,7 @@ class SoilBelief(Results):
     case_seeds: int = 20  #: drives of each other case
     first_seed: int = 0  #: of every case
     under: tuple[str, ...] = ()  #: these cases
+    method: Literal["online", "fitted"] = "online"  #: filter, or fits to the drive so far
     tuning: bool = False  #: drives on which the settings were chosen
     n_jobs: Jobs = 2  #: local processes
 
@@ -254,8 +276,9 @@ class SoilBelief(Results):
 
         if self.quick:
             self.seeds, self.case_seeds = 8, 2
+        name, unit = _METHODS[self.method]
         results = run_units(
-            self.out / "soil_belief.jsonl", run_unit, self._units(), label="soil belief", n_jobs=self.n_jobs
+            self.out / f"{name}.jsonl", unit, self._units(), label="soil belief", n_jobs=self.n_jobs
         )
         found = {case: limit_lines(results, case) for case in _DRAWN}
         limits, cases = found[_DRAWN[0]], case_lines(results)
@@ -263,11 +286,12 @@ class SoilBelief(Results):
         for case, lines in found.items():
             _show_limits(case, lines)
         _show_cases(cases)
-        _show_risks(risks)
+        if self.method == "online":
+            _show_risks(risks)
         if limits:
             self.save_figure(
                 soil_belief_figure(limits, widths_over_time(results), AT, BARS),
-                "soil_belief",
+                name,
                 "Left: intervals should hold the truth as often as the grey range demands. Right: how "
                 "they shrink with time.",
             )

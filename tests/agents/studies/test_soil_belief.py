@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from agents.studies.soil_belief import study
 from agents.studies.soil_belief.figure import soil_belief_figure
 from agents.studies.soil_belief.study import (
     AT,
@@ -158,3 +159,16 @@ def test_what_is_not_a_case_is_refused(tmp_path) -> None:
         SoilBelief(out=tmp_path, under=("moon",)).run()
     with pytest.raises(InvalidParameter, match="case must be one of"):
         draw_run("moon", 0)
+
+
+@pytest.mark.parametrize(("method", "name"), [("online", "soil_belief"), ("fitted", "fitted_belief")])
+def test_each_method_has_its_own_results(tmp_path, monkeypatch, method, name) -> None:
+    seen = []
+
+    def run_units(path, unit, units, **_):
+        seen.append((path.name, unit.__name__))
+        return {("matched", 0, "tuning"): _result(1.0, 0.1, 0.5, 0.0)}
+
+    monkeypatch.setattr(study, "run_units", run_units)
+    SoilBelief(out=tmp_path, under=("matched",), case_seeds=1, tuning=True, method=method).run()
+    assert seen == [(f"{name}.jsonl", "run_unit" if method == "online" else "run_fitted_unit")]

@@ -8,9 +8,10 @@ import numpy as np
 
 from estimators.belief.drive_numbers import numbers_of, plant_of_drive, prior_of_drive
 from estimators.experiments.adaptation import nominal_plant
-from estimators.experiments.soil_belief import believe, foreseen, stuck_at
+from estimators.experiments.soil_belief import believe, believe_fitted, foreseen, stuck_at
 from estimators.experiments.soil_bound import limit_bounds
 from estimators.experiments.unknown_soils import draw_run
+from offroad_env.simulation.soil_holds import SoilHolds
 
 
 def test_a_bound_falls_with_the_drive_and_rises_with_what_is_unknown() -> None:
@@ -46,3 +47,19 @@ def test_who_knows_the_soil_foresees_a_stop_and_nobody_foresees_none() -> None:
     assert not foreseen(free, 3.0, 4.0)
     # A tenth of a second later it still drives.
     assert not foreseen(late[0], 3.0, 0.1)
+
+
+def test_a_fitted_belief_counts_from_its_first_fit_and_is_narrower_where_nothing_differs() -> None:
+    run = draw_run("matched", 0, split="tuning", duration=5.0)
+    fitted, online = believe_fitted(run), believe(run)
+    np.testing.assert_array_equal(fitted.t, online.t)
+    early = fitted.t < 1.0
+    assert not fitted.valid[early].any()
+    assert np.isnan(fitted.centre[early]).all()
+    assert fitted.valid[-1]
+    kept = [i for i, name in enumerate(SoilHolds._fields) if name != "pull_slip"]
+    assert (fitted.sd[-1, kept] < online.sd[-1, kept]).all()
+    # Between two fits the last one is believed.
+    between = (fitted.t >= 1.8) & (fitted.t < 4.8)
+    assert (fitted.sd[between] == fitted.sd[between][0]).all()
+    assert (fitted.sd[-1, kept] < fitted.sd[between][0, kept]).all()

@@ -1,0 +1,145 @@
+"""What the soil holds by a fit to a drive: limits, their widths, the flag, and the scatter of the soil."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.belief.drive_errors import GROUPS
+from estimators.belief.drive_fit import DriveFit, Surroundings, fit_drive
+from estimators.belief.drive_limits import FittedLimitSettings, drive_limits, fitted_limits, limit_slopes
+from estimators.belief.drive_numbers import (
+    DRIVE_NUMBERS,
+    bounds_of_drive,
+    numbers_of,
+    plant_of_drive,
+    prior_of_drive,
+    steps_of_drive,
+)
+from estimators.belief.drive_samples import COMPARED, simulated_drive
+from estimators.belief.drive_scatter import scatter_covariance
+from estimators.experiments.adaptation import nominal_plant, samples_until, true_plant
+from estimators.experiments.unknown_soils import draw_run
+from estimators.filters.soil_belief_points import PHI, N
+from offroad_env.errors import InvalidParameter
+from offroad_env.physics.records import SoilField
+from offroad_env.simulation.soil_holds import SoilHolds
+from offroad_env.world.natural_soil import SoilSpread, natural_soil
+
+NOMINAL = nominal_plant("population")
+#: In which a drive's end is enough to tell soils apart [s].
+_END = 1.8
+
+
+@pytest.fixture(scope="module")
+def fits() -> list[tuple[DriveFit, np.ndarray]]:
+    """Fits to the first seconds of drives over whole soils, and the true numbers."""
+    found = []
+    for seed in range(6):
+        run = draw_run("level", seed, split="tuning", duration=_END)
+        fit = fit_drive(NOMINAL, samples_until(run, _END), None, Surroundings(scatter=SoilSpread()))
+        found.append((fit, numbers_of(run.record.plant, NOMINAL)))
+    return found
+
+
+def test_errors_of_n_over_whole_soils_are_smaller_than_stated_but_not_by_half(fits) -> None:
+    """Twice as wide they are 0.27 times as large, half as wide 1.31 times."""
+    z = []
+    for fit, truth in fits:
+        mean, sd = fitted_limits(NOMINAL, fit).n
+        z.append((mean - truth[N]) / sd)
+    assert 0.4 < np.sqrt(np.mean(np.square(z))) < 0.9
+
+
+def test_widths_are_the_stated_number_of_times_those_of_the_normal_approximation(fits) -> None:
+    fit, _ = fits[0]
+    narrow = replace(fit, covariance=1e-4 * fit.covariance)
+    found = fitted_limits(NOMINAL, narrow, FittedLimitSettings(wider=2.0))
+    # Where it is narrow the limits are linear.
+    slopes = limit_slopes(NOMINAL, fit.numbers)
+    sds = np.sqrt(np.diag(slopes @ narrow.covariance @ slopes.T))
+    moving = sds > 1e-3
+    assert moving.sum() > 2
+    np.testing.assert_allclose(found.sd[moving], 2.0 * sds[moving], rtol=0.1)
+    assert found.n == pytest.approx((fit.numbers[N], 2.0 * np.sqrt(narrow.covariance[N, N])), rel=1e-6)
+
+
+def test_where_a_limit_does_not_move_its_width_is_not_zero(fits) -> None:
+    fit, _ = fits[0]
+    found = fitted_limits(NOMINAL, replace(fit, covariance=1e-16 * fit.covariance))
+    np.testing.assert_allclose(found.sd, 1e-3, rtol=0.01)
+
+
+def test_errors_of_the_usual_size_are_adequate_and_twice_as_large_ones_are_not(fits) -> None:
+    fit, _ = fits[0]
+    for group in range(len(GROUPS) + 1):
+        scales = np.full(len(GROUPS) + 1, 0.8)
+        assert fitted_limits(NOMINAL, replace(fit, scales=scales)).valid
+        scales[group] = 2.0
+        assert not fitted_limits(NOMINAL, replace(fit, scales=scales)).valid
+
+
+@pytest.mark.parametrize("name", ["wider", "adequate"])
+def test_settings_are_positive(name) -> None:
+    with pytest.raises(InvalidParameter, match=f"{name} must be > 0"):
+        FittedLimitSettings(**{name: 0.0})
+    with pytest.raises(InvalidParameter, match=r"grade must be in \[0, 1\)"):
+        Surroundings(grade=-0.1)
+
+
+def test_limits_move_with_the_numbers_as_their_slopes_say() -> None:
+    numbers = prior_of_drive()[0]
+    step = 0.002 * np.eye(len(numbers))[PHI]
+    moved = drive_limits(NOMINAL, numbers + step) - drive_limits(NOMINAL, numbers)
+    lateral = SoilHolds._fields.index("lateral")
+    assert moved[lateral] == pytest.approx((limit_slopes(NOMINAL, numbers) @ step)[lateral], rel=0.1)
+    assert moved[lateral] > 0.0
+
+
+def test_an_unknown_slope_of_the_ground_adds_two_numbers() -> None:
+    mean, cov = prior_of_drive(0.03)
+    own = len(DRIVE_NUMBERS)
+    assert len(mean) == len(bounds_of_drive(own + 2)[0]) == len(steps_of_drive(own + 2)) == own + 2
+    np.testing.assert_allclose(np.sqrt(np.diag(cov))[own:], 0.03)
+    np.testing.assert_array_equal(cov[:own, :own], prior_of_drive()[1])
+    plant = plant_of_drive(NOMINAL, np.append(mean[:own], [0.02, -0.01]))
+    assert (plant.ground.S_x, plant.ground.S_y) == (0.02, -0.01)
+
+
+def test_a_slope_that_is_unknown_is_found_up_to_the_mounting_of_the_sensors() -> None:
+    run = draw_run("nuisances", 0, split="tuning", duration=4.0)
+    fit = fit_drive(NOMINAL, samples_until(run, 4.0), None, Surroundings(grade=0.03))
+    sd = np.sqrt(np.diag(fit.covariance))[len(DRIVE_NUMBERS) :]
+    assert (sd < 0.03).all()
+    assert (np.abs(fit.numbers[len(DRIVE_NUMBERS) :] - run.slopes) < 4.0 * sd).all()
+
+
+def test_soil_that_scatters_without_end_is_another_soil() -> None:
+    """The correlation is one where the vehicle stands: every number moves all channels as a whole."""
+    rng = np.random.default_rng(1)
+    slopes, numbers = rng.standard_normal((len(COMPARED) * 5, 10)), prior_of_drive()[0]
+    spread = SoilSpread(pressure=0.0, n=0.2, c=0.0, tan_phi=0.0)
+    found = scatter_covariance(slopes, numbers, np.zeros(5), spread)
+    np.testing.assert_allclose(found, 0.2**2 * np.outer(slopes[:, N], slopes[:, N]))
+
+
+def test_scatter_does_to_a_drive_about_what_its_covariance_says() -> None:
+    run = draw_run("level", 0, split="tuning", duration=4.0)
+    samples, plant = samples_until(run, 4.0), true_plant(run)
+    numbers, even = numbers_of(plant, NOMINAL), simulated_drive(plant, samples)
+    columns = []
+    for i, step in enumerate(steps_of_drive()):
+        moved = simulated_drive(plant_of_drive(NOMINAL, numbers + step * np.eye(10)[i]), samples)
+        columns.append((moved - even).T.reshape(-1) / step)
+    stated = scatter_covariance(np.column_stack(columns), numbers, even[:, 5], SoilSpread())
+    off = []
+    for seed in range(8):
+        field: SoilField = natural_soil(plant.soil, seed, spread=SoilSpread(), waves=32)
+        off.append((simulated_drive(plant._replace(soil_field=field), samples) - even).T.reshape(-1))
+    actual = np.sqrt(np.mean(np.square(off), axis=0)).reshape(len(COMPARED), -1)[:, 3:]
+    sds = np.sqrt(np.diag(stated)).reshape(len(COMPARED), -1)[:, 3:]
+    for name in ("a_x", "wheel_f", "speed"):
+        i = COMPARED.index(name)
+        assert 0.4 < actual[i].mean() / sds[i].mean() < 1.6, name
