@@ -58,9 +58,9 @@ class SpeedCommand(Results):
         if speed.diagnosis_s is not None:
             say(f"diagnosis of a log of 60 s: {speed.diagnosis_s:.1f} s of CPU time")
         if speed.verdicts:
-            heading = ("what is wrong", "median [s]", "largest [s]", "promised")
+            columns = ("what is wrong", "median [s]", "largest [s]", "promised")
             title = "CPU time of a verdict, natural drives of 60 s"
-            console().print(table(title, heading, map(_verdict_row, speed.verdicts)))
+            console().print(table(title, columns, map(_verdict_row, speed.verdicts)))
         if speed.solves is None:
             say("left out: decisions of nmpc_truth, casadi is not installed")
         else:
