@@ -200,7 +200,7 @@ class DirectPolicies(Results):
         return stamps
 
     def _sentences(self, done: Mapping[Key, Result]) -> list[str]:
-        """Every arm against those of the benchmark, and against the policies that are told less."""
+        """Every arm against those of the benchmark, and against the policies that see less."""
         found = []
         for task in self.tasks:
             for arm in self.arms:

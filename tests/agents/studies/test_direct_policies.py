@@ -80,7 +80,7 @@ def test_the_sentences_compare_policies_with_the_arms_on_the_same_episodes(tmp_p
     assert "direct_oblivious is beaten by nominal" in said
     assert (
         "direct_memory is beaten by direct_oracle" not in said
-    )  # each pair once: the one that is told more first
+    )  # each pair once
     assert "Time: 0.90 [" in said
 
 
