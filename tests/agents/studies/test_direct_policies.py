@@ -78,9 +78,7 @@ def test_the_sentences_compare_policies_with_the_arms_on_the_same_episodes(tmp_p
     assert "direct_oracle beats direct_memory" in said
     assert "direct_memory beats direct_oblivious" in said
     assert "direct_oblivious is beaten by nominal" in said
-    assert (
-        "direct_memory is beaten by direct_oracle" not in said
-    )  # each pair once
+    assert "direct_memory is beaten by direct_oracle" not in said  # each pair once
     assert "Time: 0.90 [" in said
 
 
