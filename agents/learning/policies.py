@@ -43,6 +43,7 @@ __all__ = [
     "scaled",
     "scaling_of",
     "shipped_seeds",
+    "without_constants",
 ]
 
 #: Arm of a learned policy -> terrain information in its observation.
@@ -67,6 +68,8 @@ WEIGHTS, ZIP, SCALING, KIND = "weights.npz", "policy.zip", "scaling.npz", "polic
 _FORMER_KEY = "guide"  # alias
 #: Numbers of an action, and the largest networks that are read.
 _ACTIONS, _WIDEST, _DEEPEST, _MOST_FRAMES = 2, 4096, 16, 1000
+#: What varied by less in training, as a share of its mean or of 1, taught nothing; what it is divided by.
+_CONSTANT, _NO_SCALE = 2e-4, 1e30
 #: Scaled observations are clipped to this size [standard deviations].
 CLIP = 10.0
 
@@ -233,6 +236,20 @@ def scaling_of(scaler: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return {
         key: (statistics.mean.copy(), np.sqrt(statistics.var + scaler.epsilon))
         for key, statistics in scaler.obs_rms.items()
+    }
+
+
+def without_constants(
+    scaling: Mapping[str, tuple[np.ndarray, np.ndarray]],
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """A scaling by which a policy sees what hardly varied in training as its mean, whatever it is.
+
+    For policies that are driven with other observations than they learnt from. Divided by a standard
+    deviation of almost nothing, 0.03 instead of a constant 0 would be clipped at ten standard deviations.
+    """
+    return {
+        key: (mean, np.where(sd < _CONSTANT * np.maximum(np.abs(mean), 1.0), _NO_SCALE, sd))
+        for key, (mean, sd) in scaling.items()
     }
 
 

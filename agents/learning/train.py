@@ -58,6 +58,7 @@ from agents.learning.policies import (
     load_policy,
     packed_arrays,
     scaling_of,
+    without_constants,
 )
 from agents.reports.output import only_writer, write_bytes
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv, make_vec
@@ -189,6 +190,12 @@ def _settings(args: TrainArgs) -> dict[str, Any]:
     return {**common, "n_steps": args.n_steps, "n_epochs": args.n_epochs, "gae_lambda": args.gae_lambda}
 
 
+def _scaling(scaler: Any, args: TrainArgs) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Of the observations as they are now; what an emulated belief never varies is left out."""
+    found = scaling_of(scaler)
+    return without_constants(found) if args.emulated else found
+
+
 def _save(model: Any, scaler: Any, args: TrainArgs) -> None:
     """Write the policy so that `load_policy` finds it."""
     folder = args.out
@@ -200,7 +207,7 @@ def _save(model: Any, scaler: Any, args: TrainArgs) -> None:
     kind = {"configuration": configuration_hash(args), **decisive(args)}
     write_bytes(folder / KIND, f"{json.dumps(kind, indent=1)}\n".encode())
     table = {}
-    for key, (mean, sd) in scaling_of(scaler).items():
+    for key, (mean, sd) in _scaling(scaler, args).items():
         table[f"{key}.mean"], table[f"{key}.sd"] = mean, sd
     write_bytes(folder / SCALING, packed_arrays(table))
 
@@ -324,7 +331,7 @@ def _check(model: Any, scaler: Any, args: TrainArgs) -> tuple[np.ndarray, np.nda
     draws = draw_episodes(args.scenario, args.check_episodes, 0, split=split, form=args.form)
     network = Network.of(model) if args.algorithm == "ppo" else model
     agent = PolicyAgent(
-        network, scaling_of(scaler), frames=args.frames, action_interface=args.action_interface
+        network, _scaling(scaler, args), frames=args.frames, action_interface=args.action_interface
     )
     if args.algorithm != "ppo" or task_of(args).measure == "cross_track":
         driven = drive_each(agent, args.scenario, draws, form=args.form, **options)

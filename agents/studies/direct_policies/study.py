@@ -200,17 +200,13 @@ class DirectPolicies(Results):
         return stamps
 
     def _sentences(self, done: Mapping[Key, Result]) -> list[str]:
-        """Every arm against those of the benchmark, and against the policies that see nothing of the soil."""
+        """Every arm against those of the benchmark, and against the policies that see less."""
         found = []
         for task in self.tasks:
             for arm in self.arms:
                 own = _scores(done, task, arm)
-                blind = (
-                    ("direct_oblivious",)
-                    if "direct_oblivious" in self.arms and arm != "direct_oblivious"
-                    else ()
-                )
-                for other in (*_BESIDE, *blind):
+                less = [other for other in DIRECT if other in self.arms]
+                for other in (*_BESIDE, *less[: less.index(arm)]):
                     beside = _scores(done, task, other)
                     verdict = improvement_verdict(arm, other, improvement_interval(own, beside))
                     found.append(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -13,8 +15,8 @@ from agents.learning.action_interface import mirrored
 from agents.learning.checks import drive_each, merit, scores_together
 from agents.learning.emulated_belief import EmulatedBelief
 from agents.learning.models import make_model, start_rolling
-from agents.learning.policies import PolicyAgent
-from agents.learning.train import TrainArgs, configuration_hash, noise_bound, train
+from agents.learning.policies import CLIP, PolicyAgent, scaled
+from agents.learning.train import TrainArgs, _scaling, configuration_hash, noise_bound, train
 from estimators.filters.online_soil_belief import BELIEF_VECTOR
 from offroad_env.environment.vector_env import make_vec
 from offroad_env.errors import InvalidParameter
@@ -311,6 +313,29 @@ def test_episodes_with_an_emulated_belief_never_show_the_limits():
         assert share[:, :8] == pytest.approx(np.clip(demand / limit, -4.0, 4.0), rel=1e-4, abs=1e-5)
         believed += int(known.sum())
     assert believed > 20
+
+
+def test_what_an_emulated_belief_never_varies_moves_no_policy_when_the_belief_itself_does():
+    from stable_baselines3.common.running_mean_std import RunningMeanStd
+
+    belief, rows = EmulatedBelief(200, 0.1, 0), RunningMeanStd(shape=(len(BELIEF_VECTOR),))
+    driven = limits(200, 3.0)
+    driven["terrain"][:, LATERAL] = np.linspace(2.0, 8.0, 200)
+    driven["imu"][:, 1] = 1.5
+    for _ in range(100):
+        rows.update(belief.shown(driven))
+    scaler = SimpleNamespace(obs_rms={"terrain": rows}, epsilon=1e-8)
+    usual = belief.shown(driven)
+    other, softer = usual.copy(), usual.copy()
+    for name, value in (("pull_slip_sd", 0.03), ("stuck", 0.1), ("stop_in", 20.0)):
+        other[:, BELIEF_VECTOR.index(name)] = value
+    softer[:, LATERAL] *= 0.5
+    scaling = _scaling(scaler, TrainArgs(terrain_info="belief", emulated=True))
+    seen = [scaled({"terrain": terrain}, scaling)["terrain"] for terrain in (usual, other, softer)]
+    assert seen[1] == pytest.approx(seen[0], abs=1e-6)
+    assert np.abs(seen[2] - seen[0]).max() > 0.5
+    plain = _scaling(scaler, TrainArgs(terrain_info="belief"))
+    assert np.abs(scaled({"terrain": other}, plain)["terrain"]).max() == CLIP
 
 
 def test_an_emulated_belief_is_refused_where_none_is_observed(tmp_path):

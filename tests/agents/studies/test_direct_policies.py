@@ -54,8 +54,15 @@ def test_what_cannot_be_run_is_refused(change, words, tmp_path):
 def test_the_sentences_compare_policies_with_the_arms_on_the_same_episodes(tmp_path):
     rng = np.random.default_rng(0)
     course = rng.normal(50.0, 10.0, 60)
-    study = DirectPolicies(out=tmp_path, arms=("direct_oblivious", "direct_oracle"), seeds=2, episodes=60)
-    lead = {"direct_oracle": -5.0, "direct_oblivious": 5.0, "nominal": 0.0, "oracle": -8.0}
+    arms = ("direct_oracle", "direct_memory", "direct_oblivious")
+    study = DirectPolicies(out=tmp_path, arms=arms, seeds=2, episodes=60)
+    lead = {
+        "direct_oracle": -5.0,
+        "direct_memory": -2.0,
+        "direct_oblivious": 5.0,
+        "nominal": 0.0,
+        "oracle": -8.0,
+    }
     done = {
         key: {
             "scores": (course + lead[key[1]] + rng.normal(0.0, 1.0, 60)).tolist(),
@@ -68,7 +75,10 @@ def test_the_sentences_compare_policies_with_the_arms_on_the_same_episodes(tmp_p
     assert "direct_oracle beats nominal" in said
     assert "direct_oracle is beaten by oracle" in said
     assert "direct_oracle beats direct_oblivious" in said
+    assert "direct_oracle beats direct_memory" in said
+    assert "direct_memory beats direct_oblivious" in said
     assert "direct_oblivious is beaten by nominal" in said
+    assert "direct_memory is beaten by direct_oracle" not in said  # each pair once
     assert "Time: 0.90 [" in said
 
 
