@@ -14,7 +14,7 @@ from agents.controllers.nmpc_arms import PREDICTIVE, make_nmpc
 from agents.controllers.nmpc_problem import INPUTS, SOIL, STATES, Horizon, make_problem
 from agents.controllers.nmpc_programme import SOLVERS, Programme
 from agents.controllers.path_lqg import bend_dynamics
-from agents.controllers.protocol import Senses
+from agents.controllers.protocol import Senses, read_senses
 from agents.controllers.speed_planner import Belief, limits_over_n
 from agents.driving.episode import find_agent
 from offroad_env.environment.env import OffroadBekkerEnv
@@ -308,3 +308,35 @@ def test_a_programme_that_has_not_converged_gives_no_plan(briefing, monkeypatch)
     assert Programme(Horizon()).solve(*args) is not None
     monkeypatch.setitem(SOLVERS["hpipm"], "hpipm", {"iter_max": 2})
     assert Programme(Horizon()).solve(*args) is None
+
+
+def test_on_natural_soils_it_looks_after_its_wheels_and_estimates_the_biases_of_car_sensors():
+    matched, natural = make_nmpc("nmpc_truth"), make_nmpc("nmpc_truth", natural=True).agent.agent
+    assert matched.agent._slips is None
+    assert matched.agent.settings == nmpc.NmpcSettings()
+    assert natural._slips == TYRE_GAINS
+    assert natural.settings.heading_bias > 0.0 < natural.settings.side_bias
+
+
+@pytest.mark.parametrize("bias", [0.05, 0.0])
+def test_a_biased_heading_is_not_taken_for_side_speed(briefing, bias):
+    """Straight on, along the path, with a compass that is 0.06 rad off and a tilted accelerometer."""
+    settings = nmpc.NmpcSettings(heading_bias=bias, side_bias=8.0 * bias)
+    agent = NmpcAgent(believe_fixed(0.5), settings)
+    agent.reset(briefing)
+    seen = {
+        "imu": np.array([0.0, 0.4, 0.0, 0.0, 0.0]),
+        "motion": np.array([8.0, 8.0, 8.0, 0.0, 0.0]),
+        "path": np.concatenate([[0.0, 0.06, 0.0], np.zeros(len(briefing.preview)), [500.0]]),
+    }
+    soil = agent._numbers.at(0.5, 0.5, 1.0)
+    for _ in range(150):
+        agent._observe(read_senses(seen), seen, soil)
+    side, heading = abs(agent._x[STATES.index("vy")]), abs(agent._x[STATES.index("psi")])
+    assert (side < 0.2) == (heading < 0.03) == (bias > 0.0)
+
+
+@pytest.mark.parametrize("name", ["heading_bias", "side_bias"])
+def test_a_bias_has_no_negative_size(name):
+    with pytest.raises(InvalidParameter, match=f"{name} must be 0 or more, got -0.1"):
+        nmpc.NmpcSettings(**{name: -0.1})
