@@ -32,7 +32,7 @@ from agents.controllers.nmpc_problem import (
 )
 from agents.controllers.nmpc_programme import Limits, Programme
 from agents.controllers.protocol import Observation, Senses, read_senses, to_action
-from agents.controllers.speed_control import SpeedGains, drive_share, slip_share
+from agents.controllers.speed_control import SpeedGains, drive_share, slip_between, slip_share
 from agents.controllers.speed_planner import Belief, BeliefSource, limits_over_n, planned_speed, speed_limit
 from agents.controllers.traction_limits import Capability
 from offroad_env.errors import InvalidParameter
@@ -250,7 +250,7 @@ class NmpcAgent:
             command *= min(slip_share(ground, rim, gains.slip_limit, gains) for rim, ground in wheels)
         else:
             command *= min(slip_share(rim, ground, gains.brake_slip, gains) for rim, ground in wheels)
-        slip = max((ground - rim) / max(ground, gains.low_speed) for rim, ground in wheels)
+        slip = max(slip_between(rim, ground, gains) for rim, ground in wheels)
         locked = slip - gains.brake_slip - gains.slip_band
         return max(command, min(_ROLL_ON * locked, 1.0)) if locked > 0.0 else command
 

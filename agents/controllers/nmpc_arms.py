@@ -22,7 +22,7 @@ __all__ = ["PREDICTIVE", "make_nmpc"]
 PREDICTIVE = {"nmpc_nominal": "nominal", "nmpc_belief": "aware", "nmpc_truth": "oracle"}
 #: Standard deviations over which the belief is insured.
 _Z = 1.0
-#: Settings on natural soils, of eight that drove 32 training episodes (seed 0): car sensors have biases.
+#: Settings on natural soils, of five that drove 32 training episodes (seed 0): car sensors have biases.
 _NATURAL = NmpcSettings(margin=0.7, inside=0.6, beyond=0.5, speed_max=11.0, heading_bias=0.05, side_bias=0.4)
 
 

@@ -9,7 +9,7 @@ from offroad_env.physics._jit import kernel
 from offroad_env.physics.numerics import AIR_DENSITY, GRAVITY
 from offroad_env.physics.records import Vehicle
 
-__all__ = ["SpeedController", "SpeedGains", "drive_share", "gentle_target", "slip_share"]
+__all__ = ["SpeedController", "SpeedGains", "drive_share", "gentle_target", "slip_between", "slip_share"]
 
 #: Deceleration that every soil of the project's tasks gives, and nobody minds [m/s^2].
 _GENTLE = 1.5
@@ -59,13 +59,17 @@ class SpeedGains:
     low_speed: float = 1.0  #: rim speed below which slip is referred to this speed [m/s]
 
 
+def slip_between(slower: float, faster: float, gains: SpeedGains) -> float:
+    """Slip [-] between two speeds [m/s], referred to the faster one."""
+    return (faster - slower) / max(abs(faster), gains.low_speed)
+
+
 def slip_share(slower: float, faster: float, limit: float, gains: SpeedGains) -> float:
     """Share of a torque that is left at a slip between two speeds [m/s].
 
     1 below ``limit``, falling smoothly to 0 across the band.
     """
-    slip = (faster - slower) / max(abs(faster), gains.low_speed)
-    over = min(max((slip - limit) / gains.slip_band, 0.0), 1.0)
+    over = min(max((slip_between(slower, faster, gains) - limit) / gains.slip_band, 0.0), 1.0)
     return 0.5 * (1.0 + math.cos(math.pi * over))
 
 

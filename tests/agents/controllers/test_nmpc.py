@@ -293,9 +293,11 @@ def test_where_the_linearisation_of_the_last_plan_is_of_no_use_the_cost_still_fa
     assert agent._programme.cost(agent._problem, states, inputs, limits) < 0.5 * cost
     # A plan that the model does not follow is noticed, one that it follows is left as it is.
     assert not agent._strays((states, inputs), senses.curvature, soil)
-    off = states.copy()
-    off[-1, E] += 0.35
-    assert agent._strays((off, inputs), senses.curvature, soil)
+    for column, near, far in ((E, 0.25, 0.35), (V, 0.9, 1.1)):
+        for error, noticed in ((near, False), (far, True)):
+            off = states.copy()
+            off[-1, column] += error
+            assert agent._strays((off, inputs), senses.curvature, soil) is noticed
     monkeypatch.setattr(agent, "_guess", lambda: (start, wild))
     monkeypatch.setattr(agent, "_solved", lambda *_: (off, inputs))
     monkeypatch.setattr(agent, "_drivable", lambda *_: (states, wild))
