@@ -1,8 +1,7 @@
 """What the soil holds by a belief fitted to a drive, and whether its model is adequate.
 
-A fit to a drive is a point and a normal approximation around it. The posterior is a bent ridge, more
-cohesion with less friction, along which the losses are equal within one, so the approximation is too narrow:
-its standard deviations are widened by what tuning drives ask for, and the limits follow it as far as that.
+Limits are taken at samples of the belief (`drive_posterior`): they bend along the ridge of soils that explain
+a drive about as well.
 """
 
 from __future__ import annotations
@@ -12,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.belief.drive_fit import DriveFit
-from estimators.belief.drive_numbers import DRIVE_NUMBERS, STEPS, bounds_of_drive, plant_of_drive
+from estimators.belief.drive_numbers import DRIVE_NUMBERS, STEPS, plant_of_drive
 from estimators.filters.soil_belief_holds import LIMITS, transform_limits
 from estimators.filters.soil_belief_points import N
+from estimators.numerics.importance_sampling import WeightedSamples
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.records import FloatArray
@@ -27,22 +27,21 @@ __all__ = ["FittedLimitSettings", "FittedLimits", "drive_limits", "fitted_limits
 _SHARE = 0.2
 #: Least standard deviation of a limit, or of n: beyond its range a limit does not move.
 _LEAST_SD = 1e-3
+#: Weights below this share of the mean one do not count: their limits need not be found.
+_NEGLIGIBLE = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
 class FittedLimitSettings:
-    """Chosen on tuning drives over whole soils with all nuisances; each has a test that it matters."""
+    """Chosen on tuning drives over whole soils with all nuisances."""
 
-    #: Factor of the standard deviations of the normal approximation: 95 % of the intervals hold then.
-    wider: float = 2.0
     #: Largest factor on the errors of a typical drive, and on the usual scatter of the soil, that a fit may
     #: need and still be valid: wrong laws of the wheel need more.
     adequate: float = 1.3
 
     def __post_init__(self) -> None:
-        for name in ("wider", "adequate"):
-            if not getattr(self, name) > 0.0:
-                raise InvalidParameter(f"{name} must be > 0, got {getattr(self, name)}")
+        if not self.adequate > 0.0:
+            raise InvalidParameter(f"adequate must be > 0, got {self.adequate}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,33 +70,27 @@ def limit_slopes(plant: Plant, numbers: FloatArray) -> FloatArray:
     return np.array(columns).T
 
 
-def fitted_limits(plant: Plant, fit: DriveFit, settings: FittedLimitSettings | None = None) -> FittedLimits:
-    """What the soil holds by a fit to a drive of the vehicle ``plant``.
-
-    The limits are taken as parabolas through pairs of points along the columns L_i of the widened
-    covariance's Cholesky factor: mean f + sum bend_i / 2, variance sum slope_i^2 + sum bend_i^2 / 2, as
-    `limits_of_belief` has them.
-    """
+def fitted_limits(
+    plant: Plant, fit: DriveFit, posterior: WeightedSamples, settings: FittedLimitSettings | None = None
+) -> FittedLimits:
+    """What the soil holds by the samples of a belief fitted to a drive of the vehicle ``plant``."""
     settings = settings or FittedLimitSettings()
-    own = len(DRIVE_NUMBERS)
-    factor = settings.wider * np.linalg.cholesky(fit.covariance[:own, :own])
-    low, high = bounds_of_drive()
-    here, ahead, opposite = (
-        np.array([_limits_and_n(plant, np.clip(fit.numbers[:own] + move, low, high)) for move in moves])
-        for moves in (np.zeros((1, own)), factor.T, -factor.T)
-    )
-    # Where one side does not carry the vehicle, the other one has the slope.
-    ahead = np.where(np.isfinite(ahead), ahead, 2.0 * here - opposite)
-    opposite = np.where(np.isfinite(opposite), opposite, 2.0 * here - ahead)
-    slope, bend = 0.5 * (ahead - opposite), ahead + opposite - 2.0 * here
-    mean = here[0] + 0.5 * bend.sum(axis=0)
-    sd = np.maximum(np.sqrt((slope**2 + 0.5 * bend**2).sum(axis=0)), _LEAST_SD)
-    sound = bool(np.isfinite(mean).all() and np.isfinite(sd).all())
+    counting = posterior.weights > _NEGLIGIBLE / len(posterior.weights)
+    numbers, weights = posterior.values[counting], posterior.weights[counting]
+    rest = np.zeros(len(DRIVE_NUMBERS) - numbers.shape[1])  # lag and drag: no limit depends on them
+    rows = np.array([_limits_and_n(plant, np.append(row, rest)) for row in numbers])
+    sound = np.isfinite(rows).all(axis=1)
+    if not sound.any():
+        nothing = np.full(LIMITS, np.nan)
+        return FittedLimits(centre=nothing, sd=nothing, n=(np.nan, np.nan), valid=False)
+    rows, weights = rows[sound], weights[sound] / weights[sound].sum()
+    mean = weights @ rows
+    sd = np.maximum(np.sqrt(weights @ (rows - mean) ** 2), _LEAST_SD)
     return FittedLimits(
         centre=mean[:LIMITS],
         sd=sd[:LIMITS],
         n=(float(mean[-1]), float(sd[-1])),
-        valid=sound and float(fit.scales.max()) <= settings.adequate,
+        valid=float(fit.scales.max()) <= settings.adequate,
     )
 
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from estimators.belief.drive_fit import DriveFit, fit_drive
+from estimators.belief.drive_problem import Surroundings
 from estimators.belief.drive_samples import DriveSamples
 from estimators.experiments.motion_sequences import AT, HORIZON
 from estimators.experiments.unknown_soils import VEHICLE, SoilRun, sloping
@@ -24,6 +25,7 @@ from offroad_env.physics import state as at
 from offroad_env.physics.records import Soil
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig
 from offroad_env.simulation.simulator import Plant, make_plant, settled_state, simulate_commands
+from offroad_env.world.natural_soil import SoilSpread
 from offroad_env.world.soil_prior import ANGLE_SLOPE, EXIT_SHARE, LARGEST_PRESSURE_SHARE, SoilPrior
 from offroad_env.world.soils import SOILS, make_soil
 from offroad_env.world.terrain import flat
@@ -171,8 +173,10 @@ def samples_until(run: SoilRun, end: float) -> DriveSamples:
 
 
 def fitted(run: SoilRun) -> list[DriveFit]:
-    """The belief fitted to all samples until each of `AT`."""
+    """The belief fitted to all samples until each of `AT`: the ground is level, and the soil scatters."""
     plant, found = nominal_plant("population"), list[DriveFit]()
+    surroundings = Surroundings(scatter=SoilSpread())
     for end in AT:
-        found.append(fit_drive(plant, samples_until(run, end), found[-1] if found else None))
+        earlier = found[-1] if found else None
+        found.append(fit_drive(plant, samples_until(run, end), earlier, surroundings))
     return found

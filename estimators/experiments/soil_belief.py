@@ -12,8 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.belief.drive_fit import DriveFit, Surroundings, fit_drive
+from estimators.belief.drive_fit import DriveFit, fit_drive
 from estimators.belief.drive_limits import FittedLimitSettings, fitted_limits
+from estimators.belief.drive_posterior import sample_drive
+from estimators.belief.drive_problem import Surroundings
 from estimators.experiments.adaptation import base_soil, continued, samples_until, true_plant
 from estimators.experiments.model_mismatch import excited
 from estimators.experiments.unknown_soils import CASES, VEHICLE, SoilRun
@@ -150,7 +152,8 @@ def believe_fitted(
             samples = replace(samples, unit=ImuConfig())
         try:
             earlier = fit_drive(nominal, samples, earlier if end > _FITS[1] else None, surroundings)
-            found = fitted_limits(nominal, earlier, settings)
+            posterior = sample_drive(nominal, samples, earlier, surroundings)
+            found = fitted_limits(nominal, earlier, posterior, settings)
         except SolverFailure:
             valid[since] = False
             continue

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.belief import drive_fit
+from estimators.belief import drive_fit, drive_problem
 from estimators.belief.drive_errors import DISCREPANCY, GROUPS, HEADING, errors_of
 from estimators.belief.drive_fit import fit_drive
 from estimators.belief.drive_numbers import (
@@ -76,7 +76,7 @@ def test_where_the_middle_of_the_population_stops_the_vehicle_another_soil_is_th
             raise SolverFailure("stuck")
         return simulated_drive(plant, given)
 
-    monkeypatch.setattr(drive_fit, "simulated_drive", only_some)
+    monkeypatch.setattr(drive_problem, "simulated_drive", only_some)
     problem = drive_fit._Problem(nominal_plant("population"), samples)
     problem.whiten = np.eye(problem.means.size)
     assert len(problem.starts(None)) == 2
