@@ -51,9 +51,9 @@ def test_the_fit_predicts_nearly_as_who_knows_soil_and_vehicle(run, fit) -> None
 
 
 def test_a_search_ends_at_the_optimum_of_a_bent_ridge() -> None:
-    """With differences over the whole steps it ended where the true numbers were more probable by 8."""
-    run = draw_run("matched", 301, split="tuning", duration=6.0)
-    seen = replace(samples_until(run, 6.0), unit=ImuConfig())
+    """With differences over whole steps it ended where the true numbers are more probable."""
+    run = draw_run("matched", 302, split="tuning", duration=5.0)
+    seen = replace(samples_until(run, 5.0), unit=ImuConfig())
     plant = nominal_plant("population")
     fit = fit_drive(plant, seen)
     problem = DriveProblem(plant, seen)
