@@ -43,6 +43,8 @@ class Interval:
 
     def __format__(self, spec: str) -> str:
         spec = spec or ".2f"
+        if not math.isfinite(self.high - self.low):
+            return f"{self.value:{spec}} (one sample: no interval)"
         return f"{self.value:{spec}} [{self.low:{spec}}, {self.high:{spec}}]"
 
 

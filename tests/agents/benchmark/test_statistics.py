@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
+from agents.benchmark.learned import seed_interval
 from agents.benchmark.statistics import (
     effect_size,
     headroom,
@@ -25,6 +26,11 @@ def test_wilson_agrees_with_scipy(k, n):
     ours, theirs = wilson_interval(k, n), binomtest(k, n).proportion_ci(method="wilson")
     assert (ours.low, ours.high) == pytest.approx((theirs.low, theirs.high), abs=1e-12)
     assert ours.value == k / n
+
+
+def test_one_training_has_no_interval_and_two_have_one():
+    assert f"{seed_interval([44.512]):.1f}" == "44.5 (one sample: no interval)"
+    assert f"{seed_interval([1.0, 2.0]):.1f}" == "1.5 [-4.9, 7.9]"
 
 
 def test_the_bootstrap_covers_a_skewed_mean_about_as_often_as_it_says():
