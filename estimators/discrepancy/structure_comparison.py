@@ -167,17 +167,13 @@ def compare_structures(
         return None
     if int((~trials.fitted).sum()) < _WINDOWS:
         return None
-    nominal = trials.coarse(Case(first.structure, _VEHICLES[0]))
+    nominal = trials.best(Case(first.structure, _VEHICLES[0]))
     found = _presets(trials, nominal)
-    worth = trials.cost(found[0]) < trials.cost(nominal) - _WORTH
-    if worth:
-        nominal = trials.best(nominal.case)
-        found = _closely(trials, nominal, found)
     best = found[0]
     gain, p_value = trials.apart(nominal, best)
     causes: tuple[StructuralCause, ...] = ()
     equals: tuple[Case, ...] = ()
-    if worth and gain > _GAIN and p_value < _P_VALUE and trials.inside(best):
+    if gain > _GAIN and p_value < _P_VALUE and trials.inside(best):
         equals = tuple(one.case for one in found[1:] if not _worse(trials, one, best))
         best, causes = _pruned(trials, nominal, best)
         gain, p_value = trials.apart(nominal, best)
@@ -199,32 +195,19 @@ def compare_structures(
 
 
 def _presets(trials: Trials, nominal: StructureTrial) -> list[StructureTrial]:
-    """The presets with about the best n, best first."""
+    """The presets, best first; with their best n only where one of them looks better than the nominal.
+
+    With four wheels, which cost most, only where half as much is gained without them as a structure must.
+    """
     half, four = _VEHICLES
     names = [name for name in _PRESETS if name != nominal.case.structure]
     found = [trials.coarse(Case(name, half)) for name in names]
     found.append(trials.near(Case(nominal.case.structure, four), nominal.change))
+    if min(map(trials.cost, found)) < trials.cost(nominal) - _WORTH:
+        found = [trials.best(one.case, start=one.change) for one in found]
+        if min(map(trials.cost, found)) < trials.cost(nominal) - _HALF * _GAIN * len(FLOORS):
+            found += [trials.best(Case(one.case.structure, four), start=one.change) for one in found[:-1]]
     return sorted(found, key=trials.cost)
-
-
-def _closely(
-    trials: Trials, nominal: StructureTrial, found: Sequence[StructureTrial]
-) -> list[StructureTrial]:
-    """The presets with their best n, best first; as they were if none looks better.
-
-    With four wheels, which cost most, only where half as much is gained without them as a structure must.
-    """
-    if trials.cost(found[0]) >= trials.cost(nominal) - _WORTH:
-        return list(found)
-    closely = [trials.best(one.case, start=one.change) for one in found]
-    if min(map(trials.cost, closely)) < trials.cost(nominal) - _HALF * _GAIN * len(FLOORS):
-        half, four = _VEHICLES
-        closely += [
-            trials.best(Case(one.case.structure, four), start=one.change)
-            for one in closely
-            if one.case.vehicle_model == half
-        ]
-    return sorted(closely, key=trials.cost)
 
 
 def gains_with(found: StructureComparison, log: Log) -> tuple[ChannelGain, ...]:

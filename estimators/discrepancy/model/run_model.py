@@ -24,6 +24,7 @@ from estimators.discrepancy.model.window_simulation import (
 from estimators.discrepancy.model.windows import Windows, cut
 from estimators.discrepancy.physical_ranges import drive_range
 from estimators.logs.clocks import pose_age
+from estimators.logs.immobile import stuck_spans
 from estimators.logs.log import Log
 from estimators.logs.runs import plant_of
 from estimators.logs.signals import uninterrupted
@@ -192,11 +193,14 @@ class RunModel:
     def _usable(self) -> np.ndarray | None:
         """(K,) steps of the grid that can be simulated; None where all can.
 
-        In a gap of the log the inputs are unknown; no start fits on both sides of a position that jumps. Near
-        standstill on hard ground the slip of a tyre is undefined, and the model is regularised.
+        In a gap of the log the inputs are unknown; no start fits on both sides of a position that jumps; a
+        vehicle that stands while its wheels spin shows no more than that. Near standstill on hard ground the
+        slip of a tyre is undefined, and the model is regularised.
         """
         middle = self.t_0 + self.step * (np.arange(self.count) + 0.5)
         usable = uninterrupted(self.log, middle)
+        for begin, end in stuck_spans(self.log):
+            usable &= (middle < begin) | (middle > end)
         plant = self.setup.plant
         if plant.soil.rigid > 0.5:
             name = next((name for name in ("v_x", "speed", *_RIMS) if self._has(name)), None)
