@@ -54,7 +54,8 @@ def stuck_spans(log: Log) -> tuple[tuple[float, float], ...]:
 
 def driven_time(log: Log) -> float:
     """Time in which the vehicle is not stuck [s]."""
-    return log.duration - sum(min(end, log.times[-1]) - begin for begin, end in stuck_spans(log))
+    last = float(log.times[-1])
+    return log.duration - sum(min(end, last) - begin for begin, end in stuck_spans(log))
 
 
 def _has(log: Log, name: str) -> bool:

@@ -17,10 +17,11 @@ from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.linearisation import Jacobian, Linearisation
 from estimators.discrepancy.model.natural_world import null_simulations
+from estimators.discrepancy.model.parameters import Candidate, Point
 from estimators.discrepancy.model.problem import LeastSquaresProblem
 from estimators.discrepancy.model.protocol import ForwardModel
 
-__all__ = ["autoregressive", "fit_runs", "settled", "stretches_of"]
+__all__ = ["autoregressive", "fit_runs", "fitted_afresh", "settled", "stretches_of"]
 
 #: Steps towards starts that a ground about right leads to.
 _ROUGHLY = 3
@@ -56,12 +57,33 @@ def fit_runs(runs: Sequence[ForwardModel], *, white: bool = False) -> FitResult:
 
 
 def _fitted(problem: LeastSquaresProblem, *, white: bool, wide: bool) -> FitResult:
-    first = Linearisation.at(problem, problem.begun(problem.stated()))
+    return settled(_begun(problem, problem.stated(), white=white, wide=wide))
+
+
+def _begun(problem: LeastSquaresProblem, point: Point, *, white: bool = False, wide: bool) -> FitResult:
+    """About the parameters, and starts that these lead to, from a point without starts."""
+    first = Linearisation.at(problem, problem.begun(point))
     noise = _first_noise(first, wide=wide)
     fit = FitResult(linearisation=first, jacobian=Jacobian(), noise=noise, white=white)
     # Once more from the starts that a ground about right leads to: no sensor may have measured the speed.
     fit = GaussNewton(rounds=_ROUGHLY).descend(fit)
-    return settled(fit.moved(problem.begun(fit.point)))
+    return fit.moved(problem.begun(fit.point))
+
+
+def fitted_afresh(fit: FitResult, candidates: Sequence[Candidate], sizes: Sequence[float]) -> FitResult:
+    """The model with these effects fitted from stated numbers and these sizes, the noise as it is.
+
+    For effects so large that the numbers of a model without them are far from any truth, and with them what
+    the effects do there.
+
+    Raises
+    ------
+    SolverFailure
+        Where the model has no solution.
+    """
+    stated = replace(fit.problem.stated(), candidates=tuple(candidates), sizes=np.array(sizes))
+    begun = _begun(fit.problem, stated, white=fit.white, wide=True)
+    return GaussNewton().descend(replace(begun, noise=fit.noise, null=fit.null))
 
 
 def settled(fit: FitResult, *, fresh: bool = True) -> FitResult:

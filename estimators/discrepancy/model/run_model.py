@@ -304,8 +304,8 @@ class RunModel:
     def _driven_by(self, setup: Setup) -> _Driven:
         """Commands and the states of the actuators that follow them."""
         vehicle = setup.plant.vehicle
-        key = (setup.inputs, setup.model, self.dt, self.steps)
-        key += (vehicle.steer_rate, vehicle.steer_lag, vehicle.torque_lag)
+        lags = (vehicle.steer_rate, vehicle.steer_lag, vehicle.torque_lag)
+        key = (setup.inputs, setup.model, self.dt, self.steps, lags)
         if self._last is None or self._last[0] != key:
             commands = self.commands(setup.inputs)
             # The paper's vehicle has no actuators.

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import norm
 
-from estimators.discrepancy.model.fit import settled
+from estimators.discrepancy.model.fit import fitted_afresh, settled
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.normal_equations import projected
@@ -49,6 +50,9 @@ _TESTED = 3
 _NEAR_BEST = 0.8
 #: Effects whose scores exceed so many thresholds, which noise does not, are sought closely along the route.
 _LARGE = 2.0
+#: Standard deviations from a stated number from which its effect is fitted afresh, for so many numbers, the
+#: furthest off, from this share of a plausible size.
+_LEFT, _FRESH, _BEGINS = 5.0, 2, 0.5
 #: Sizes to descend from where several minima are known, in plausible sizes.
 _TIMING_STARTS = (0.2, 0.4, 0.7, 1.0)
 
@@ -142,6 +146,30 @@ def _forward(scores: ScoreTest, threshold: float) -> list[FitResult]:
     return _refitted(fit, larger)
 
 
+def _afresh(scores: ScoreTest, threshold: float) -> list[FitResult]:
+    """Models with one effect more, fitted from stated numbers where the present fit has left these.
+
+    A number that has taken the place of a large effect moves others with it, and scores about that point tell
+    little of the effect: their sign is taken, and a size that is plausible.
+    """
+    fit, found = scores.fit, []
+    vehicle = fit.runs[0].setup.plant.vehicle
+    by_effect = {scores.candidates[i].effect: i for i in _best_by_effect(np.abs(scores.z), scores.candidates)}
+    away = np.abs(fit.nuisances) / fit.problem.nuisance_spread
+    numbers = [fit.problem.nuisances[i] for i in np.argsort(-away) if away[i] > _LEFT]
+    names = dict.fromkeys(number.effect for number in numbers if number.effect in by_effect)
+    for name in list(names)[:_FRESH]:
+        i = by_effect[name]
+        size = math.copysign(_BEGINS * EFFECTS[name].plausible(vehicle), scores.size[i])
+        try:
+            trial = fitted_afresh(fit, (*fit.candidates, scores.candidates[i]), (*fit.sizes, size))
+        except OffroadError:
+            continue
+        if 2.0 * (fit.cost - trial.cost) > threshold**2:
+            found.append(trial)
+    return found
+
+
 def _refitted(
     fit: FitResult, proposals: Sequence[tuple[Sequence[Candidate], Sequence[float]]], enough: float = np.inf
 ) -> list[FitResult]:
@@ -208,7 +236,7 @@ def _pairs(
 def _larger(scores: ScoreTest, threshold: float, test: HoldOutTest) -> list[FitResult]:
     """Models that explain more by as much as an effect must: the best, and those as good, best first."""
     fit = scores.fit
-    single = _forward(scores, threshold)
+    single = sorted([*_forward(scores, threshold), *_afresh(scores, threshold)], key=_order)
     if not single and not fit.candidates:
         return []
     most = linearised_gain(fit, scores) if fit.candidates else float(np.max(scores.z**2, initial=0.0))
