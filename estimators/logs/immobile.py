@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.logs.log import Log
 
-__all__ = ["driven_time", "stuck_spans"]
+__all__ = ["driven_time", "only_spins", "stuck_spans"]
 
 #: A vehicle that is slower stands, while a rim that is faster spins, and is so many times as fast [m/s, -].
 _STANDS, _SPINS, _MORE = 0.3, 1.0, 4.0
@@ -19,6 +19,10 @@ _AGREES = 2.0
 _TURNS = 0.2
 #: Windows, and the shortest stretch [s].
 _LENGTH, _STEP, _SHORTEST = 1.0, 0.5, 3.0
+
+#: A rim that rolls is as fast as the vehicle within this factor, in this share of the windows with motion and
+#: in so many at least; it is slower by twice that in no more than the last share. So many windows tell it.
+_ROLLS, _SOMETIMES, _TIMES, _SELDOM, _WINDOWS = 1.3, 0.02, 2, 0.1, 10
 
 _RIMS = ("omega_f", "omega_r")
 
@@ -56,6 +60,25 @@ def driven_time(log: Log) -> float:
     """Time in which the vehicle is not stuck [s]."""
     last = float(log.times[-1])
     return log.duration - sum(min(end, last) - begin for begin, end in stuck_spans(log))
+
+
+def only_spins(rim: np.ndarray, speed: np.ndarray) -> bool:
+    """Whether a rim differs from the vehicle by its slip alone: here it rolls, and there it spins.
+
+    A rim with another unit or scale rolls in none, one of another sign in none, and noise is often too slow.
+
+    Parameters
+    ----------
+    rim, speed : (W,)
+        Means [m/s] over windows.
+    """
+    known = np.isfinite(rim) & np.isfinite(speed) & (np.abs(speed) > _STANDS)
+    if known.sum() < _WINDOWS:
+        return False
+    ratio = rim[known] / speed[known]
+    rolls = int(np.sum(np.abs(np.log(np.maximum(ratio, 1e-9))) < np.log(_ROLLS)))
+    enough = rolls >= max(_TIMES, _SOMETIMES * len(ratio))
+    return bool(enough and np.mean(ratio < 1.0 / _ROLLS**2) < _SELDOM)
 
 
 def _has(log: Log, name: str) -> bool:

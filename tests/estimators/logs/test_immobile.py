@@ -11,7 +11,7 @@ from estimators.discrepancy.faults.library import FAULTS
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.verdict import Verdict
 from estimators.discrepancy.wording import verdict_sentence
-from estimators.logs.immobile import driven_time, stuck_spans
+from estimators.logs.immobile import driven_time, only_spins, stuck_spans
 from estimators.logs.quality import quality
 
 
@@ -83,3 +83,19 @@ def test_a_sensor_that_holds_one_value_is_stuck_itself(driven):
     gone = driven.times >= 10.0
     log = with_channels(driven, omega_r=np.where(gone, 0.1, driven.channels["omega_r"]))
     assert stuck_spans(log) == ()
+
+
+@pytest.mark.parametrize("seed", [2, 7])
+def test_an_axle_that_spins_now_and_then_is_no_problem_of_the_data(seed):
+    """A centre of gravity so far off the middle leaves one driven axle too little load."""
+    shift = 0.35 if seed == 2 else -0.5
+    assert not quality(simulated_log(draw_case(seed), FAULTS["cg_shift"](shift))).problems
+
+
+def test_a_rim_that_rolls_in_no_window_has_another_unit_and_one_that_is_noise_is_too_slow():
+    rng, speed = np.random.default_rng(3), np.linspace(1.0, 5.0, 40)
+    spins = speed * np.where(np.arange(40) % 4 == 0, 1.02, 3.0)
+    assert only_spins(spins, speed)
+    assert not only_spins(3.0 * speed, speed)
+    assert not only_spins(-spins, speed)
+    assert not only_spins(5.0 * rng.random(40), speed)
