@@ -83,7 +83,7 @@ def _unreached(summary: DiagnosisSummary) -> str:
     if summary.verdict is Verdict.DATA_PROBLEM:
         return "Not reached: the data must be corrected before any model is fitted."
     if summary.verdict is Verdict.OUTSIDE:
-        return "Not reached: no model of this kind can be right, so none is fitted."
+        return "Not reached: no model of this kind can be right, or the vehicle is stuck, so none is fitted."
     if summary.comparison is not None and summary.comparison.found:
         return (
             "Not judged: the structure of the model is wrong, and effects within it would stand in for that."

@@ -64,6 +64,8 @@ _WORTH = 0.3
 #: A structure is named if errors fall by this share of themselves at least (mean logarithm over channels),
 #: with this p-value over the windows apart, of which there must be so many.
 _GAIN, _P_VALUE, _WINDOWS = 0.35, 1e-2, 3
+#: Share of that gain, in the fitted windows, from which all models of the vehicle are tried.
+_HALF = 0.5
 #: A law stays if errors grow by this mean logarithm without it, and is named with this p-value.
 _LOSS, _LOSS_P = 0.03, 0.01
 #: Errors that differ by less than this share (mean logarithm over channels) do not decide between a structure
@@ -193,14 +195,18 @@ def compare_structures(
 
 
 def _presets(trials: Trials, nominal: StructureTrial) -> list[StructureTrial]:
-    """The presets, best first; with all vehicle models where one of them looks better than the nominal."""
+    """The presets, best first; with their best n only where one of them looks better than the nominal.
+
+    With four wheels, which cost most, only where half as much is gained without them as a structure must.
+    """
     half, four = _VEHICLES
     names = [name for name in _PRESETS if name != nominal.case.structure]
     found = [trials.coarse(Case(name, half)) for name in names]
     found.append(trials.near(Case(nominal.case.structure, four), nominal.change))
     if min(map(trials.cost, found)) < trials.cost(nominal) - _WORTH:
         found = [trials.best(one.case, start=one.change) for one in found]
-        found += [trials.best(Case(one.case.structure, four), start=one.change) for one in found[:-1]]
+        if min(map(trials.cost, found)) < trials.cost(nominal) - _HALF * _GAIN * len(FLOORS):
+            found += [trials.best(Case(one.case.structure, four), start=one.change) for one in found[:-1]]
     return sorted(found, key=trials.cost)
 
 

@@ -39,6 +39,8 @@ _STEPS = (-0.2, -0.1, 0.0, 0.1, 0.2)
 _LEAST, _MOST = _GRID[0], _GRID[-1]
 #: Values of the grid this near to one that is tried anyway are left out; accuracy of n; steps from a known n.
 _APART, _ACCURACY, _BESIDE = 0.06, 0.004, 0.05
+#: Values of n that are tried in all windows: those that cost least in every fifth.
+_KEPT = 4
 _SEED = 0
 
 
@@ -97,6 +99,8 @@ class Trials:
         self._changes = _steps(self.stated)
         #: Errors of the windows to which n is fitted, and of those apart.
         self._known: dict[tuple[Case, float, bool], np.ndarray] = {}
+        #: Errors of each portion of the former.
+        self._early: dict[tuple[Case, float, int], np.ndarray] = {}
 
     def errors(self, case: Case, change: float) -> np.ndarray:
         """Root mean square errors (W, C) with n changed by so much; infinite where a window fails."""
@@ -110,16 +114,25 @@ class Trials:
         key = (case, round(change, 6), True)
         if key not in self._known:
             found = np.zeros((len(self.fitted), len(FLOORS)))
-            for rows in self._portions:
-                found[rows] = self._in(case, change, rows)
+            for place, rows in enumerate(self._portions):
+                found[rows] = self._portion(case, change, place)
                 if self._cost(found[self.fitted]) > most:
                     return math.inf
             self._known[key] = found[self.fitted]
         return self._cost(self._known[key])
 
+    def _portion(self, case: Case, change: float, place: int) -> np.ndarray:
+        """The rows of one portion of the windows to which n is fitted."""
+        key = (case, round(change, 6), place)
+        if key not in self._early:
+            self._early[key] = self._in(case, change, self._portions[place])
+        return self._early[key]
+
     def _least(self, case: Case, changes: Sequence[float]) -> float:
-        """The change of n among ``changes`` that costs least."""
+        """The change of n among ``changes`` that costs least; of many, one that costs little at once."""
         best, least = changes[0], math.inf
+        if len(changes) > _KEPT and self._portions[0].any():
+            changes = sorted(changes, key=lambda change: self._cost(self._portion(case, change, 0)))[:_KEPT]
         for change in sorted(changes, key=abs):
             cost = self._cost_up_to(case, change, least)
             if cost < least:

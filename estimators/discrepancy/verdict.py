@@ -19,6 +19,7 @@ from estimators.discrepancy.rig.structure_search import StructuralCause
 from estimators.discrepancy.search.result import Cause, SearchResult
 from estimators.discrepancy.structure_comparison import StructureComparison
 from estimators.logs.channel_checks import OUTSIDE
+from estimators.logs.immobile_findings import IMMOBILE
 from estimators.logs.log import Log
 from estimators.logs.quality import QualityReport
 from estimators.logs.units import Finding
@@ -63,7 +64,7 @@ class Verdict(StrEnum):
     """Outcome of a diagnosis."""
 
     DATA_PROBLEM = "DATA PROBLEM"  #: the data must be corrected before any model is fitted
-    OUTSIDE = "OUTSIDE THE MODEL"  #: no model of this kind can be right, whatever its parameters
+    OUTSIDE = "OUTSIDE THE MODEL"  #: no model of this kind can be right; or the vehicle is stuck
     NUMERICS = "NUMERICS"  #: the fit or the solver is not accurate enough
     NOT_TESTABLE = "NOT TESTABLE"  #: the data are not informative enough
     UNEXPLAINED = "UNEXPLAINED"  #: a model error that no effect of the library explains
@@ -330,7 +331,7 @@ class VehicleDiagnosis(Diagnosis):
         if NOMINAL in self.failed:
             return Verdict.NUMERICS
         if self.search is None:
-            outside = bool(self.findings) and all(finding.kind == OUTSIDE for finding in self.findings)
+            outside = {finding.kind for finding in self.findings} in ({OUTSIDE}, {IMMOBILE})
             return Verdict.OUTSIDE if outside else Verdict.DATA_PROBLEM
         if self.inaccurate:
             return Verdict.NUMERICS

@@ -17,6 +17,7 @@ from estimators.discrepancy.verdict import (
     VehicleDiagnosis,
     Verdict,
 )
+from estimators.logs.immobile_findings import IMMOBILE
 from offroad_env.effects import EFFECTS
 from offroad_env.effects.protocol import Effect
 
@@ -146,6 +147,8 @@ def _sentence_without_causes(verdict: Verdict, diagnosis: Diagnosis) -> str:
         return f"The data must be corrected first: {diagnosis.findings[0].sentence}."
     if verdict is Verdict.OUTSIDE:
         sentence = diagnosis.findings[0].sentence
+        if diagnosis.findings[0].kind == IMMOBILE:
+            return f"There is no drive to diagnose: {sentence}."
         return f"No model of this kind can be right: {sentence}"
     if verdict is Verdict.NUMERICS:
         for section in (NOMINAL, SEARCH):

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators.logs.immobile import only_spins
 from estimators.logs.log import Log
 from estimators.logs.mounting_leaks import Leak, leaks_into_push, leaks_into_turn, without_leaks
 from estimators.logs.signals import Windows, likeness, longest_run
@@ -301,8 +302,10 @@ def _excused(found: Suspect, route: Route, rest: tuple[np.ndarray, Sequence[Rout
     """
     reference, others = rest
     if _of(route, _WHEELS):
-        if motion.name != "speed" or found.kind != "scale":
-            return motion.name != "speed"
+        if motion.name != "speed" or (found.correlation != 0.0 and only_spins(route.values, reference)):
+            return True
+        if found.kind != "scale":
+            return False
         fast = np.where(np.abs(reference) > _SLOW, reference, math.nan)
         return not _always(np.abs(route.values / fast), motion)
     if motion is not MOTIONS["push"]:
@@ -365,6 +368,12 @@ def _of_two(route: Route, others: Sequence[Route], motion: Motion) -> tuple[Susp
     found, decided = _contradiction(route, others[0].values, others[0].channels, motion)
     if found is None or found.kind == "contradiction":
         return None, decided
+    wheels = motion is MOTIONS["speed"] and _of(route, _WHEELS) and _of(others[0], _WHEELS)
+    if wheels and found.kind == "scale":
+        # One axle may spin, whichever it is.
+        pair = (route.values, others[0].values)
+        if only_spins(np.fmax(*np.abs(pair)), np.fmin(*np.abs(pair))):
+            return None, True
     both = tuple(sorted((*route.channels, *others[0].channels)))
     return replace(found, channels=both), decided
 

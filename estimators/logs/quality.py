@@ -11,6 +11,7 @@ import numpy as np
 
 from estimators.logs.channel_checks import channel_findings, reconciled
 from estimators.logs.clocks import clock_findings
+from estimators.logs.immobile_findings import stuck_findings
 from estimators.logs.log import Log
 from estimators.logs.schema import IMU, RIG_COLUMNS, VEHICLE_COLUMNS
 from estimators.logs.signals import (
@@ -150,7 +151,7 @@ def quality(log: Log) -> QualityReport:
         findings += _timing_findings("t", timing(log.times), 0.5)
         findings += clock_findings(log, {f.channel for f in findings if f.kind in ("axes", "sign")})
         findings += _excitation_findings(log)
-        findings += _jump_findings(log)
+        findings += [*_jump_findings(log), *stuck_findings(log)]
     measured = {name: _measure(log, name, findings) for name in log.channels}
     order = ("problem", "warning", "note")
     findings.sort(key=lambda finding: order.index(finding.severity))

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage, stats
 
+from estimators.logs.immobile import stuck_spans
 from estimators.logs.log import Log
 
 __all__ = [
@@ -149,10 +150,11 @@ def uninterrupted(log: Log, times: np.ndarray) -> np.ndarray:
 
 
 class Windows:
-    """Windows of one length over a log, half overlapping."""
+    """Windows of one length over a log, half overlapping; NaN where the vehicle is stuck."""
 
     def __init__(self, log: Log, length: float = 1.0) -> None:
         self.log, self.length = log, length
+        self._stuck = stuck_spans(log)
         t = log.times
         self.starts = np.arange(t[0], t[-1] - length, 0.5 * length)
 
@@ -171,6 +173,8 @@ class Windows:
         result[(self.starts < t[0] - limit) | (ends > t[-1] + limit)] = math.nan
         for i in np.flatnonzero(step > limit):
             result[(self.starts < t[i + 1]) & (ends > t[i])] = math.nan
+        for begin, end in self._stuck:
+            result[(self.starts < end) & (ends > begin)] = math.nan
         return result
 
     def mean(self, name: str) -> np.ndarray | None:

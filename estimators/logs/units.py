@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators.logs.immobile import only_spins
 from estimators.logs.log import Log
 from estimators.logs.signals import Likeness, Windows, likeness, noise_sd
 from offroad_env.physics.numerics import GRAVITY
@@ -286,6 +287,8 @@ def _speed_laws(windows: Windows, judge: _Judge) -> None:
     for name in ("omega_f", "omega_r"):
         mean = windows.mean(name)
         if mean is None or judge.suspects("v_x") or judge.suspects("speed") or judge.suspects("x"):
+            continue
+        if forward is not None and only_spins(mean * r, forward):
             continue
         # Slip moves this factor as well, so only close to a unit's own number is it suspected.
         candidates = [_Candidate(_DEGREES, name, "deg/s"), _Candidate(30.0 / math.pi, name, "rpm")]

@@ -220,6 +220,12 @@ def settled_state(
     """
     require_record("plant", plant, Plant, "make_plant")
     pose = (one_number("x", x), one_number("y", y), one_number("yaw", yaw))
+    soil = plant.soil
+    if soil.rigid <= 0.5 and not min(soil.k_x, soil.k_y) > 0.0:
+        # Records may be changed without `make_soil`, and no rolling is found where shear has no length.
+        raise SolverFailure(
+            f"the shear moduli of the soil must be positive, got {soil.k_x:g} and {soil.k_y:g} m"
+        )
     rest = settle if plant.four_wheel is None else settle_four_wheels
     status, state, warm = rest(plant, pose, one_number("v_x", v_x))
     if status >= SUNK:

@@ -140,6 +140,14 @@ def test_ground_that_cannot_carry_the_vehicle_is_an_error_that_says_so(soil):
         settled(soil)
 
 
+@pytest.mark.parametrize("modulus", [0.0, -0.01])
+def test_soil_without_a_shear_modulus_is_an_error_and_no_endless_search(modulus):
+    plant = plant_on(SOILS["dry_sand"])
+    plant = plant._replace(soil=plant.soil._replace(k_x=modulus, k_y=modulus))
+    with pytest.raises(SolverFailure, match="shear moduli of the soil must be positive"):
+        settled_state(plant)
+
+
 # ---------------------------------------------------------------------- the full model under commands
 
 

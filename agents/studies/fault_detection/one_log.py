@@ -25,6 +25,7 @@ from estimators.discrepancy.physical_ranges import NEVER_NEGATIVE
 from estimators.discrepancy.search.result import SearchResult
 from estimators.discrepancy.search.score_test import ScoreTest, candidates_for, score_test
 from estimators.discrepancy.verdict import VehicleDiagnosis
+from estimators.logs.immobile_findings import IMMOBILE
 from estimators.logs.log import Log
 from offroad_env.effects import EFFECTS, apply
 from offroad_env.errors import OffroadError
@@ -198,6 +199,7 @@ def _summary(diagnosis: VehicleDiagnosis, case: Case) -> Numbers:
     found, checks = diagnosis.search, diagnosis.checks
     return {
         "verdict": diagnosis.verdict.value,
+        "stuck": any(one.kind == IMMOBILE for one in diagnosis.findings),
         "road": case.road,
         "sets": [[one.candidate.effect for one in cause.alternatives] for cause in diagnosis.causes],
         "sizes": [[(one.size, one.deviation) for one in cause.alternatives] for cause in diagnosis.causes],

@@ -40,7 +40,7 @@ class NaturalFaults(Results):
     nulls: int = 300  #: logs without a fault
     seeds: int = 16  #: logs for each cause in each form, at twice its limit
     large: int = 7  #: logs for each cause at seven times its limit
-    pairs: int = 8  #: logs of every seed with two causes, at twice and at seven times their limits
+    pairs: int = 3  #: logs of every seed with two causes, at twice and at seven times their limits
     wrong: int = 17  #: logs for each wrong number
     first_seed: Annotated[int, arg(help="of the logs: others are a fresh sample")] = 5000  #: of the logs
     n_jobs: Jobs = 2  #: local processes
@@ -63,6 +63,15 @@ class NaturalFaults(Results):
         self.save_numbers(numbers)
 
     def _keys(self, known: Mapping[int, Numbers]) -> list[Key]:
+        """All logs; the first part of them has about the same share of every kind."""
+        by_kind: dict[str, list[Key]] = {}
+        for key in self._by_kind(known):
+            by_kind.setdefault(str(key[0]), []).append(key)
+        shares = [((i + 0.5) / len(own), kind) for kind, own in by_kind.items() for i in range(len(own))]
+        places = {kind: iter(own) for kind, own in by_kind.items()}
+        return [next(places[kind]) for _, kind in sorted(shares)]
+
+    def _by_kind(self, known: Mapping[int, Numbers]) -> list[Key]:
         first = self.first_seed
         keys: list[Key] = [("natural", "", 0.0, first + i) for i in range(self.nulls)]
         keys += [("wrong", name, 1.0, first + i) for i in range(self.wrong) for name in WRONG_NUMBERS]
@@ -91,6 +100,9 @@ class NaturalFaults(Results):
         return [every[i] for i in order[: self.pairs]]
 
 
+#: Kinds of logs in which vehicles get stuck at once, so that there is no drive to diagnose: counted without
+#: these, too.
+_HARD = ("large", "large two")
 #: What is counted of every kind of log.
 _COUNTS = ("detected", "family in the sets", "another cause for certain")
 
@@ -106,6 +118,8 @@ def counted_naturally(results: Mapping[Key, Numbers]) -> dict[str, Numbers]:
     for key, result in done:
         kind, name = str(key[0]), str(key[1])
         groups.setdefault(kind, []).append((name, result))
+        if kind in _HARD and not result.get("stuck"):
+            groups.setdefault(f"{kind}, not stuck", []).append((name, result))
     for key, result in done:
         if key[0] in ("wrong", "other"):
             groups.setdefault(f"{key[0]}: {key[1]}", []).append((str(key[1]), result))

@@ -17,15 +17,18 @@ from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.linearisation import Jacobian, Linearisation
 from estimators.discrepancy.model.natural_world import null_simulations
+from estimators.discrepancy.model.parameters import Candidate, Point
 from estimators.discrepancy.model.problem import LeastSquaresProblem
 from estimators.discrepancy.model.protocol import ForwardModel
 
-__all__ = ["autoregressive", "fit_runs", "settled", "stretches_of"]
+__all__ = ["autoregressive", "fit_runs", "fitted_afresh", "settled", "stretches_of"]
 
 #: Steps towards starts that a ground about right leads to.
 _ROUGHLY = 3
 #: Passes of descending and learning the noise; the gain of a pass that ends them, in the log-likelihood.
 _PASSES, _SETTLED = 6, 1.0
+#: Where all derivatives are new at last, and the cost falls by more than this: once more, so often in all.
+_UNSETTLED, _TIMES = 5.0, 2
 #: Least standard deviation of a channel, in its unit: a channel that never changes must stay solvable.
 _LEAST_DEVIATION = 1e-6
 
@@ -44,42 +47,78 @@ def fit_runs(runs: Sequence[ForwardModel], *, white: bool = False) -> FitResult:
         When the model cannot be run at all.
     """
     problem = LeastSquaresProblem(runs)
-    fit = _fitted(problem, white=white, wide=False)
+    # Far from the data, noise as small as the sensors' leads into the nearest valley, by many steps.
+    fit = _fitted(problem, white=white, wide=True)
     if problem.hard or not fit.converged:
-        # Far from the data, noise as small as the sensors' leads into the nearest valley. On hard ground
-        # that may hold: tyres at a limit of their stiffness turn the car late, too.
-        other = _fitted(problem, white=white, wide=True)
-        fit = min(fit, other, key=lambda each: each.minus_log_likelihood)
+        # On hard ground that valley may hold: tyres at a limit of their stiffness turn the car late, too.
+        other = _fitted(problem, white=white, wide=False)
+        fit = min(other, fit, key=lambda each: each.minus_log_likelihood)
     return fit if white else replace(fit, null=null_simulations(fit))
 
 
 def _fitted(problem: LeastSquaresProblem, *, white: bool, wide: bool) -> FitResult:
-    first = Linearisation.at(problem, problem.begun(problem.stated()))
+    return settled(_begun(problem, problem.stated(), white=white, wide=wide))
+
+
+def _begun(problem: LeastSquaresProblem, point: Point, *, white: bool = False, wide: bool) -> FitResult:
+    """About the parameters, and starts that these lead to, from a point without starts."""
+    first = Linearisation.at(problem, problem.begun(point))
     noise = _first_noise(first, wide=wide)
     fit = FitResult(linearisation=first, jacobian=Jacobian(), noise=noise, white=white)
     # Once more from the starts that a ground about right leads to: no sensor may have measured the speed.
     fit = GaussNewton(rounds=_ROUGHLY).descend(fit)
-    return settled(fit.moved(problem.begun(fit.point)))
+    return fit.moved(problem.begun(fit.point))
 
 
-def settled(fit: FitResult) -> FitResult:
-    """Descend and learn the noise in turn, until neither changes much.
+def fitted_afresh(fit: FitResult, candidates: Sequence[Candidate], sizes: Sequence[float]) -> FitResult:
+    """The model with these effects fitted from stated numbers and these sizes, the noise as it is.
+
+    For effects so large that the numbers of a model without them are far from any truth, and with them what
+    the effects do there.
 
     Raises
     ------
     SolverFailure
         Where the model has no solution.
     """
+    stated = replace(fit.problem.stated(), candidates=tuple(candidates), sizes=np.array(sizes))
+    begun = _begun(fit.problem, stated, white=fit.white, wide=True)
+    return GaussNewton().descend(replace(begun, noise=fit.noise, null=fit.null))
+
+
+def settled(fit: FitResult, *, fresh: bool = True) -> FitResult:
+    """Descend and learn the noise in turn, until neither changes much.
+
+    Parameters
+    ----------
+    fresh
+        Take new derivatives at the beginning, too, and not only at the end: for a point that no descent has
+        reached.
+
+    Raises
+    ------
+    SolverFailure
+        Where the model has no solution.
+    """
+    for _ in range(_TIMES):
+        fit = _alternated(fit, fresh=fresh)
+        # All derivatives at the point that is reached: scores project one kind from the other.
+        fit = GaussNewton(whole=True).descend(fit.with_learned_noise())
+        if fit.first_cost - fit.cost < _UNSETTLED:
+            break
+        fresh = False
+    return fit.with_null(fit.null)
+
+
+def _alternated(fit: FitResult, *, fresh: bool) -> FitResult:
+    """Descend and learn the noise in turn; the last descent may still be missing."""
     fit, descent = replace(fit, converged=False), GaussNewton()
     for i in range(_PASSES):
-        fit = descent.descend(fit, fresh=i == 0)
+        fit = descent.descend(fit, fresh=fresh and i == 0)
         if i > 0 and fit.first_cost - fit.cost < _SETTLED:
-            fit = replace(fit, converged=not fit.stalled)
-            break
+            return replace(fit, converged=not fit.stalled)
         fit = fit.with_learned_noise()
-    # All derivatives at the point that is reached: scores project one kind from the other.
-    fit = descent.descend(fit.with_learned_noise())
-    return fit.with_null(fit.null)
+    return fit
 
 
 def stretches_of(problem: LeastSquaresProblem) -> AutoregressiveNoise:

@@ -27,6 +27,8 @@ _ENOUGH = 0.05
 _SLOW, _STAKE = 0.2, 1.0
 #: Predicted reduction without an actual one, above which the point is no minimum.
 _STALLED = 10.0
+#: Most reduction of the cost, over the predicted one, by new derivatives and by old ones.
+_HOPE, _OLD_HOPE = 2.0, 5.0
 #: Shares of a step that are tried until one lowers the cost.
 _SHARES = (1.0, 0.5, 0.2, 0.05)
 
@@ -56,6 +58,9 @@ class GaussNewton:
     rounds: int = 8
     held: bool = False  #: only the starts of the windows move
     enough: float = np.inf  #: the descent ends where no cost below this can be expected
+    #: All new derivatives are by the tolerated numbers, too. Else the first of a descent are not: on the way
+    #: to a minimum earlier ones serve as well, unless that way is long.
+    whole: bool = False
 
     def descend(self, fit: FitResult, *, fresh: bool = True) -> FitResult:
         """The fit at the minimum.
@@ -73,18 +78,19 @@ class GaussNewton:
         renews = fit.problem.renews_derivatives
         fit = fit.carried_to(replace(fit, first_cost=fit.cost, stalled=False))
         new = fresh or renews or fit.jacobian.states is None
-        fit, white = self._linearised(fit) if new else self._whitened(fit)
-        before = np.inf
+        fit, white = self._linearised(fit, tolerated=self.whole) if new else self._whitened(fit)
+        before, whole = np.inf, self.whole
         for i in range(self.rounds):
             if renews and i > 0:
                 # Errors of settings are small: what they change depends little on where the descent is.
                 (fit, white), new = self._linearised(fit, states=False), True
             step = _step(fit, white)
             if not new and step.predicted > max(_SLOW * before, _STAKE):
-                (fit, white), new = self._linearised(fit), True
+                (fit, white), new, whole = self._linearised(fit, tolerated=whole), True, True
                 step = _step(fit, white)
-            # With derivatives that are wrong by half, the reduction is at most twice the predicted one.
-            if step.predicted < _ENOUGH or (new and fit.cost - 2.0 * step.predicted > self.enough):
+            # With new derivatives that are wrong by half, the reduction is at most twice the predicted one.
+            hope = step.predicted * (_HOPE if new else _OLD_HOPE)
+            if step.predicted < _ENOUGH or fit.cost - hope > self.enough:
                 break
             trial = _tried(fit, step, _SHARES if step.predicted > _STAKE else _SHARES[:1])
             gain = 0.0 if trial is None else fit.cost - trial.cost
@@ -96,13 +102,15 @@ class GaussNewton:
             new, before = False, step.predicted if trial is not None else 0.0
         return fit.carried_to(replace(fit, equations=step.equations))
 
-    def _linearised(self, fit: FitResult, *, states: bool = True) -> tuple[FitResult, _White]:
-        """With new derivatives at the present point; by states only where they are wanted."""
+    def _linearised(
+        self, fit: FitResult, *, states: bool = True, tolerated: bool = True
+    ) -> tuple[FitResult, _White]:
+        """With new derivatives at the present point; by states and tolerated numbers if wanted."""
         there = fit.linearisation
         if self.held:
             jacobian = fit.jacobian.renewed_states(there)
         else:
-            jacobian = fit.jacobian.renewed(there, states=states)
+            jacobian = fit.jacobian.renewed(there, states=states, tolerated=tolerated)
         return self._whitened(fit.carried_to(replace(fit, jacobian=jacobian)))
 
     def _whitened(self, fit: FitResult) -> tuple[FitResult, _White]:

@@ -97,10 +97,17 @@ class Linearisation:
             columns.append(self._change(self.setups, starts, steps[0])[:, None])
         return np.concatenate(columns, axis=1)
 
-    def nuisance_columns(self) -> np.ndarray:
-        """Derivatives by the nuisances, (M, N); 0 for those that do not exist in these runs."""
+    def nuisance_columns(self, known: np.ndarray | None = None) -> np.ndarray:
+        """Derivatives by the nuisances, (M, N); 0 for those that do not exist in these runs.
+
+        ``known`` (M, N): earlier ones, which serve again for the numbers that are stated to a tolerance.
+        These move little, and are half of the work of a linearisation.
+        """
         columns = []
         for i, nuisance in enumerate(self.problem.nuisances):
+            if known is not None and nuisance.tolerated:
+                columns.append(known[:, i])
+                continue
             if not any(acts(nuisance, run) for run in self.problem.runs):
                 columns.append(np.zeros(self.problem.rows))
                 continue
@@ -185,11 +192,17 @@ class Jacobian:
         """The same with new derivatives by the states."""
         return replace(self, states=at.state_columns())
 
-    def renewed(self, at: Linearisation, *, states: bool = True) -> Jacobian:
+    def renewed(self, at: Linearisation, *, states: bool = True, tolerated: bool = True) -> Jacobian:
         """New derivatives by states, nuisances and the effects in the model.
 
-        ``states``: those by states, too, or else those that are there. Those by other effects are left out:
-        on bumps, starts that moved by ten centimetres change them.
+        Those by other effects are left out: on bumps, starts that moved by ten centimetres change them.
+
+        Parameters
+        ----------
+        states
+            Those by states, too, or else those that are there.
+        tolerated
+            Likewise those by numbers that are stated to a tolerance.
 
         Raises
         ------
@@ -197,7 +210,7 @@ class Jacobian:
             Where the model has no solution.
         """
         known = self.states if not states and self.states is not None else at.state_columns()
-        nuisances, effects = at.nuisance_columns(), {}
+        nuisances, effects = at.nuisance_columns(None if tolerated else self.nuisances), {}
         for candidate, size in zip(at.point.candidates, at.point.sizes, strict=True):
             column = at.effect_column(candidate)
             if column is None:

@@ -54,6 +54,7 @@ class Nuisance:
     hard: bool = False  #: of hard ground alone
     soft: bool = False  #: of soil alone
     tolerated: bool = False  #: a number that is stated to a tolerance, where the log does not call it exact
+    effect: str = ""  #: what is beyond that tolerance, by its name in the library; empty: nothing
     own: bool = False  #: of every drive its own, where several drives of one vehicle are fitted together
     log: str = ""  #: hash of the only log in which it acts; empty: in all
     unknown: str = ""  #: what the log must call unknown

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.signal import lfilter
@@ -23,6 +24,7 @@ from estimators.discrepancy.model.window_simulation import (
 from estimators.discrepancy.model.windows import Windows, cut
 from estimators.discrepancy.physical_ranges import drive_range
 from estimators.logs.clocks import pose_age
+from estimators.logs.immobile import stuck_spans
 from estimators.logs.log import Log
 from estimators.logs.runs import plant_of
 from estimators.logs.signals import uninterrupted
@@ -76,6 +78,13 @@ def drives(runs: Sequence[ForwardModel]) -> tuple[RunModel, ...]:
     return found
 
 
+class _Driven(NamedTuple):
+    """Inputs of a run."""
+
+    commands: np.ndarray  #: (K, 3)
+    actuators: np.ndarray  #: (K + 1, 3)
+
+
 class RunModel:
     """What a simulation needs of one log, made once; a `ForwardModel`.
 
@@ -108,6 +117,8 @@ class RunModel:
     ) -> None:
         self.log, self.nuisances = log, nuisances
         self._held: Mapping[str, float] = {}
+        #: Of the last simulation: derivatives by starts and most parameters leave the inputs as they are.
+        self._last: tuple[Any, _Driven] | None = None
         plant = plant_of(log)
         full = log.config.model == "full"
         imu = ImuConfig(
@@ -182,11 +193,14 @@ class RunModel:
     def _usable(self) -> np.ndarray | None:
         """(K,) steps of the grid that can be simulated; None where all can.
 
-        In a gap of the log the inputs are unknown; no start fits on both sides of a position that jumps. Near
-        standstill on hard ground the slip of a tyre is undefined, and the model is regularised.
+        In a gap of the log the inputs are unknown; no start fits on both sides of a position that jumps; a
+        vehicle that stands while its wheels spin shows no more than that. Near standstill on hard ground the
+        slip of a tyre is undefined, and the model is regularised.
         """
         middle = self.t_0 + self.step * (np.arange(self.count) + 0.5)
         usable = uninterrupted(self.log, middle)
+        for begin, end in stuck_spans(self.log):
+            usable &= (middle < begin) | (middle > end)
         plant = self.setup.plant
         if plant.soil.rigid > 0.5:
             name = next((name for name in ("v_x", "speed", *_RIMS) if self._has(name)), None)
@@ -287,6 +301,20 @@ class RunModel:
         total = inputs.drive_scale * sum(self._mean(name, inputs.delay) for name in names)
         return np.column_stack([steer, np.maximum(total, 0.0), np.maximum(-total, 0.0)])
 
+    def _driven_by(self, setup: Setup) -> _Driven:
+        """Commands and the states of the actuators that follow them."""
+        vehicle = setup.plant.vehicle
+        lags = (vehicle.steer_rate, vehicle.steer_lag, vehicle.torque_lag)
+        key = (setup.inputs, setup.model, self.dt, self.steps, lags)
+        if self._last is None or self._last[0] != key:
+            commands = self.commands(setup.inputs)
+            # The paper's vehicle has no actuators.
+            states = np.empty((0, 3))
+            if setup.model == "full":
+                states = actuator_states(vehicle, commands, self.dt, self.steps)
+            self._last = key, _Driven(commands, states)
+        return self._last[1]
+
     def _steering(self, inputs: Inputs) -> np.ndarray:
         """Commanded steering after delay, gain, offset and lag, (K,) [rad]."""
         steer = self._mean("steer", inputs.delay + inputs.steer_delay)
@@ -334,15 +362,13 @@ class RunModel:
         records = int(windows.begin[-1])
         out = Histories(np.empty((records, at.STATE_SIZE)), np.zeros((records, at.READINGS_SIZE)))
         spans = np.stack([windows.first, windows.count], axis=1)
-        commands, timing = self.commands(setup.inputs), Timing(self.dt, self.steps)
+        (commands, actuators), timing = self._driven_by(setup), Timing(self.dt, self.steps)
         if setup.model == "full":
-            actuators = actuator_states(setup.plant.vehicle, commands, self.dt, self.steps)
             rims = self._rim_speeds(setup)
             begin = WindowStarts(starts, warm, actuators)
             worst = run_full(begin, spans, commands, rims, setup.plant, timing, out)
         else:
-            # The paper's vehicle has no actuators.
-            begin = WindowStarts(starts, warm, np.empty((0, 3)))
+            begin = WindowStarts(starts, warm, actuators)
             worst = run_paper(begin, spans, commands, setup.plant, timing, out)
         if worst.max() >= SUNK:
             t = self.t_0 + self.step * windows.first[int(worst.argmax())]

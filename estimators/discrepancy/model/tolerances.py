@@ -58,31 +58,35 @@ def _spin_inertia(setup: Setup, run: ForwardModel, value: float) -> Setup:
     return _vehicle("I_w", "I_w")(setup, run, value) if run.driven else setup
 
 
-def _of_vehicle(name: str, change: _Change, *, pitching: bool = False) -> Nuisance:
-    return Nuisance(name=name, change=change, spread=1.0, step=_STEP, pitching=pitching, tolerated=True)
+def _of_vehicle(name: str, change: _Change, *, pitching: bool = False, effect: str = "") -> Nuisance:
+    return Nuisance(
+        name=name, change=change, spread=1.0, step=_STEP, pitching=pitching, tolerated=True, effect=effect
+    )
 
 
-def _of_soil(name: str, change: _Change) -> Nuisance:
-    return Nuisance(name=name, change=change, spread=1.0, step=_STEP, soft=True, tolerated=True)
+def _of_soil(name: str, change: _Change, *, effect: str = "") -> Nuisance:
+    return Nuisance(
+        name=name, change=change, spread=1.0, step=_STEP, soft=True, tolerated=True, effect=effect
+    )
 
 
-#: In standard deviations. What lies far beyond is an effect of the library, each of which has one here: a
-#: payload for the mass, `friction_angle` for tan(phi), and so on.
+#: In standard deviations. What lies far beyond is an effect of the library: a payload for the mass,
+#: `friction_angle` for tan(phi), and so on.
 TOLERATED = (
-    _of_vehicle("mass", _vehicle("m", "m")),
-    _of_vehicle("inertia_z", _vehicle("I_z", "I_z")),
+    _of_vehicle("mass", _vehicle("m", "m"), effect="payload"),
+    _of_vehicle("inertia_z", _vehicle("I_z", "I_z"), effect="inertia"),
     _of_vehicle("inertia_y", _vehicle("I_y", "I_y"), pitching=True),
-    _of_vehicle("cg_height", _vehicle("h_cg", "h_cg"), pitching=True),
-    _of_vehicle("cg_place", _balance_of_mass),
-    _of_vehicle("springs_f", _vehicle("springs", "k_f"), pitching=True),
-    _of_vehicle("springs_r", _vehicle("springs", "k_r"), pitching=True),
+    _of_vehicle("cg_height", _vehicle("h_cg", "h_cg"), pitching=True, effect="cg_height"),
+    _of_vehicle("cg_place", _balance_of_mass, effect="cg_shift"),
+    _of_vehicle("springs_f", _vehicle("springs", "k_f"), pitching=True, effect="spring_rate"),
+    _of_vehicle("springs_r", _vehicle("springs", "k_r"), pitching=True, effect="spring_rate"),
     _of_vehicle("dampers_f", _vehicle("dampers", "c_f"), pitching=True),
     _of_vehicle("dampers_r", _vehicle("dampers", "c_r"), pitching=True),
-    _of_vehicle("radius", _vehicle("r", "r")),
+    _of_vehicle("radius", _vehicle("r", "r"), effect="wheel_radius_scale"),
     _of_vehicle("spin_inertia", _spin_inertia),
     _of_soil("moduli", _soil("k", "k_c", "k_phi")),
-    _of_soil("cohesion", _soil("c", "c")),
-    _of_soil("strength", _strength),
-    _of_soil("shear_moduli", _soil("K", "k_x", "k_y")),
-    _of_soil("exit_angle", _angles),
+    _of_soil("cohesion", _soil("c", "c"), effect="cohesion"),
+    _of_soil("strength", _strength, effect="friction_angle"),
+    _of_soil("shear_moduli", _soil("K", "k_x", "k_y"), effect="shear_modulus"),
+    _of_soil("exit_angle", _angles, effect="exit_angle"),
 )

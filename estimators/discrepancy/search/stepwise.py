@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import norm
 
-from estimators.discrepancy.model.fit import settled
+from estimators.discrepancy.model.fit import fitted_afresh, settled
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.normal_equations import projected
@@ -16,7 +17,7 @@ from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.protocol import ForwardModel
 from estimators.discrepancy.physical_ranges import at_end
 from estimators.discrepancy.search.holdout import HoldOutResult, HoldOutTest
-from estimators.discrepancy.search.pair_search import linearised_gain, proposed_pairs
+from estimators.discrepancy.search.pair_search import Proposal, linearised_gain, proposed_pairs
 from estimators.discrepancy.search.result import EQUIVALENT, Alternative, Cause, SearchResult, separation
 from estimators.discrepancy.search.score_test import (
     ScoreTest,
@@ -49,6 +50,9 @@ _TESTED = 3
 _NEAR_BEST = 0.8
 #: Effects whose scores exceed so many thresholds, which noise does not, are sought closely along the route.
 _LARGE = 2.0
+#: Standard deviations from a stated number from which its effect is fitted afresh, for so many numbers, the
+#: furthest off, from this share of a plausible size.
+_LEFT, _FRESH, _BEGINS = 5.0, 2, 0.5
 #: Sizes to descend from where several minima are known, in plausible sizes.
 _TIMING_STARTS = (0.2, 0.4, 0.7, 1.0)
 
@@ -142,18 +146,42 @@ def _forward(scores: ScoreTest, threshold: float) -> list[FitResult]:
     return _refitted(fit, larger)
 
 
+def _afresh(scores: ScoreTest, threshold: float) -> list[FitResult]:
+    """Models with one effect more, fitted from stated numbers where the present fit has left these.
+
+    A number that has taken the place of a large effect moves others with it, and scores about that point tell
+    little of the effect: their sign is taken, and a size that is plausible.
+    """
+    fit, found = scores.fit, []
+    vehicle = fit.runs[0].setup.plant.vehicle
+    by_effect = {scores.candidates[i].effect: i for i in _best_by_effect(np.abs(scores.z), scores.candidates)}
+    away = np.abs(fit.nuisances) / fit.problem.nuisance_spread
+    numbers = [fit.problem.nuisances[i] for i in np.argsort(-away) if away[i] > _LEFT]
+    names = dict.fromkeys(number.effect for number in numbers if number.effect in by_effect)
+    for name in list(names)[:_FRESH]:
+        i = by_effect[name]
+        size = math.copysign(_BEGINS * EFFECTS[name].plausible(vehicle), scores.size[i])
+        try:
+            trial = fitted_afresh(fit, (*fit.candidates, scores.candidates[i]), (*fit.sizes, size))
+        except OffroadError:
+            continue
+        if 2.0 * (fit.cost - trial.cost) > threshold**2:
+            found.append(trial)
+    return found
+
+
 def _refitted(
-    fit: FitResult, proposals: Sequence[tuple[Sequence[Candidate], Sequence[float]]]
+    fit: FitResult, proposals: Sequence[tuple[Sequence[Candidate], Sequence[float]]], enough: float = np.inf
 ) -> list[FitResult]:
     """The models of these effects and sizes fitted, best first; what breaks down is left out.
 
     Last are those with a size at an end of its physical range, which is never named: what is as good within
-    its range comes first.
+    its range comes first. What cannot cost less than ``enough`` is not fitted to the end.
     """
     trials = []
     for candidates, sizes in proposals:
         late = [i for i, candidate in enumerate(candidates) if EFFECTS[candidate.effect].family == "timing"]
-        done = refit(fit, candidates, sizes, late[-1] if late else -1)
+        done = refit(fit, candidates, sizes, late[-1] if late else -1, enough)
         if done is not None:
             trials.append(done)
     return sorted(trials, key=_order)
@@ -173,13 +201,23 @@ def _order(fit: FitResult) -> tuple[bool, float]:
     return any(at_end(one.effect, float(size), limits(one.effect)) for one, size in pairs), fit.cost
 
 
-def _pairs(scores: ScoreTest, threshold: float, most: float) -> list[FitResult]:
+def _pairs(
+    scores: ScoreTest,
+    threshold: float,
+    most: float,
+    enough: float,
+    known: Collection[frozenset[str]] = (),
+) -> list[FitResult]:
     """Models with one effect more (two, if there is none yet), of which one present effect may be left out.
 
     Parameters
     ----------
     most
         Gain of the best model with so many effects less one, in twice the log-likelihood.
+    enough
+        Cost above which a model is of no use.
+    known
+        Sets of names that are fitted already.
     """
     fit = scores.fit
     inside = range(len(fit.sizes))
@@ -187,24 +225,35 @@ def _pairs(scores: ScoreTest, threshold: float, most: float) -> list[FitResult]:
     found = [proposal for base in bases for proposal in proposed_pairs(fit, scores, base, _REFITS)]
     found = [proposal for proposal in found if proposal.gain > most + threshold**2]
     best = max((proposal.gain for proposal in found), default=0.0)
-    near = sorted((one for one in found if one.gain > best - _FIRST_LOOK), key=lambda one: -one.gain)
-    return _refitted(fit, [(proposal.candidates, proposal.sizes) for proposal in near[:_REFITS]])
+    near: dict[frozenset[str], Proposal] = {}
+    for one in sorted(found, key=lambda one: -one.gain):
+        names = _names(one.candidates)
+        if one.gain > best - _FIRST_LOOK and names not in known and len(near) < _REFITS:
+            near.setdefault(names, one)
+    return _refitted(fit, [(one.candidates, one.sizes) for one in near.values()], enough)
 
 
 def _larger(scores: ScoreTest, threshold: float, test: HoldOutTest) -> list[FitResult]:
     """Models that explain more by as much as an effect must: the best, and those as good, best first."""
     fit = scores.fit
-    single = _forward(scores, threshold)
+    single = sorted([*_forward(scores, threshold), *_afresh(scores, threshold)], key=_order)
     if not single and not fit.candidates:
         return []
     most = linearised_gain(fit, scores) if fit.candidates else float(np.max(scores.z**2, initial=0.0))
-    pairs = _pairs(scores, threshold, most)
-    if not fit.candidates and pairs:
-        return pairs if _replaces(pairs[0], single[0], threshold, test) else single
-    names = {frozenset(candidate.effect for candidate in trial.candidates) for trial in single}
-    new = [t for t in pairs if frozenset(c.effect for c in t.candidates) not in names]
-    trials = sorted([*single, *new], key=_order)
+    # A pair must be better by as much as an effect must, or else as good as what is there.
+    must = 0.5 * threshold**2
+    if not fit.candidates:
+        pairs = _pairs(scores, threshold, most, single[0].cost - must)
+        return pairs if pairs and _replaces(pairs[0], single[0], threshold, test) else single
+    enough = single[0].cost + 0.5 * EQUIVALENT if single else fit.cost - must
+    known = {_names(trial.candidates) for trial in single}
+    pairs = _pairs(scores, threshold, most, enough, known)
+    trials = sorted([*single, *(trial for trial in pairs if trial.cost < enough)], key=_order)
     return [trial for trial in trials if 2.0 * (trial.cost - trials[0].cost) <= EQUIVALENT]
+
+
+def _names(candidates: Sequence[Candidate]) -> frozenset[str]:
+    return frozenset(candidate.effect for candidate in candidates)
 
 
 def _replaces(pair: FitResult, single: FitResult, threshold: float, test: HoldOutTest) -> bool:
@@ -227,7 +276,7 @@ def _pruned(fit: FitResult, threshold: float) -> FitResult:
         if strength[weakest] > threshold:
             break
         keep = [i for i in range(len(fit.candidates)) if i != weakest]
-        fit = settled(fit.with_effects([fit.candidates[i] for i in keep], fit.sizes[keep]))
+        fit = settled(fit.with_effects([fit.candidates[i] for i in keep], fit.sizes[keep]), fresh=False)
     return fit
 
 
@@ -263,7 +312,7 @@ def _accepted(test: HoldOutTest, trials: Sequence[FitResult], bars: _Bars) -> _A
         if gains and not _confirmed(test.result(trial), _support(fit, trial, trial), enough):
             continue
         try:
-            larger = _pruned(settled(trial), bars.fitted)
+            larger = _pruned(settled(trial, fresh=False), bars.fitted)
         except OffroadError:
             # It drives where it began, and not where it is best.
             continue

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from agents.studies.natural_faults.study import NaturalFaults, counted_naturally
 from estimators.discrepancy.faults.other_forms import FAMILIES, OTHER_FORMS, WRONG_NUMBERS
 
@@ -61,3 +63,24 @@ def test_two_causes_are_of_two_families_and_each_counts(tmp_path):
     (numbers,) = counted_naturally(results).values()
     assert (numbers["family in the sets"]["hits"], numbers["family in the sets"]["count"]) == (1, 2)
     assert numbers["another cause for certain"]["hits"] == 1
+
+
+def test_a_study_that_is_stopped_early_has_logs_of_every_kind(tmp_path):
+    study = NaturalFaults(nulls=60, seeds=2, large=1, wrong=4, pairs=6, out=tmp_path)
+    known = {5000 + i: _known(dict.fromkeys(OTHER_FORMS, 1.0), 10.0) for i in range(2)}
+    keys = study._keys(known)
+    kinds = [str(key[0]) for key in keys]
+    assert len(keys) == len(set(keys)) == len(study._by_kind(known))
+    quarter = kinds[: len(kinds) // 4]
+    for kind in set(kinds):
+        assert quarter.count(kind) / len(quarter) == pytest.approx(kinds.count(kind) / len(kinds), abs=0.05)
+
+
+def test_logs_of_vehicles_that_are_stuck_at_once_are_counted_and_left_out():
+    results = {
+        ("large", "payload", 7.0, 1): _result("NAMED", ["payload"]) | {"stuck": False},
+        ("large", "rut_drag", 7.0, 1): _result("OUTSIDE THE MODEL") | {"stuck": True},
+    }
+    numbers = counted_naturally(results)
+    assert numbers["large"]["family in the sets"]["count"] == 2
+    assert numbers["large, not stuck"]["family in the sets"]["count"] == 1

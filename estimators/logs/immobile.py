@@ -1,0 +1,116 @@
+"""Stretches in which a vehicle is stuck: it stands while a wheel spins.
+
+The wheels tell nothing of the speed there, and no law of a rolling vehicle holds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimators.logs.log import Log
+
+__all__ = ["driven_time", "only_spins", "stuck_spans"]
+
+#: A vehicle that is slower stands, while a rim that is faster spins, and is so many times as fast [m/s, -].
+_STANDS, _SPINS, _MORE = 0.3, 1.0, 4.0
+#: Elsewhere a wheel must agree with the vehicle within this factor: else its unit or scale may be wrong.
+_AGREES = 2.0
+#: A vehicle that stands turns by less: wheels that spin may turn it on the spot [rad/s].
+_TURNS = 0.2
+#: Windows, and the shortest stretch [s].
+_LENGTH, _STEP, _SHORTEST = 1.0, 0.5, 3.0
+
+#: A rim that rolls is as fast as the vehicle within this factor, in this share of the windows with motion and
+#: in so many at least; it is slower by twice that in no more than the last share. So many windows tell it.
+_ROLLS, _SOMETIMES, _TIMES, _SELDOM, _WINDOWS = 1.3, 0.02, 2, 0.1, 10
+
+_RIMS = ("omega_f", "omega_r")
+
+
+def stuck_spans(log: Log) -> tuple[tuple[float, float], ...]:
+    """(From, to) [s] of the stretches in which the vehicle is stuck.
+
+    Without a sensor of the vehicle's own speed, the slower wheels show that it stands, and the gyro that it
+    does not turn.
+    """
+    t = log.times
+    starts = np.arange(t[0], t[-1] - _LENGTH, _STEP)
+    rims = [log.vehicle.r * _means(log, name, starts) for name in _RIMS if _has(log, name)]
+    if log.rig or not rims or len(starts) == 0:
+        return ()
+    body = _body_speeds(log, starts)
+    if not body and len(rims) < 2:
+        return ()
+    fastest = np.max(rims, axis=0)
+    slowest = np.max(body, axis=0) if body else np.min(rims, axis=0)
+    spins = (slowest < _STANDS) & (fastest > np.maximum(_SPINS, _MORE * slowest))
+    if not body and _has(log, "yaw_rate"):
+        spins &= _means(log, "yaw_rate", starts) < _TURNS
+    if not np.any((slowest > _STANDS) & (fastest < _AGREES * slowest)):
+        return ()
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], spins.astype(int), [0]])))
+    spans = [
+        (float(starts[a]), float(starts[b - 1] + _LENGTH))
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]
+    return tuple(span for span in spans if span[1] - span[0] >= _SHORTEST and _alive(log, span))
+
+
+def driven_time(log: Log) -> float:
+    """Time in which the vehicle is not stuck [s]."""
+    last = float(log.times[-1])
+    return log.duration - sum(min(end, last) - begin for begin, end in stuck_spans(log))
+
+
+def only_spins(rim: np.ndarray, speed: np.ndarray) -> bool:
+    """Whether a rim differs from the vehicle by its slip alone: here it rolls, and there it spins.
+
+    A rim with another unit or scale rolls in none, one of another sign in none, and noise is often too slow.
+
+    Parameters
+    ----------
+    rim, speed : (W,)
+        Means [m/s] over windows.
+    """
+    known = np.isfinite(rim) & np.isfinite(speed) & (np.abs(speed) > _STANDS)
+    if known.sum() < _WINDOWS:
+        return False
+    ratio = rim[known] / speed[known]
+    rolls = int(np.sum(np.abs(np.log(np.maximum(ratio, 1e-9))) < np.log(_ROLLS)))
+    enough = rolls >= max(_TIMES, _SOMETIMES * len(ratio))
+    return bool(enough and np.mean(ratio < 1.0 / _ROLLS**2) < _SELDOM)
+
+
+def _has(log: Log, name: str) -> bool:
+    return name in log.channels and len(log.samples(name)[0]) >= 4
+
+
+def _means(log: Log, name: str, starts: np.ndarray) -> np.ndarray:
+    """Means of the absolute values of a channel over the windows, (W,): those of noise are not 0."""
+    t, values = log.samples(name)
+    values = np.abs(values)
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))])
+    return np.asarray((np.interp(starts + _LENGTH, t, total) - np.interp(starts, t, total)) / _LENGTH)
+
+
+def _body_speeds(log: Log, starts: np.ndarray) -> list[np.ndarray]:
+    """Speeds (W,) of the vehicle [m/s] by every sensor of its own motion."""
+    found = [_means(log, name, starts) for name in ("v_x", "speed") if _has(log, name)]
+    if _has(log, "x") and _has(log, "y"):
+        way = []
+        for name in ("x", "y"):
+            t, values = log.samples(name)
+            way.append(np.interp(starts + _LENGTH, t, values) - np.interp(starts, t, values))
+        found.append(np.hypot(*way) / _LENGTH)
+    return found
+
+
+def _alive(log: Log, span: tuple[float, float]) -> bool:
+    """Whether no sensor that shows the standing holds one value there: that one is stuck, not the vehicle."""
+    for name in ("v_x", "speed", *_RIMS):
+        if _has(log, name):
+            t, values = log.samples(name)
+            inside = values[(t >= span[0]) & (t <= span[1])]
+            if len(inside) and np.ptp(inside) == 0.0:
+                return False
+    return True

@@ -1,0 +1,101 @@
+"""A vehicle that gets stuck: its wheels spin while it stands, which is no error of the data."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.discrepancy.diagnosis import diagnose
+from estimators.discrepancy.faults.drive import draw_case, simulated_log
+from estimators.discrepancy.faults.library import FAULTS
+from estimators.discrepancy.model.run_model import RunModel
+from estimators.discrepancy.verdict import Verdict
+from estimators.discrepancy.wording import verdict_sentence
+from estimators.logs.immobile import driven_time, only_spins, stuck_spans
+from estimators.logs.quality import quality
+
+
+@pytest.fixture(scope="module")
+def driven():
+    return simulated_log(draw_case(102, road="unknown", natural=True, duration=20.0))
+
+
+@pytest.fixture(scope="module")
+def stuck():
+    """Ruts hold the rear wheels from the first seconds on."""
+    case = draw_case(102, road="unknown", natural=True, duration=20.0)
+    return simulated_log(case, FAULTS["rut_drag"](27e3))
+
+
+def with_channels(log, **channels):
+    return replace(log, channels={**log.channels, **channels})
+
+
+def stopped(log, start):
+    """The log as if the vehicle stood from ``start`` [s] on, its front wheels spinning."""
+    gone, rng = log.times >= start, np.random.default_rng(1)
+    stands = {"omega_f": 20.0, "omega_r": 0.0, "speed": 0.0, "v_x": 0.0}
+    changed = {}
+    for name, values in log.channels.items():
+        known = ~np.isnan(values)
+        if name in stands:
+            after = stands[name] + 0.02 * rng.standard_normal(len(values))
+        elif name in ("x", "y"):
+            after = np.full(len(values), values[~gone & known][-1])
+        else:
+            continue
+        changed[name] = np.where(gone & known, after, values)
+    return with_channels(log, **changed)
+
+
+def test_a_vehicle_that_is_stuck_from_the_start_is_no_problem_of_the_data(stuck):
+    diagnosis = diagnose([stuck])
+    assert diagnosis.verdict is Verdict.OUTSIDE
+    sentence = verdict_sentence(diagnosis.verdict, diagnosis)
+    assert sentence.startswith("There is no drive to diagnose: the vehicle gets stuck")
+
+
+def test_a_vehicle_that_drives_is_not_stuck(driven):
+    assert stuck_spans(driven) == ()
+    assert driven_time(driven) == pytest.approx(driven.duration)
+
+
+def test_only_what_was_driven_before_the_vehicle_got_stuck_is_fitted(driven):
+    log = stopped(driven, 12.0)
+    (span,) = stuck_spans(log)
+    assert span[0] == pytest.approx(12.0, abs=1.0)
+    windows = RunModel(log).windows
+    ends = RunModel(log).t_0 + RunModel(log).step * (windows.first + windows.count)
+    assert ends.max() <= span[0] + 0.1
+    (finding,) = [one for one in quality(log).findings if one.kind == "immobile"]
+    assert finding.severity == "warning"
+    assert not quality(log).problems
+
+
+def test_wheels_in_degrees_per_second_are_not_taken_for_spinning(driven):
+    wheels = {name: 57.3 * driven.channels[name] for name in ("omega_f", "omega_r")}
+    log = with_channels(driven, **wheels)
+    assert stuck_spans(log) == ()
+    assert any(finding.channel.startswith("omega") for finding in quality(log).problems)
+
+
+def test_a_sensor_that_holds_one_value_is_stuck_itself(driven):
+    gone = driven.times >= 10.0
+    log = with_channels(driven, omega_r=np.where(gone, 0.1, driven.channels["omega_r"]))
+    assert stuck_spans(log) == ()
+
+
+@pytest.mark.parametrize("seed", [2, 7])
+def test_an_axle_that_spins_now_and_then_is_no_problem_of_the_data(seed):
+    """A centre of gravity so far off the middle leaves one driven axle too little load."""
+    shift = 0.35 if seed == 2 else -0.5
+    assert not quality(simulated_log(draw_case(seed), FAULTS["cg_shift"](shift))).problems
+
+
+def test_a_rim_that_rolls_in_no_window_has_another_unit_and_one_that_is_noise_is_too_slow():
+    rng, speed = np.random.default_rng(3), np.linspace(1.0, 5.0, 40)
+    spins = speed * np.where(np.arange(40) % 4 == 0, 1.02, 3.0)
+    assert only_spins(spins, speed)
+    assert not only_spins(3.0 * speed, speed)
+    assert not only_spins(-spins, speed)
+    assert not only_spins(5.0 * rng.random(40), speed)
