@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.belief.drive_errors import GROUPS
 from estimators.belief.drive_fit import DriveFit
 from estimators.belief.drive_numbers import DRIVE_NUMBERS, STEPS, plant_of_drive
 from estimators.filters.soil_belief_holds import LIMITS, transform_limits
@@ -36,12 +37,16 @@ class FittedLimitSettings:
     """Chosen on tuning drives over whole soils with all nuisances."""
 
     #: Largest factor on the errors of a typical drive, and on the usual scatter of the soil, that a fit may
-    #: need and still be valid: wrong laws of the wheel need more.
-    adequate: float = 1.3
+    #: need and still be valid.
+    adequate: float = 2.0
+    #: The same of the sideways motion, where wrong laws of the wheel show first: roads and scatter that are
+    #: rougher than usual need larger factors of the other errors, too.
+    adequate_sideways: float = 0.65
 
     def __post_init__(self) -> None:
-        if not self.adequate > 0.0:
-            raise InvalidParameter(f"adequate must be > 0, got {self.adequate}")
+        for name in ("adequate", "adequate_sideways"):
+            if not getattr(self, name) > 0.0:
+                raise InvalidParameter(f"{name} must be > 0, got {getattr(self, name)}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,8 +95,13 @@ def fitted_limits(
         centre=mean[:LIMITS],
         sd=sd[:LIMITS],
         n=(float(mean[-1]), float(sd[-1])),
-        valid=float(fit.scales.max()) <= settings.adequate,
+        valid=_is_adequate(fit.scales, settings),
     )
+
+
+def _is_adequate(scales: FloatArray, settings: FittedLimitSettings) -> bool:
+    sideways = float(scales[GROUPS.index("sideways")])
+    return float(scales.max()) <= settings.adequate and sideways <= settings.adequate_sideways
 
 
 def _limits_and_n(plant: Plant, numbers: FloatArray) -> FloatArray:

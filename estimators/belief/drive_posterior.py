@@ -89,6 +89,6 @@ def sample_drive(
     settings = settings or PosteriorSettings()
     problem = DriveProblem(plant, samples, surroundings)
     target = _Target(problem, fit, settings.tempered)
-    told = (np.linalg.inv(fit.covariance) - problem.information) / settings.tempered**2
-    near: FloatArray = np.linalg.inv(told + problem.information).astype(np.float64)
+    information = (np.linalg.inv(fit.covariance) - problem.information) / settings.tempered**2
+    near: FloatArray = np.linalg.inv(information + problem.information).astype(np.float64)
     return importance_samples(target, fit.numbers[:SAMPLED], near[:SAMPLED, :SAMPLED])

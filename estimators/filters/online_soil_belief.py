@@ -39,20 +39,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators.filters.believed_limits import BelievedLimits, HeldLimit, RefreshRule
 from estimators.filters.navigation import YAW, NavigationFilter, NavigationNoise, V
 from estimators.filters.online_base import OnlineFilter, check_positive
 from estimators.filters.protocol import Estimate
-from estimators.filters.soil_belief_holds import (
-    LIMITS,
-    LOGARITHMIC,
-    SHIFT,
-    new_surrogate,
-    refresh_surrogate,
-    share_of_slope,
-    sharpen,
-    sharpened_limits,
-    whole_surrogate,
-)
+from estimators.filters.soil_belief_holds import SHIFT, share_of_slope, sharpen
 from estimators.filters.soil_belief_points import (
     COPIES,
     GRADE,
@@ -117,18 +108,6 @@ _SURE = 5.0
 _SOONEST = 0.5
 #: Speed of the rims below which no slip is measured [m/s].
 _SLOWEST = 0.1
-#: Quantile of a normal distribution that a 95 % interval ends at.
-_Z95 = 1.959964
-
-
-class HeldLimit(NamedTuple):
-    """Belief about one limit."""
-
-    mean: float  #: median; the mean of the best slip
-    sd: float
-    low: float  #: 95 % interval
-    high: float
-
 
 #: Settings that must be positive.
 _POSITIVE = (
@@ -141,7 +120,7 @@ _POSITIVE = (
         *("misfit_time", "misfit", "test_time", "early_time", "early_surprise", "rejected_time"),
         "surprise",
         "discrepancy",
-        "refresh_time",
+        *("refresh_time", "refresh_move", "refresh_latest"),
         "slowing_time",
         "reserve",
     ),
@@ -209,7 +188,11 @@ class SoilBeliefSettings:
     #: soils. Of n likewise.
     information: tuple[float, ...] = (1.4, 1.2, 1.0, 3.3, 1.0, 1.0)
     information_n: float = 0.6
-    refresh_time: float = 2.0  #: from one reference of the limits to the next [s]
+    refresh_time: float = 2.0  #: from one reference of the limits to the next, at least [s]
+    #: Move of the belief, in its standard deviations, from which the reference is renewed, and the time after
+    #: which it is renewed anyway [s]. A reference costs as much as eight updates.
+    refresh_move: float = 0.6
+    refresh_latest: float = 8.0
 
     def __post_init__(self) -> None:
         check_positive(self, _POSITIVE)
@@ -263,12 +246,9 @@ class OnlineSoilBelief(OnlineFilter):
         self._packed = pack(plant._replace(soil=base_soil(), soil_field=None))
         self._rules = self._constants(imu or ImuConfig())
         self._memory = _new_memory(plant)
-        self._surrogate = new_surrogate()
-        self._limits = np.zeros(LIMITS), np.zeros(LIMITS)
-        self._with_slopes = np.zeros((LIMITS, 2))
-        self._prior_sd = np.full(LIMITS, math.inf)
-        self._information = np.array(self.settings.information)
-        self._since, self._refreshing = 0.0, False
+        s = self.settings
+        rule = RefreshRule(earliest=s.refresh_time, latest=s.refresh_latest, move=s.refresh_move)
+        self._limits = BelievedLimits(self._packed, plant.vehicle.m * GRAVITY, s.information, rule)
         self._speed, self._gain, self._slip = math.nan, 0.0, 0.0
         self._start()
 
@@ -315,12 +295,8 @@ class OnlineSoilBelief(OnlineFilter):
         self._memory.cov[:LOG_MASS, :LOG_MASS] = cov
         self._rules.prior[:LOG_MASS] = np.diag(cov)
         self._memory.last[:] = self._memory.flags[NIS] = math.nan
-        whole_surrogate(self._surrogate, self._packed, self._memory.mean, self._memory.cov)
-        self._since, self._refreshing = 0.0, False
+        self._limits.start(self._memory.mean, self._memory.cov)
         self._speed, self._gain, self._slip = math.nan, 0.0, 0.0
-        self._prior_sd[:] = math.inf
-        self._note_limits()
-        self._prior_sd[:] = self._limits[1]
 
     def _update(
         self,
@@ -335,13 +311,7 @@ class OnlineSoilBelief(OnlineFilter):
         _, _, brake = command
         self._note_loss_of_speed(float(nav[V]), brake)
         self._note_slip(float(nav[V]), 0.5 * (float(rim_speeds[0]) + float(rim_speeds[1])))
-        self._since += self.dt
-        if self._refreshing or self._since >= self.settings.refresh_time:
-            done = refresh_surrogate(self._surrogate, self._packed, memory.mean, memory.cov, 1)
-            self._refreshing = not done
-            if done:
-                self._since = 0.0
-        self._note_limits()
+        self._limits.follow(memory.mean, memory.cov, self.dt)
 
     def _note_loss_of_speed(self, speed: float, brake: float) -> None:
         """Average the acceleration without what the brakes [N m] take away: who brakes is not stuck."""
@@ -355,10 +325,6 @@ class OnlineSoilBelief(OnlineFilter):
         """Slip of the wheels, where their speed [m/s] is measured."""
         if math.isfinite(rims):
             self._slip = min(max(1.0 - speed / max(rims, _SLOWEST), -1.0), 1.0)
-
-    def _note_limits(self) -> None:
-        memory, out = self._memory, (*self._limits, self._with_slopes)
-        sharpened_limits(self._surrogate, memory.mean, memory.cov, out, self._prior_sd, self._information)
 
     @property
     def estimate(self) -> Estimate:
@@ -390,22 +356,12 @@ class OnlineSoilBelief(OnlineFilter):
 
         Those of the logarithm where `LOGARITHMIC` is true.
         """
-        return self._limits[0].copy(), self._limits[1].copy()
+        return self._limits.centre.copy(), self._limits.sd.copy()
 
     @property
     def holds(self) -> dict[str, HeldLimit]:
         """Belief about what the soil holds, by the names of `SoilHolds`."""
-        found = {}
-        for i, name in enumerate(SoilHolds._fields):
-            centre, sd = float(self._limits[0][i]), float(self._limits[1][i])
-            ends = centre - _Z95 * sd, centre + _Z95 * sd
-            if LOGARITHMIC[i]:
-                shift = SHIFT[i] * self.plant.vehicle.m * GRAVITY
-                low, middle, high = (math.exp(min(x, 50.0)) for x in (ends[0], centre, ends[1]))
-                found[name] = HeldLimit(middle - shift, middle * sd, low - shift, high - shift)
-            else:
-                found[name] = HeldLimit(centre, sd, *ends)
-        return found
+        return self._limits.by_name()
 
     @property
     def vector(self) -> FloatArray:
@@ -430,7 +386,7 @@ class OnlineSoilBelief(OnlineFilter):
 
     def _pull(self) -> tuple[float, float]:
         """Mean and standard deviation of the logarithm of the shifted pull."""
-        return float(self._limits[0][_PULL]), max(float(self._limits[1][_PULL]), 1e-9)
+        return float(self._limits.centre[_PULL]), max(float(self._limits.sd[_PULL]), 1e-9)
 
     def _certainty(self) -> float:
         """How certain it is that there is no more pull [standard deviations]: by the soil, and by the slip.
@@ -442,10 +398,10 @@ class OnlineSoilBelief(OnlineFilter):
         along = np.array([math.cos(yaw), math.sin(yaw)])
         needed = max(SHIFT[_PULL] + float(along @ memory.mean[GRADE:]), 0.1 * SHIFT[_PULL])
         rate = along / needed
-        shared = self._with_slopes[_PULL]
+        shared = self._limits.with_slopes[_PULL]
         variance = sd * sd + float(rate @ (memory.cov[GRADE:, GRADE:] @ rate - 2.0 * shared))
         none = math.log(needed * self.plant.vehicle.m * GRAVITY)
-        beyond = min(max(self._slip - float(self._limits[0][_PULL_SLIP]), -0.5), 0.5)
+        beyond = min(max(self._slip - float(self._limits.centre[_PULL_SLIP]), -0.5), 0.5)
         return (none - centre) / math.sqrt(max(variance, 1e-18)) + self.settings.reserve * beyond
 
     @property

@@ -33,6 +33,7 @@ __all__ = [
     "SHIFT",
     "LimitSurrogate",
     "limits_of_belief",
+    "moved_since",
     "new_surrogate",
     "refresh_surrogate",
     "share_of_slope",
@@ -171,6 +172,32 @@ def whole_surrogate(
         _references[key] = [array.copy() for array in in_use]
     for array, kept in zip(in_use, _references[key], strict=True):
         array[:] = kept
+
+
+@kernel
+def moved_since(surrogate: LimitSurrogate, mean: FloatArray, cov: FloatArray) -> float:
+    """How far a belief is from the reference, in the columns of its factor: of a mean, or of a deviation."""
+    L, u, most = surrogate.factor, np.empty(SAMPLED), 0.0
+    column = np.empty(SAMPLED)
+    for i in range(SAMPLED):
+        total = mean[i] - surrogate.mean[i]
+        for j in range(i):
+            total -= L[i, j] * u[j]
+        u[i] = total / L[i, i]
+        most = max(most, abs(u[i]))
+    for k in range(SAMPLED):
+        # Row k of the inverse of L, and the variance that the belief has along it.
+        for i in range(k, -1, -1):
+            total = 1.0 if i == k else 0.0
+            for j in range(i + 1, k + 1):
+                total -= column[j] * L[j, i]
+            column[i] = total / L[i, i]
+        variance = 0.0
+        for i in range(k + 1):
+            for j in range(k + 1):
+                variance += column[i] * cov[i, j] * column[j]
+        most = max(most, abs(math.sqrt(max(variance, 0.0)) - 1.0))
+    return most
 
 
 @kernel

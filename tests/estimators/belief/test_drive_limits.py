@@ -106,18 +106,21 @@ def test_soils_that_do_not_carry_the_vehicle_hold_nothing(fitted) -> None:
     assert np.isnan(found.centre).all()
 
 
-def test_errors_of_the_usual_size_are_adequate_and_twice_as_large_ones_are_not(fitted) -> None:
+def test_errors_are_adequate_up_to_twice_the_usual_ones_and_sideways_up_to_two_thirds(fitted) -> None:
     fit, posterior = fitted.fit, fitted.posterior
-    for group in range(len(GROUPS) + 1):
-        scales = np.full(len(GROUPS) + 1, 0.8)
+    for group, name in enumerate((*GROUPS, "scatter")):
+        scales = np.full(len(GROUPS) + 1, 0.5)
+        scales[group] = 0.6 if name == "sideways" else 1.5
         assert fitted_limits(NOMINAL, replace(fit, scales=scales), posterior).valid
-        scales[group] = 2.0
+        scales[group] = 0.8 if name == "sideways" else 2.5
         assert not fitted_limits(NOMINAL, replace(fit, scales=scales), posterior).valid
 
 
 def test_settings_are_positive() -> None:
     with pytest.raises(InvalidParameter, match="adequate must be > 0"):
         FittedLimitSettings(adequate=0.0)
+    with pytest.raises(InvalidParameter, match="adequate_sideways must be > 0"):
+        FittedLimitSettings(adequate_sideways=-1.0)
     with pytest.raises(InvalidParameter, match="tempered must be > 0"):
         PosteriorSettings(tempered=0.0)
     with pytest.raises(InvalidParameter, match=r"grade must be in \[0, 1\)"):
