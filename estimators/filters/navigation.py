@@ -10,7 +10,10 @@ on any ground:
   wheels that spin or lock change the creep, not the speed;
 - wheels that point straight ahead drive about straight ahead: over minutes this holds the gyro's
   bias where GNSS is missing;
-- the accelerometer's bias wanders, which absorbs gravity along a slope.
+- the accelerometer's bias wanders, which absorbs gravity along a slope; that of the lateral one is constant,
+  where the unit has one at all: a side speed that it feigns is a heading that is wrong;
+- a fix tells of the time at which it was taken, as far as the receiver's latency is known: at 10 m/s one
+  that is 0.1 s old is a metre behind.
 """
 
 from __future__ import annotations
@@ -22,33 +25,33 @@ import numpy as np
 
 from estimators.filters.protocol import Pose
 from offroad_env.errors import InvalidParameter
-from offroad_env.physics._jit import kernel
+from offroad_env.physics._jit import inline_kernel, kernel
 from offroad_env.physics.imu import A_X, A_Y, YAW_RATE
 from offroad_env.physics.numerics import all_finite
 from offroad_env.physics.records import FloatArray, Vehicle
-from offroad_env.simulation.sensor_configs import GnssConfig
+from offroad_env.simulation.sensor_configs import GnssConfig, ImuConfig
 
 __all__ = ["NavigationFilter", "NavigationNoise", "navigate"]
 
-# State of the filter.
-(X, Y, YAW, V, V_SIDE, GYRO_BIAS, ACCEL_BIAS, CREEP) = range(8)  # [m, m, rad, m/s, m/s, rad/s, m/s^2, m/s]
-SIZE = 8
+# State of the filter: [m, m, rad, m/s, m/s, rad/s, m/s^2, m/s, m/s^2].
+(X, Y, YAW, V, V_SIDE, GYRO_BIAS, ACCEL_BIAS, CREEP, SIDE_BIAS) = range(9)
+SIZE = 9
 # A fix of GNSS.
 (_FIX_X, _FIX_Y, _SPEED, _COURSE) = range(4)  # [m, m, m/s, rad]
 # Its noise as the kernels take it, the fields of `NavigationNoise`.
 (_ACCELEROMETER, _GYRO, _GNSS_POSITION, _GNSS_VELOCITY, _WHEEL_SPEED, _CREEP_WALK, _CREEP_TIME) = range(7)
-(_ACCEL_BIAS_WALK, _GYRO_BIAS_WALK, _SIDE_WALK, _SIDE_SLIP) = range(7, 11)
+(_ACCEL_BIAS_WALK, _GYRO_BIAS_WALK, _SIDE_WALK, _SIDE_SLIP, _GNSS_LATENCY) = range(7, 12)
 #: Scale error of the rim speeds [-]: a tyre's radius.
 _RIM_SCALE = 0.01
 #: Standard deviations of the start: position [m], heading [rad], speeds [m/s], biases of gyro [rad/s] and
-#: accelerometer [m/s^2], creep [m/s].
-_START = (0.1, 0.1, 0.02, 0.3, 0.2, 0.01, 0.3, 1.0)
+#: accelerometer [m/s^2], creep [m/s]; of the lateral accelerometer's bias it is a setting.
+_START = (0.1, 0.1, 0.02, 0.3, 0.2, 0.01, 0.3, 1.0, 0.0)
 _START_COVARIANCE = np.diag(np.square(_START))
 
 
 @dataclass(frozen=True, kw_only=True)
 class NavigationNoise:
-    """Standard deviations of the sensors' noise and of what the model leaves out."""
+    """Standard deviations of the sensors' noise and of what the model leaves out, and the age of a fix."""
 
     accelerometer: float = 0.2  #: per sample [m/s^2] (the paper's)
     gyro: float = 0.0175  #: per sample [rad/s] (the paper's)
@@ -61,29 +64,47 @@ class NavigationNoise:
     gyro_bias_walk: float = 1e-4  #: random walk of the gyro bias [rad/s/sqrt(s)]
     side_walk: float = 0.05  #: random walk of side speed [m/s/sqrt(s)]: cross slopes
     side_slip: float = 0.7  #: weight of "the axles slip little", per sample [rad], see `_correct_side`
+    gnss_latency: float = 0.0  #: age of a fix when it arrives [s]
+    side_bias: float = 0.0  #: bias of the lateral accelerometer, gravity by its mounting included [m/s^2]
 
     @classmethod
-    def of(cls, gnss: GnssConfig | None) -> NavigationNoise:
-        """The noise of a vehicle with this receiver; correlated errors of a fix count as white ones."""
+    def of(cls, gnss: GnssConfig | None, imu: ImuConfig | None = None) -> NavigationNoise:
+        """Noise and latency of this receiver, and the lateral bias of this unit.
+
+        Correlated errors of a fix count as white ones.
+        """
+        bias = 0.0 if imu is None else _side_bias(imu)
         if gnss is None:
-            return cls()
+            return cls(side_bias=bias)
         position, velocity = (
             max(cls.gnss_position, gnss.total_position_sd),
             max(cls.gnss_velocity, gnss.velocity_sd),
         )
-        return cls(gnss_position=position, gnss_velocity=velocity)
+        return cls(gnss_position=position, gnss_velocity=velocity, gnss_latency=gnss.latency, side_bias=bias)
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            if not value > 0.0:
+            if name == "gnss_latency":
+                if not 0.0 <= value <= 1.0:
+                    raise InvalidParameter(f"gnss_latency must be in [0, 1] s, got {value} - in ms?")
+            elif name == "side_bias":
+                if not 0.0 <= value < math.inf:
+                    raise InvalidParameter(f"side_bias must be 0 or more, got {value}")
+            elif not value > 0.0:
                 raise InvalidParameter(
                     f"{name} must be > 0, got {value} - a filter needs some noise everywhere"
                 )
 
 
+def _side_bias(imu: ImuConfig) -> float:
+    """Standard deviation of the lateral accelerometer's error that lasts [m/s^2]."""
+    tilt = imu.misalignment_sd[0] * imu.mount().gravity
+    return math.hypot(imu.accel_bias_sd, tilt)
+
+
 @kernel
 def _correct(x: FloatArray, P: FloatArray, row: FloatArray, residual: float, variance: float) -> None:
-    """Scalar Kalman update with measurement row (8,), in place; P stays symmetric by construction."""
+    """Scalar Kalman update with measurement row (9,), in place; P stays symmetric by construction."""
     size = x.shape[0]
     gain = np.zeros(size)
     total = variance
@@ -114,13 +135,13 @@ def _predict(x: FloatArray, P: FloatArray, imu: FloatArray, noise: FloatArray, d
     F[Y, YAW], F[Y, V], F[Y, V_SIDE] = dt * (v * cos - side * sin), dt * sin, dt * cos
     F[YAW, GYRO_BIAS] = -dt
     F[V, V_SIDE], F[V, GYRO_BIAS], F[V, ACCEL_BIAS] = dt * rate, -dt * side, -dt
-    F[V_SIDE, V], F[V_SIDE, GYRO_BIAS] = -dt * rate, dt * v
+    F[V_SIDE, V], F[V_SIDE, GYRO_BIAS], F[V_SIDE, SIDE_BIAS] = -dt * rate, dt * v, -dt
     F[CREEP, CREEP] = 1.0 - dt / creep_time
     x[X] += dt * (v * cos - side * sin)
     x[Y] += dt * (v * sin + side * cos)
     x[YAW] += dt * rate
     x[V] += dt * (along + side * rate)
-    x[V_SIDE] += dt * (imu[A_Y] - v * rate)
+    x[V_SIDE] += dt * (imu[A_Y] - x[SIDE_BIAS] - v * rate)
     x[CREEP] *= 1.0 - dt / creep_time
     FP = np.zeros((SIZE, SIZE))
     for i in range(SIZE):
@@ -142,24 +163,54 @@ def _predict(x: FloatArray, P: FloatArray, imu: FloatArray, noise: FloatArray, d
     P[CREEP, CREEP] += noise[_CREEP_WALK] ** 2 * dt
 
 
+@inline_kernel
+def _velocity(x: FloatArray) -> tuple[float, float]:
+    """Towards X and Y [m/s]."""
+    cos, sin = math.cos(x[YAW]), math.sin(x[YAW])
+    return x[V] * cos - x[V_SIDE] * sin, x[V] * sin + x[V_SIDE] * cos
+
+
+@inline_kernel
+def _acceleration(x: FloatArray, imu: FloatArray) -> tuple[float, float]:
+    """Towards X and Y [m/s^2]; zero where it was not measured."""
+    if not (math.isfinite(imu[A_X]) and math.isfinite(imu[A_Y])):
+        return 0.0, 0.0
+    cos, sin = math.cos(x[YAW]), math.sin(x[YAW])
+    along, side = imu[A_X] - x[ACCEL_BIAS], imu[A_Y] - x[SIDE_BIAS]
+    return along * cos - side * sin, along * sin + side * cos
+
+
 @kernel
-def _correct_gnss(x: FloatArray, P: FloatArray, gnss: FloatArray, noise: FloatArray) -> None:
-    """Position, and the velocity vector that speed and course stand for."""
+def _correct_gnss(x: FloatArray, P: FloatArray, gnss: FloatArray, imu: FloatArray, noise: FloatArray) -> None:
+    """Position, and the velocity vector that speed and course stand for, when the fix was taken.
+
+    Since then velocity and acceleration are taken as they are now.
+    """
     place, velocity = noise[_GNSS_POSITION] ** 2, noise[_GNSS_VELOCITY] ** 2
+    age = noise[_GNSS_LATENCY]
     row = np.zeros(SIZE)
-    row[X] = 1.0
-    _correct(x, P, row, gnss[_FIX_X] - x[X], place)
-    row[X], row[Y] = 0.0, 1.0
-    _correct(x, P, row, gnss[_FIX_Y] - x[Y], place)
-    row[Y] = 0.0
-    cos, sin = math.cos(x[YAW]), math.sin(x[YAW])
-    v_X, v_Y = x[V] * cos - x[V_SIDE] * sin, x[V] * sin + x[V_SIDE] * cos
-    row[YAW], row[V], row[V_SIDE] = -v_Y, cos, -sin
-    _correct(x, P, row, gnss[_SPEED] * math.cos(gnss[_COURSE]) - v_X, velocity)
-    cos, sin = math.cos(x[YAW]), math.sin(x[YAW])
-    v_X, v_Y = x[V] * cos - x[V_SIDE] * sin, x[V] * sin + x[V_SIDE] * cos
-    row[YAW], row[V], row[V_SIDE] = v_X, sin, cos
-    _correct(x, P, row, gnss[_SPEED] * math.sin(gnss[_COURSE]) - v_Y, velocity)
+    for axis in range(2):
+        v, a = _velocity(x), _acceleration(x, imu)
+        cos, sin = math.cos(x[YAW]), math.sin(x[YAW])
+        forward, turned = (cos, -v[1]) if axis == 0 else (sin, v[0])
+        row[:] = 0.0
+        row[X + axis] = 1.0
+        row[YAW], row[V], row[V_SIDE] = -age * turned, -age * forward, age * (sin if axis == 0 else -cos)
+        then = x[X + axis] - age * v[axis] + 0.5 * age * age * a[axis]
+        _correct(x, P, row, gnss[_FIX_X + axis] - then, place)
+    for axis in range(2):
+        v, a = _velocity(x), _acceleration(x, imu)
+        cos, sin = math.cos(x[YAW]), math.sin(x[YAW])
+        row[:] = 0.0
+        if axis == 0:
+            row[YAW], row[V], row[V_SIDE] = -v[1] + age * a[1], cos, -sin
+            row[ACCEL_BIAS], row[SIDE_BIAS] = age * cos, -age * sin
+            measured = gnss[_SPEED] * math.cos(gnss[_COURSE])
+        else:
+            row[YAW], row[V], row[V_SIDE] = v[0] - age * a[0], sin, cos
+            row[ACCEL_BIAS], row[SIDE_BIAS] = age * sin, age * cos
+            measured = gnss[_SPEED] * math.sin(gnss[_COURSE])
+        _correct(x, P, row, measured - (v[axis] - age * a[axis]), velocity)
 
 
 @kernel
@@ -200,10 +251,10 @@ def navigate(
     noise: FloatArray,
     dt: float,
 ) -> None:
-    """One sample of all sensors; ``belief`` = (x (8,), P (8, 8)), in place.
+    """One sample of all sensors; ``belief`` = (x (9,), P (9, 9)), in place.
 
     ``sensors`` = (imu, rim_speeds, gnss), where NaN marks what was not measured; ``axles`` = (l_f, l_r);
-    ``noise`` (11,) are the fields of `NavigationNoise`.
+    ``noise`` (13,) are the fields of `NavigationNoise`.
     """
     x, P = belief
     imu, rim_speeds, gnss = sensors
@@ -213,7 +264,7 @@ def navigate(
     if all_finite(rim_speeds):
         _correct_wheels(x, P, rim_speeds, noise)
     if all_finite(gnss):
-        _correct_gnss(x, P, gnss, noise)
+        _correct_gnss(x, P, gnss, imu, noise)
 
 
 class NavigationFilter:
@@ -252,6 +303,7 @@ class NavigationFilter:
         self.x[:] = 0.0
         self.x[:4] = x, y, yaw, v
         self.P[:] = _START_COVARIANCE
+        self.P[SIDE_BIAS, SIDE_BIAS] = self.noise.side_bias**2
         return self.pose
 
     def update(
@@ -281,7 +333,7 @@ class NavigationFilter:
         return self.pose
 
     def lodge(self, x: FloatArray, P: FloatArray) -> None:
-        """From now on keep the belief in these arrays (8,), (8, 8)."""
+        """From now on keep the belief in these arrays (9,), (9, 9)."""
         x[:], P[:] = self.x, self.P
         self.x, self.P = x, P
 

@@ -358,7 +358,7 @@ def learn_full(
     ----------
     memory, assumed : records of the types `MEMORY` and `ASSUMPTIONS`; the memory is updated in place
     map_ : (waves, patches) of the ground and soil of the filter's model
-    nav : state (8,) of the navigation filter
+    nav : state (9,) of the navigation filter
     measured : (imu (5,), rim speeds (2,)); NaN where a rim was not measured
     command : (steering [rad], drive and brake torque [N m])
     """

@@ -178,7 +178,7 @@ RULES = np.dtype(
         ("mass", "f8"),
         ("tilt", "f8"),  # lateral acceleration that lifts the inner wheels [m/s^2]
         ("axles", "f8", 2),
-        ("navigation", "f8", 11),  # `NavigationNoise`
+        ("navigation", "f8", 13),  # `NavigationNoise`
         *((name, "f8") for name in Rules._fields),
         ("target_speed", "f8"),
         ("weights", "f8", len(TERMS)),

@@ -64,13 +64,14 @@ def record(
     driver=None,
     ground: Ground | None = None,
     imu: ImuConfig | None = None,
+    gnss: GnssConfig | None = None,
     soils: SoilMap | None = None,
 ) -> Drive:
     """Drive the full model on rough ground (class B unless given) and record what the sensors say."""
     rng = np.random.default_rng(seed)
     ground = rough_terrain("B", rng) if ground is None else ground
     driver = driver or Driver(rng, duration)
-    sensors = SensorSuite(imu=imu or ImuConfig(), wheel=WheelSpeedConfig(), gnss=GnssConfig())
+    sensors = SensorSuite(imu=imu or ImuConfig(), wheel=WheelSpeedConfig(), gnss=gnss or GnssConfig())
     sensors.reset(rng)
     plant = make_plant(VEHICLES["mrzr"], make_soil(soil, n=n), ground, soil_map=soils or soil_map())
     run = simulate_drive(plant, driver, sensors, duration=duration)

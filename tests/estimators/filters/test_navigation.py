@@ -8,7 +8,7 @@ import pytest
 from estimators.filters.navigation import NavigationFilter, NavigationNoise
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
-from offroad_env.simulation.sensors import ImuConfig
+from offroad_env.simulation.sensors import GnssConfig, ImuConfig
 from offroad_env.world.vehicles import VEHICLES
 
 PERIOD = 0.01
@@ -77,6 +77,55 @@ def test_a_biased_gyro_is_found_out(drive):
     assert navigation.gyro_bias == pytest.approx(truth, abs=0.005)
 
 
+def test_fixes_that_arrive_late_are_not_taken_for_the_present(drive):
+    receiver = GnssConfig(latency=0.2)
+    drive = drive(0.7, seed=6, duration=15.0, gnss=receiver)
+    way = np.abs(drive.states[1:, at.V_X]).max() * receiver.latency
+    assert way > 1.0
+
+    def worst(latency: float) -> np.ndarray:
+        poses, _, _ = follow(drive, noise=NavigationNoise(gnss_latency=latency))
+        return np.abs(poses - drive.states[1:, TRUTH])[100:].max(axis=0)
+
+    known, half = worst(NavigationNoise.of(receiver).gnss_latency), worst(0.1)
+    assert np.hypot(*known[:2]) < 0.25
+    assert np.hypot(*half[:2]) > 0.4
+    assert known[2] < 0.05
+    assert known[3] < 0.6
+
+
+def test_a_fix_that_was_taken_in_a_bend_is_carried_forward_exactly_in_the_mean():
+    """Constant speed and yaw rate: the state of the bend fits its own late fixes."""
+    speed, rate, age = 8.0, 0.5, 0.1
+    navigation = NavigationFilter(VEHICLES["mrzr"], NavigationNoise(gnss_latency=age))
+    navigation.reset(speed / rate * np.sin(0.0), -speed / rate, 0.0, speed)
+    for k in range(1, 800):
+        turned = rate * (k * PERIOD - age)
+        fix = np.array([speed / rate * np.sin(turned), -speed / rate * np.cos(turned), speed, turned])
+        gnss = fix if k % 10 == 0 else np.full(4, np.nan)
+        imu = np.array([0.0, speed * rate, 0.0, 0.0, rate])
+        steer = np.arctan(rate * (VEHICLES["mrzr"].l_f + VEHICLES["mrzr"].l_r) / speed)
+        pose = navigation.update(imu, np.full(2, speed), steer, gnss, PERIOD)
+    turned = rate * 799 * PERIOD
+    truth = [speed / rate * np.sin(turned), -speed / rate * np.cos(turned)]
+    assert [*pose[:2]] == pytest.approx(truth, abs=0.03)
+    assert pose[3] == pytest.approx(speed, abs=0.05)
+
+
+def test_a_biased_lateral_accelerometer_does_not_turn_the_heading(drive):
+    unit = ImuConfig(kind="specific_force", misalignment_sd=(0.03, 0.0, 0.0))
+    drive = drive(0.8, seed=8, duration=20.0, imu=unit)
+
+    def heading_error(noise: NavigationNoise) -> float:
+        poses, _, _ = follow(drive, noise=noise)
+        return float(np.sqrt(np.mean((poses - drive.states[1:, TRUTH])[100:, 2] ** 2)))
+
+    known, unknown = NavigationNoise.of(GnssConfig(), unit), NavigationNoise.of(GnssConfig())
+    assert known.side_bias == pytest.approx(0.03 * 9.81, rel=1e-3)
+    assert NavigationNoise.of(None, ImuConfig(kind="kinematic")).side_bias == 0.0
+    assert heading_error(known) < 0.6 * heading_error(unknown)
+
+
 def test_heading_counts_turns():
     navigation = NavigationFilter(VEHICLES["mrzr"])
     navigation.reset(0.0, 0.0, 3.1, 2.0)
@@ -99,3 +148,7 @@ def test_nonsense_is_refused():
         navigation.reset(np.nan, 0.0, 0.0, 0.0)
     with pytest.raises(InvalidParameter, match="gyro must be > 0, got 0"):
         NavigationNoise(gyro=0.0)
+    with pytest.raises(InvalidParameter, match=r"gnss_latency must be in \[0, 1\] s, got 100"):
+        NavigationNoise(gnss_latency=100.0)
+    with pytest.raises(InvalidParameter, match="side_bias must be 0 or more"):
+        NavigationNoise(side_bias=-0.1)
