@@ -228,7 +228,9 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self._sensing = self.sensors  #: sensors of the episode
         self._driven = self.vehicle  #: true vehicle of the episode
         self._context: dict[str, Any] | None = None  #: what was drawn or set for the episode
-        self._navigation = NavigationFilter(self.vehicle, NavigationNoise.of(self.sensors.gnss, self.sensors.imu))
+        self._navigation = NavigationFilter(
+            self.vehicle, NavigationNoise.of(self.sensors.gnss, self.sensors.imu)
+        )
         #: The parameter UKF runs inside the compiled period, the others beside it.
         self._choice = estimator
         self.estimator: Estimator | None = None
