@@ -60,8 +60,8 @@ _BIASES, _BIAS_WANDER = 2, 0.1
 _ALL = _N + _BEYOND + _BIASES
 #: A plan is one if the model follows it to so much in distance from the path [m] and speed [m/s].
 _STRAYS = (0.3, 1.0)
-#: Drive command per slip of a wheel that is held [-]: the drive lags by 0.2 s, and with four times as much the
-#: wheel locks and spins in turn, and steers half as well.
+#: Drive command per slip of a wheel that is held [-]: the drive lags by 0.2 s, and with four times as much
+#: the wheel locks and spins in turn, and steers half as well.
 _ROLL_ON = 0.7
 #: Linearisations where it does not, and shares of a step that are tried.
 _NEWTON, _SHARES = 3, (1.0, 0.5, 0.25, 0.1)

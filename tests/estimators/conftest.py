@@ -63,15 +63,19 @@ def record(
     duration: float = 10.0,
     driver=None,
     ground: Ground | None = None,
-    imu: ImuConfig | None = None,
-    gnss: GnssConfig | None = None,
+    unit: ImuConfig | GnssConfig | None = None,
     soils: SoilMap | None = None,
 ) -> Drive:
-    """Drive the full model on rough ground (class B unless given) and record what the sensors say."""
+    """Drive the full model on rough ground (class B unless given) and record what the sensors say.
+
+    ``unit`` takes the place of the inertial unit or of the receiver.
+    """
     rng = np.random.default_rng(seed)
     ground = rough_terrain("B", rng) if ground is None else ground
     driver = driver or Driver(rng, duration)
-    sensors = SensorSuite(imu=imu or ImuConfig(), wheel=WheelSpeedConfig(), gnss=gnss or GnssConfig())
+    imu = unit if isinstance(unit, ImuConfig) else ImuConfig()
+    gnss = unit if isinstance(unit, GnssConfig) else GnssConfig()
+    sensors = SensorSuite(imu=imu, wheel=WheelSpeedConfig(), gnss=gnss)
     sensors.reset(rng)
     plant = make_plant(VEHICLES["mrzr"], make_soil(soil, n=n), ground, soil_map=soils or soil_map())
     run = simulate_drive(plant, driver, sensors, duration=duration)

@@ -70,7 +70,7 @@ def test_without_gnss_the_position_drifts_slowly(drive):
 
 
 def test_a_biased_gyro_is_found_out(drive):
-    drive = drive(0.8, seed=5, duration=20.0, imu=ImuConfig(gyro_bias_sd=0.02))
+    drive = drive(0.8, seed=5, duration=20.0, unit=ImuConfig(gyro_bias_sd=0.02))
     _, _, navigation = follow(drive)
     truth = np.median(drive.imu[:, 4] - drive.states[:, at.YAW_RATE])
     assert abs(truth) > 0.005
@@ -79,7 +79,7 @@ def test_a_biased_gyro_is_found_out(drive):
 
 def test_fixes_that_arrive_late_are_not_taken_for_the_present(drive):
     receiver = GnssConfig(latency=0.2)
-    drive = drive(0.7, seed=6, duration=15.0, gnss=receiver)
+    drive = drive(0.7, seed=6, duration=15.0, unit=receiver)
     way = np.abs(drive.states[1:, at.V_X]).max() * receiver.latency
     assert way > 1.0
 
@@ -114,7 +114,7 @@ def test_a_fix_that_was_taken_in_a_bend_is_carried_forward_exactly_in_the_mean()
 
 def test_a_biased_lateral_accelerometer_does_not_turn_the_heading(drive):
     unit = ImuConfig(kind="specific_force", misalignment_sd=(0.03, 0.0, 0.0))
-    drive = drive(0.8, seed=8, duration=20.0, imu=unit)
+    drive = drive(0.8, seed=8, duration=20.0, unit=unit)
 
     def heading_error(noise: NavigationNoise) -> float:
         poses, _, _ = follow(drive, noise=noise)

@@ -33,7 +33,7 @@ def test_sensors_of_another_mounting_are_understood(drive, make):
     imu = ImuConfig(kind="specific_force", lever_arm=(0.4, 0.2, 0.3))
     # A steep grade that the map knows: gravity along it is part of the reading.
     ground = grade(0.1)
-    drive = drive(0.6, seed=7, imu=imu, ground=ground)
+    drive = drive(0.6, seed=7, unit=imu, ground=ground)
     assert estimates_of(drive, make(imu=imu, ground=ground))[-1].mean == pytest.approx(0.6, abs=0.03)
 
 
