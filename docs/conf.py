@@ -54,7 +54,7 @@ def _colours(_: Any, __: str) -> None:
     mpl.rcParams["axes.prop_cycle"] = cycler(color=names)
 
 
-#: Examples as a newcomer reads them; one that is not listed comes after these, the ones that are not run last.
+#: Examples as a newcomer reads them; one that is not listed follows, and those that are not run come last.
 _EXAMPLES = (
     "plot_first_episode", "plot_estimate_while_driving", "plot_wheel_forces", "plot_what_the_soil_holds",
     "plot_own_soil_and_vehicle", "plot_randomise", "plot_natural_soil", "plot_sensors", "plot_structures",
