@@ -66,7 +66,9 @@ def test_a_click_on_a_picture_shows_it_in_full_size(site):
         text = (site / f"{page}.html").read_text(encoding="utf-8")
         pictures = re.findall(r'<img [^>]*src="[./]*_images/', text)
         assert pictures
-        assert len(re.findall(r'<a class="reference internal" href="[./]*_images/', text)) == len(pictures), page
+        assert len(re.findall(r'<a class="reference internal" href="[./]*_images/', text)) == len(pictures), (
+            page
+        )
 
 
 def test_the_gallery_begins_with_a_first_episode_and_ends_with_what_is_not_run(site):
