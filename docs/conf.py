@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -53,6 +54,20 @@ def _colours(_: Any, __: str) -> None:
     mpl.rcParams["axes.prop_cycle"] = cycler(color=names)
 
 
+#: Examples as a newcomer reads them; one that is not listed follows, and those that are not run come last.
+_EXAMPLES = (
+    "plot_first_episode", "plot_estimate_while_driving", "plot_wheel_forces", "plot_what_the_soil_holds",
+    "plot_own_soil_and_vehicle", "plot_randomise", "plot_natural_soil", "plot_sensors", "plot_structures",
+    "plot_four_wheels", "plot_wheel_drawing",
+)  # fmt: skip
+
+
+def _place(file: str) -> tuple[bool, int, str]:
+    """Sorts the examples."""
+    name = Path(file).stem
+    return not name.startswith("plot_"), _EXAMPLES.index(name) if name in _EXAMPLES else 99, name
+
+
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
@@ -62,6 +77,8 @@ sphinx_gallery_conf = {
     "show_signature": False,
     "reset_modules": ("matplotlib", _colours),
     "min_reported_time": 5,
+    "within_subsection_order": _place,
+    "default_thumb_file": str(Path(__file__).parent / "images" / "scenario_track.png"),
     "matplotlib_animations": True,
     "abort_on_example_error": False,
     "only_warn_on_example_error": False,
@@ -106,16 +123,31 @@ def _from_markdown(app: Any, what: str, name: str, obj: Any, options: Any, lines
 
 
 _NUMBER = re.compile(r"[-+.\d].{0,23}")
+#: Cells with more letters are sentences.
+_SENTENCE = 60
 
 
-def _mark_numbers(_: Any, document: nodes.document) -> None:
-    """Short cells that begin with a number are not broken: see ``site.css``."""
+def _mark_cells(_: Any, document: nodes.document) -> None:
+    """What ``site.css`` has to know: short cells that begin with a number, and cells with sentences."""
     for entry in document.findall(nodes.entry):
-        if _NUMBER.fullmatch(entry.astext()):
+        text = entry.astext()
+        if _NUMBER.fullmatch(text):
             entry["classes"].append("number")
+        elif len(text) > _SENTENCE:
+            entry["classes"].append("sentence")
+
+
+def _link_pictures(_: Any, document: nodes.document) -> None:
+    """A picture fills the column, and a click shows it in its full size: Sphinx links scaled pictures."""
+    for picture in document.findall(nodes.image):
+        alone = isinstance(picture.parent, nodes.paragraph) and len(picture.parent.children) == 1
+        if alone and str(picture["uri"]).endswith((".png", ".gif")):
+            picture["width"] = "100%"
+            picture.parent["classes"].append("figure")
 
 
 def setup(app: Any) -> None:
     """Sphinx's hook."""
-    app.connect("doctree-read", _mark_numbers)
+    app.connect("doctree-read", _mark_cells)
+    app.connect("doctree-read", _link_pictures)
     app.connect("autodoc-process-docstring", _from_markdown, priority=100)

@@ -31,18 +31,18 @@ for theta, name, reach in (
     (leave, r"$\theta_r$", 0.45),
 ):
     axis.plot(*np.transpose([rim(0.0, 0.0), rim(theta)]), color="0.5", linewidth=1)
-    axis.plot(*rim(np.linspace(0.0, theta, 40), reach), color="tab:blue", linewidth=1)
+    axis.plot(*rim(np.linspace(0.0, theta, 40), reach), color="#0072B2", linewidth=1)
     x, z = rim(0.55 * theta, reach + 0.09)
-    axis.text(x, z, name, color="tab:blue", ha="center", va="center", fontsize=12)
+    axis.text(x, z, name, color="#0072B2", ha="center", va="center", fontsize=12)
 axis.plot(*np.transpose([rim(0.0, 0.0), rim(0.0)]), color="0.5", linewidth=1, linestyle="--")
-arrow = {"arrowstyle": "-|>", "color": "tab:red", "linewidth": 1.6}
+arrow = {"arrowstyle": "-|>", "color": "#D55E00", "linewidth": 1.6}
 hub = rim(0.0, 0.0)
 for end, name, place in (
     ((hub[0] + 0.75, hub[1]), "$F_x$", (hub[0] + 0.8, hub[1] - 0.03)),
     ((hub[0], hub[1] + 0.75), "$F_z$", (hub[0] + 0.05, hub[1] + 0.65)),
 ):
     axis.annotate("", end, hub, arrowprops=arrow)
-    axis.text(*place, name, color="tab:red")
+    axis.text(*place, name, color="#D55E00")
 axis.annotate("", (1.75, 1.5), (1.1, 1.5), arrowprops={"arrowstyle": "-|>", "linewidth": 1.4})
 axis.text(1.15, 1.56, "$v$, travel")
 axis.text(1.08, 1.12, r"$\omega$", fontsize=13)
@@ -59,8 +59,8 @@ axis.annotate("", rim(-1.9), hub, arrowprops={"arrowstyle": "-|>", "color": "0.4
 axis.text(*rim(-1.75, 0.55), "$r$")
 for theta in np.linspace(leave, entry, 9)[1:-1]:
     tip, tail = rim(theta), rim(theta, r + 0.16 * np.exp(-((theta - largest) ** 2) / 0.12))
-    axis.annotate("", tip, tail, arrowprops={"arrowstyle": "-|>", "color": "tab:green", "linewidth": 1.0})
-axis.text(*rim(largest, r + 0.27), r"$\sigma$", color="tab:green", fontsize=12)
+    axis.annotate("", tip, tail, arrowprops={"arrowstyle": "-|>", "color": "#009E73", "linewidth": 1.0})
+axis.text(*rim(largest, r + 0.27), r"$\sigma$", color="#009E73", fontsize=12)
 axis.set(aspect="equal", xlim=(-1.8, 2.0), ylim=(-0.6, 1.95))
 axis.axis("off")
 plt.show()

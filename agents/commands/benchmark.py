@@ -142,7 +142,10 @@ def write_results(
     from offroad_env import __version__
 
     command = f"{command} --episodes {args.episodes} --seed {args.seed}"
-    caption = "Curves over n from the forces of a wheel, runs of the vehicle's model, and two drives."
+    caption = (
+        "The steeper a curve, the more its task depends on n. Curves from the forces of a wheel, runs of the "
+        "vehicle's model, and two drives."
+    )
     physics = figure_picture(tasks_figure(task_curves()), caption)
     write_bytes(out / "tasks.png", physics.png)
     overview, *others = benchmark_sections(results, physics, trained or {}, command=command, seconds=seconds)

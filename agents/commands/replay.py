@@ -26,8 +26,10 @@ _COLUMNS = {
     "v_x": "v_x\nm/s", "v_y": "v_y\nm/s", "yaw_rate": "yaw rate\nrad/s", "omega_f": "ω front\nrad/s",
     "omega_r": "ω rear\nrad/s", "a_y": "a_y\nm/s²", "position": "position\nm",
 }  # fmt: skip
-
-
+_CAPTION = (
+    "Above: the error of each model by channel, the shorter the bar the better. Below: how it grows within a "
+    "window, root mean square over all windows."
+)
 #: Time between the numbers of the growth in the JSON [s].
 _GROWTH_STEP = 0.1
 
@@ -105,7 +107,7 @@ class ReplayCommand(Results):
             groups,
             drive,
             Table(heading=heading, rows=tuple(map(_row, groups)), texts=2),
-            figure_picture(figure, "How the errors grow within a window, root mean square over all windows."),
+            figure_picture(figure, _CAPTION),
             window=self.window,
             footer=made_by(),
         )

@@ -61,7 +61,7 @@ def render_diagnosis(summary: DiagnosisSummary, command: str, log: Log | None = 
     names = ", ".join(run.name for run in summary.runs)
     return render_page(
         parts,
-        title=f"{summary.verdict}: {names}",
+        title=f"OffroadBekker: diagnosis of {names}",
         intro=_intro(summary),
         footer=f"{command} — {made_by()}",
         verdict=page_verdict(summary),
@@ -108,7 +108,7 @@ def _verdict(summary: DiagnosisSummary) -> Section:
         notes.append("The score tests list the smallest detectable size of every effect.")
     return Section(
         name="verdict",
-        title="Verdict",
+        title=f"Verdict: {summary.verdict}",
         sees=figures.raised(summary.sentence),
         tables=(Table(heading=heading, rows=tuple(rows), texts=3),) if rows else (),
         notes=tuple(notes),
@@ -132,7 +132,7 @@ def _structure(summary: DiagnosisSummary, found: StructureComparison, notes: lis
     units = [f"{name} [{figures.error_unit(name, set())}]" for name in StructureTrial.channels()]
     return Section(
         name="verdict",
-        title="Verdict",
+        title=f"Verdict: {summary.verdict}",
         sees=figures.raised(summary.sentence),
         tables=(
             Table(

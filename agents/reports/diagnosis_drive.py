@@ -39,7 +39,7 @@ def drive_section(summary: DiagnosisSummary, log: Log) -> Section | None:
         return None
     return Section(
         name="drive",
-        title=f"The drive {log.name}",
+        title=f"The drive: {log.name}",
         sees="Where the vehicle went and what was measured on the way.",
         playback=played,
     )

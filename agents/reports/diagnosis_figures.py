@@ -168,10 +168,8 @@ def cause_figure(scores: Sequence[Score], threshold: float, sets: Sequence[Seque
     members = {name for group in sets for name in group}
     for i, score in enumerate(order):
         if score.reason:
-            axes.text(
-                0.0, i, f" {raised(score.reason)}", va="center", fontsize=8, color="0.45", style="italic"
-            )
-            axes.barh(i, score.z, color="0.88", height=0.75, zorder=0)
+            axes.text(0.0, i, f" {raised(score.reason)}", va="center", fontsize=8, color="0.3")
+            axes.barh(i, score.z, color="0.92", height=0.75, zorder=0)
             continue
         axes.barh(i, score.z, color=_EXTENDED if score.effect in members else "#B9CBDA", height=0.75)
         axes.annotate(

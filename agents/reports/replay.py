@@ -29,7 +29,7 @@ def drive_section(
     """A log played back, with where in the drive each model errs."""
     return Section(
         name="drive",
-        title=f"The drive {log.name}",
+        title=f"The drive: {log.name}",
         sees="Where the vehicle went, what was measured, and where in the drive each model errs.",
         playback=log_playback(log, more=_errors(log, cases, window, hold)),
         command=command,
@@ -50,7 +50,7 @@ def render_replay(
     )
     return render_page(
         (errors, drive),
-        title="OffroadBekker: logs predicted open loop",
+        title="OffroadBekker: which model predicts the drive?",
         intro="Each model gets the logged steering and torques and predicts what the vehicle does.",
         footer=footer,
         verdict=_verdict(groups, window),

@@ -30,7 +30,7 @@ def render_study(study: str, what: str, record: Record, *, command: str, footer:
         for _, heading, rows, texts in record.tables
         if any(heading) and rows
     )
-    titles = "; ".join(title for title, *_ in record.tables if title)
+    titles = ". ".join(_raised(title) for title, *_ in record.tables if title)
     pictures = tuple(
         Picture(png=png, caption=caption or f"{_raised(name.replace('_', ' '))}.")
         for name, png, caption in record.figures
@@ -56,6 +56,8 @@ def _one_line(heading: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _raised(text: str) -> str:
+    if "_" in text.split(" ")[0]:
+        return text  # a name from the code
     return text[:1].upper() + text[1:]
 
 

@@ -220,7 +220,7 @@ class WheelSpeedConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class GnssConfig:
-    """Satellite receiver above the CG: X, Y [m], speed [m/s], course [rad, -pi ... pi].
+    """Satellite receiver above the CG: X, Y [m], speed [m/s], course [rad] from -pi to pi.
 
     Course is the direction of travel, not the heading, and arbitrary at rest. The defaults are of the order
     of a receiver with carrier-phase corrections (RTK). The error of the position is the sum of a constant, a

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -29,11 +28,6 @@ COMMANDS = {
 PAGES = tuple(name for name in COMMANDS if name != "log")
 #: A study plays no drive back.
 PLAYED = tuple(name for name in PAGES if name != "table1")
-#: Nothing that a browser does on its own: profiles, updates, accounts.
-ARGUMENTS = [
-    "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync",
-]  # fmt: skip
 #: Elements outside the screen that no scrollable box holds.
 OUTSIDE = """() => [...document.body.querySelectorAll("*")].filter(element => {
   const box = element.getBoundingClientRect();
@@ -41,23 +35,6 @@ OUTSIDE = """() => [...document.body.querySelectorAll("*")].filter(element => {
   if (!box.width || !box.height || held) return false;
   return box.right > innerWidth + 1 || box.left < -1;
 }).map(element => `${element.tagName} ${element.className} ${element.textContent.slice(0, 40)}`)"""
-
-
-def browser_program():
-    names = ("chromium", "chromium-browser", "google-chrome")
-    return next((found for name in names if (found := shutil.which(name))), None)
-
-
-@pytest.fixture(scope="module")
-def browser():
-    program = browser_program()
-    if program is None:
-        pytest.skip("no Chromium: apt-get install chromium")
-    api = pytest.importorskip("playwright.sync_api")
-    with api.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=program, args=ARGUMENTS)
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture(scope="module")

@@ -47,6 +47,14 @@ def test_a_page_is_read_in_five_minutes(page):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_no_line_of_a_page_is_taken_for_a_comment(page):
+    """A line that begins with a per cent sign is one to the site's builder, and not shown."""
+    text = page.read_text(encoding="utf-8")
+    text = re.sub(r"^(```|:::).*?^\1[ \t]*$", "", text, flags=re.DOTALL | re.MULTILINE)
+    assert re.findall(r"^\s*%.*$", text, flags=re.MULTILINE) == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_question_answer_and_command_stand_apart(page):
     """As paragraphs of their own: within one they run together where the page is shown."""
     found = re.findall(r"[^\n]\n?\*\*(Answer|Command):\*\*", page.read_text(encoding="utf-8"))

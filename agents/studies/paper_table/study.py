@@ -48,6 +48,7 @@ __all__ = [
     "run_unit",
     "sweep_unit",
     "table_lines",
+    "verdict_of",
 ]
 
 #: (source of the state, model of the filter). The bank runs the half-car: a bicycle in its place would have
@@ -66,6 +67,8 @@ _EVERY = 20
 _SOILS = ("clay", "dry_sand")
 #: Speeds in which the model means something [m/s].
 _LOWEST_SPEED, _HIGHEST_SPEED = 0.5, 25.0
+#: Columns of the table with the printed values.
+_PAPER = ("paper half-car", "paper bicycle")
 
 
 @cache
@@ -356,7 +359,7 @@ def _show(lines: Sequence[TableLine]) -> None:
     cases = [case for case in CASES if any(line[4:6] == case for line in lines)]
     rows = sorted({line.row for line in lines})
     by_place = {(line.source, line.model, line.row): line for line in lines}
-    heading = ("row", "soil", "H0", "steering", "half-car", "bicycle", *map(_case_name, cases), "speed [m/s]")
+    heading = ("row", "soil", "H0 [m]", "steering [rad]", *_PAPER, *map(_case_name, cases), "speed [m/s]")
     body = []
     for row in rows:
         record = ROWS[row - 1]
@@ -367,7 +370,7 @@ def _show(lines: Sequence[TableLine]) -> None:
         body.append((*first, f"{record.paper_half_car:.1e}", f"{record.paper_bicycle:.1e}", *cells, speeds))
     title = (
         f"Mean square error of n over 100 s: the paper's half-car and bicycle, then medians of "
-        f"{lines[0].seeds} seeds (*: above the paper)"
+        f"{lines[0].seeds} {'seed' if lines[0].seeds == 1 else 'seeds'} (*: above the paper)"
     )
     console().print(table(title, heading, body, texts=4))
     ordered = sorted(lines, key=lambda line: (CASES.index((line.source, line.model)), line.row))
@@ -386,7 +389,7 @@ def _show(lines: Sequence[TableLine]) -> None:
     title = "Every filter on every row (late: from 20 s on; wrong: flag up for another soil at the end)"
     console().print(table(title, heading, [_cells(line) for line in ordered]))
     for case in cases:
-        say(_verdict([by_place[(*case, row)] for row in rows]))
+        say(verdict_of([by_place[(*case, row)] for row in rows]))
     slow, fast = min(line.v_min for line in lines), max(line.v_max for line in lines)
     inside = "within" if slow >= _LOWEST_SPEED and fast <= _HIGHEST_SPEED else "NOT within"
     say(f"speeds {slow:.2f} ... {fast:.2f} m/s, {inside} {_LOWEST_SPEED:g} ... {_HIGHEST_SPEED:g} m/s")
@@ -416,15 +419,16 @@ def _cells(line: TableLine) -> tuple[str, ...]:
     )
 
 
-def _verdict(lines: Sequence[TableLine]) -> str:
+def verdict_of(lines: Sequence[TableLine]) -> str:
     """One sentence about a filter over its rows."""
     reached = sum(line.mse_median <= line.paper_mse for line in lines)
     gain = np.exp(np.mean([math.log(line.paper_mse / line.mse_median) for line in lines]))
     covered = np.mean([line.coverage for line in lines])
     name = _case_name((lines[0].source, lines[0].model))
+    factor = f"{gain:.1f} times below it" if gain >= 1.0 else f"{1.0 / gain:.1f} times above it"
     return (
-        f"{name}: {reached} of {len(lines)} rows at or below the paper's value, {gain:.1f} times below it in "
-        f"geometric mean; the 95 % interval covers {covered:.1%}"
+        f"{name}: {reached} of {len(lines)} rows at or below the paper's value, {factor} in geometric mean; "
+        f"the 95 % interval contains n for {100.0 * covered:.1f} % of the time"
     )
 
 

@@ -54,7 +54,7 @@ def prediction_figure(lines: Sequence[_Line]) -> Figure:
                 label=f"n: {source}",
             )  # fmt: skip
         axes.set_title(f"Prediction by the {model.replace('_', '-')}", loc="left", fontsize=11)
-        axes.set(yscale="log", xlabel="row of the table", xticks=sorted({line.row for line in lines}))
+        axes.set(yscale="log", xlabel="row of the table [-]", xticks=sorted({line.row for line in lines}))
         axes.grid(alpha=0.25)
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)

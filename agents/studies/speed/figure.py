@@ -13,7 +13,7 @@ from agents.studies.speed.study import Ratio, Speed
 
 __all__ = ["speed_figure"]
 
-_OURS, _PROMISE = "#1b6ca8", "#c0392b"
+_OURS, _PROMISE, _FILTER = "#0072B2", "#D55E00", "#E69F00"
 
 
 def speed_figure(speed: Speed) -> Figure:
@@ -35,24 +35,24 @@ def _ratios(axes: Axes, ratios: Sequence[Ratio]) -> None:
         y, bar = zip(*promised, strict=True)
         axes.plot(bar, y, "|", color=_PROMISE, markersize=16, markeredgewidth=2, label="promised at least")
     axes.axvline(1.0, color="0.6", linewidth=0.8)
-    labels = [f"{r.ours}  /  {r.peer}{' (clock)' if r.clock else ''}" for r in ratios]
+    labels = [f"{r.ours}  /  {r.peer}{' (elapsed time)' if r.clock else ''}" for r in ratios]
     axes.set_yticks(place, labels)
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axes.set_xlabel("ratio of steps per second, ours / peer [-]")
-    axes.set_title("Against others in the same run", loc="left", fontsize=10.5)
+    axes.set_title("Rate of steps against others, in the same run", loc="left", fontsize=10.5)
     # Below the axis: ratios and promises lie anywhere on the panel.
     axes.legend(frameon=False, fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)
     axes.grid(axis="x", alpha=0.3)
 
 
 def _growth(axes: Axes, speed: Speed) -> None:
-    for (kind, rows), color in zip(speed.vector_us.items(), (_OURS, "#e08e0b"), strict=False):
+    for (kind, rows), color in zip(speed.vector_us.items(), (_OURS, _FILTER), strict=False):
         sizes = np.array(sorted(rows))
         cpu, clock = (np.array([rows[n][column] for n in sizes]) for column in (0, 1))
         name = "with the UKF" if "UKF" in kind else "no filter"
-        axes.plot(sizes, cpu, "o-", color=color, label=f"CPU, {name}")
-        axes.plot(sizes, clock, "o--", color=color, mfc="white", label=f"clock, {name}")
+        axes.plot(sizes, cpu, "o-", color=color, label=f"CPU time, {name}")
+        axes.plot(sizes, clock, "o--", color=color, mfc="white", label=f"elapsed time, {name}")
         axes.plot(sizes, cpu[-1] * sizes / sizes[-1], ":", color="0.5", linewidth=1.0)
     axes.plot([], [], ":", color="0.5", label="proportional to N")
     axes.set_xscale("log", base=2)

@@ -98,9 +98,10 @@ def value_figure(cells: Sequence[Cell]) -> Figure:
     """
     tasks = list(dict.fromkeys(cell.task for cell in cells))
     soils = list(dict.fromkeys(cell.soil for cell in cells))
-    rows = max((len(tasks) + 2) // 3, 1)
-    figure = Figure(figsize=(12.0, 3.3 * rows + 0.4), layout="constrained")
-    panels = figure.subplots(rows, min(len(tasks), 3) or 1, squeeze=False).ravel()
+    columns = 2 if len(tasks) in (2, 4) else 3  # four panels: two rows of two
+    rows = max(-(-len(tasks) // columns), 1)
+    figure = Figure(figsize=(4.0 * columns + 0.4, 3.3 * rows + 0.4), layout="constrained")
+    panels = figure.subplots(rows, min(len(tasks), columns) or 1, squeeze=False).ravel()
     for axes, task in zip(panels, tasks, strict=False):
         _draw_task(axes, [cell for cell in cells if cell.task == task], soils)
         axes.set_title(task, loc="left", fontsize=10.5)
@@ -110,7 +111,7 @@ def value_figure(cells: Sequence[Cell]) -> Figure:
     if handles:
         figure.legend(handles=handles, loc="outside lower left", ncols=len(soils), frameon=False)
     figure.suptitle(
-        "What knowing n is worth over the width of the prior; filled where the 95 % interval lies above 0",
+        "What knowing n is worth; filled circles: the 95 % interval lies above 0",
         x=0.01,
         ha="left",
     )

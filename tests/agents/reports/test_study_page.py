@@ -26,6 +26,14 @@ def test_the_caption_stands_below_its_figure():
     assert "<figcaption>Lower is better.</figcaption>" in " ".join(page.split())
 
 
+def test_the_titles_of_several_tables_are_sentences_and_names_from_the_code_keep_their_letters():
+    tables = [("first table", ("row",), (("1",),), 0), ("every filter", ("row",), (("1",),), 0)]
+    record = Record(lines=["all", "map_ukf_bank: no error"], tables=tables)
+    page = render_study("errors", "errors of n", record, command="offroad", footer="")
+    assert "First table. Every filter." in page
+    assert "map_ukf_bank: no error." in page
+
+
 @pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.parent.name)
 def test_every_figure_of_a_study_has_a_caption(path):
     assert [caption for caption in captions(path) if not (caption or "").endswith(".")] == []

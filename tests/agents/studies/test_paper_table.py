@@ -20,6 +20,7 @@ from agents.studies.paper_table.study import (
     sweep_points,
     sweep_unit,
     table_lines,
+    verdict_of,
 )
 from estimators.experiments.buzhardt_tallapragada import KNOWN_SETTINGS, ROWS, SETTINGS, SWEEP
 
@@ -72,6 +73,12 @@ def test_a_point_of_the_sweep_counts_the_rows_that_its_median_reaches():
     (point,) = sweep_points(results)
     assert point.reached == 7
     assert point.mse[0] == pytest.approx(0.9 * ROWS[0].paper_half_car)
+
+
+@pytest.mark.parametrize(("factor", "said"), [(0.5, "2.0 times below it"), (2.0, "2.0 times above it")])
+def test_an_error_above_that_of_the_paper_is_called_so(factor, said):
+    lines = table_lines({("known", "half_car", 3, 0, 100.0): _result(factor * ROWS[2].paper_half_car)})
+    assert said in verdict_of(lines)
 
 
 def test_what_is_used_was_tried():
