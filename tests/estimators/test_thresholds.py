@@ -107,7 +107,7 @@ THRESHOLDS = (
     ("estimators.belief.fit", "", "FAILED", 20.0),
     ("estimators.belief.drive_errors", "", "_FACTOR_SD", 0.7),
     ("estimators.belief.drive_fit", "", "_FIRST_SCALES", 1.5),
-    ("estimators.belief.drive_fit", "", "_STUCK", 30.0),
+    ("estimators.belief.drive_problem", "", "_STUCK", 30.0),
     ("estimators.belief.drive_numbers", "", "VEHICLE_SD", (0.05, 0.2, 0.2)),
     ("estimators.belief.drive_samples", "", "BLOCK", 0.2),
     ("estimators.belief.windows", "", "WINDOW", 2.0),
