@@ -85,8 +85,13 @@ def test_logs_of_vehicles_that_are_stuck_at_once_are_counted_and_left_out():
     results = {
         ("large", "payload", 7.0, 1): _result("NAMED", ["payload"]) | {"stuck": False},
         ("large", "rut_drag", 7.0, 1): _result("OUTSIDE THE MODEL") | {"stuck": True},
+        ("library", "rut_drag", 2.0, 1): _result("OUTSIDE THE MODEL") | {"stuck": True},
+        ("library", "payload", 2.0, 1): _result("NAMED", ["payload"]) | {"stuck": False},
+        ("other", "payload", 2.0, 1): _result("NAMED", ["payload"]) | {"stuck": False},
     }
     numbers = counted_naturally(results)
+    assert numbers["library, not stuck"]["family in the sets"]["count"] == 1
+    assert "other, not stuck" not in numbers
     assert numbers["large"]["family in the sets"]["count"] == 2
     assert numbers["large, not stuck"]["family in the sets"]["count"] == 1
 

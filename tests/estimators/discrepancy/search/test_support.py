@@ -31,9 +31,7 @@ def model(
     )
 
 
-@pytest.mark.parametrize(
-    ("residual", "variance"), [((-5.0, 0.0), 4.0), ((0.0, 5.0), 9.0), ((1.0, 1.0), 6.5)]
-)
+@pytest.mark.parametrize(("residual", "variance"), [((-5.0, 0.0), 4.0), ((0.0, 5.0), 9.0), ((1.0, 1.0), 6.5)])
 def test_a_gain_is_divided_by_the_scatter_along_the_difference_of_the_models(residual, variance):
     nominal = model(9055.0, {}, (0.0, 0.0))
     larger = model(8969.0, {"torque_scale": (-0.155, 0.01)}, residual)
