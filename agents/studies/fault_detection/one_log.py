@@ -23,9 +23,9 @@ from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel, drives
 from estimators.discrepancy.model.windows import FIT, REPORT
 from estimators.discrepancy.physical_ranges import NEVER_NEGATIVE
+from estimators.discrepancy.search.refitting import refit
 from estimators.discrepancy.search.result import SearchResult
 from estimators.discrepancy.search.score_test import DETECTABLE, ScoreTest, candidates_for, score_test
-from estimators.discrepancy.search.stepwise import refit
 from estimators.discrepancy.verdict import VehicleDiagnosis
 from estimators.logs.immobile import stuck_spans
 from estimators.logs.immobile_findings import IMMOBILE

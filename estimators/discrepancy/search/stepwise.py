@@ -11,7 +11,6 @@ from scipy.stats import norm
 
 from estimators.discrepancy.model.fit import fitted_afresh, settled
 from estimators.discrepancy.model.fit_result import FitResult
-from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.normal_equations import projected
 from estimators.discrepancy.model.null_simulations import inflation_along
 from estimators.discrepancy.model.parameters import Candidate
@@ -19,6 +18,7 @@ from estimators.discrepancy.model.protocol import ForwardModel
 from estimators.discrepancy.physical_ranges import at_end
 from estimators.discrepancy.search.holdout import HoldOutResult, HoldOutTest
 from estimators.discrepancy.search.pair_search import Proposal, linearised_gain, proposed_pairs
+from estimators.discrepancy.search.refitting import refit
 from estimators.discrepancy.search.result import EQUIVALENT, Alternative, Cause, SearchResult, separation
 from estimators.discrepancy.search.score_test import (
     ScoreTest,
@@ -30,7 +30,7 @@ from estimators.discrepancy.search.score_test import (
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 
-__all__ = ["MOST", "outside", "p_value_of_score", "refit", "scored_only", "search", "strayed"]
+__all__ = ["MOST", "outside", "p_value_of_score", "scored_only", "search", "strayed"]
 
 #: Most effects in one model.
 MOST = 4
@@ -54,8 +54,6 @@ _LARGE = 2.0
 #: Standard deviations from a stated number from which its effect is fitted afresh, for so many numbers, the
 #: furthest off, from this share of a plausible size.
 _LEFT, _FRESH, _BEGINS = 5.0, 2, 0.5
-#: Sizes to descend from where several minima are known, in plausible sizes.
-_TIMING_STARTS = (0.2, 0.4, 0.7, 1.0)
 
 
 class _Bars(NamedTuple):
@@ -72,50 +70,6 @@ class _Accepted(NamedTuple):
     gains: list[float]  #: of each model tested, in the log-likelihood of windows apart
     refused: bool  #: one was rejected that the fitted windows support
     rejected: frozenset[str] = frozenset()  #: effects of the first models that were rejected before this one
-
-
-def _starts(fit: FitResult, candidate: Candidate, size: float) -> list[float]:
-    """Sizes to descend from: timing has several minima."""
-    effect = EFFECTS[candidate.effect]
-    reach = effect.plausible(fit.runs[0].setup.plant.vehicle)
-    size = float(np.clip(size, -2.0 * reach, 2.0 * reach))
-    if effect.family != "timing":
-        return [size]
-    return [size, *(share * reach for share in _TIMING_STARTS)]
-
-
-def refit(
-    fit: FitResult,
-    candidates: Sequence[Candidate],
-    sizes: Sequence[float] | np.ndarray,
-    new: int = -1,
-    enough: float = np.inf,
-) -> FitResult | None:
-    """The model with these effects fitted, the noise as it is; None if it breaks down.
-
-    Parameters
-    ----------
-    new
-        Place of the effect whose size is least known.
-    enough
-        What cannot cost less is not fitted to the end.
-    """
-    best: FitResult | None = None
-    for size in _starts(fit, candidates[new], sizes[new]):
-        point = np.array(sizes, dtype=np.float64)
-        point[new] = size
-        try:
-            trial = fit.with_effects(candidates, point)
-        except OffroadError:
-            continue
-        if best is None or trial.cost < best.cost:
-            best = trial
-    if best is None:
-        return None
-    try:
-        return GaussNewton(enough=enough).descend(best, fresh=False)
-    except OffroadError:
-        return None
 
 
 def outside(fit: FitResult, candidates: Sequence[Candidate]) -> list[Candidate]:
