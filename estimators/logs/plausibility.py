@@ -32,6 +32,8 @@ _LEAN, _LEAN_FACTOR, _LEAN_PUSH = 0.5, 2.6, 0.5
 _WAY_FACTOR, _WAY_SHARE, _WAY = 1.8, 0.7, 5.0
 #: Velocity along a coordinate from which it is judged [m/s].
 _EXCITED = 0.3
+#: Windows without a known turn over which a heading is carried.
+_BRIDGED = 3
 #: Gravity in an accelerometer, in m/s^2 over 9.81.
 _GRAVITY_FACTOR = 1.4
 #: No vehicle slides this far sideways for this share of its way [-].
@@ -109,6 +111,7 @@ def _positions(
         return [], set()
     heading, stated = _heading(windows, turn, untrusted)
     known = np.isfinite(heading) & np.isfinite(speed) & np.isfinite(velocity[0]) & np.isfinite(velocity[1])
+    known &= stated | _uninterrupted(turn)
     columns = np.column_stack([speed * np.cos(heading), speed * np.sin(heading)])[known]
     if len(columns) < 10 or windows.length * 0.5 * np.abs(speed[known]).sum() < _WAY:
         return [], set()
@@ -124,9 +127,13 @@ def _positions(
             return [], set()
         tables, seen = dict.fromkeys(moved, columns), {"x", "y"}
     found = _position_violations({name: _way(tables[name], moved[name]) for name in seen})
-    if found:
+    # A heading that is stated is known where no turn is: where the vehicle stands, or a channel has gaps.
+    turned = np.isfinite(turn[known])
+    if found and turned.any():
+        tables = {name: table[turned] for name, table in tables.items()}
+        moved = {name: v[turned] for name, v in moved.items()}
         aside = turn[known] * np.stack([-np.sin(heading[known]), np.cos(heading[known])])
-        rest = _without_antenna(tables, moved, dict(zip(("x", "y"), aside, strict=True)), windows)
+        rest = _without_antenna(tables, moved, dict(zip(("x", "y"), aside[:, turned], strict=True)), windows)
         if not _position_violations({name: _way(tables[name], rest[name]) for name in seen}):
             found = []
     return found, seen
@@ -172,6 +179,16 @@ def _heading(windows: Windows, turn: np.ndarray, untrusted: frozenset[str]) -> t
     step = 0.5 * windows.length
     filled = np.interp(middle, middle[np.isfinite(turn)], turn[np.isfinite(turn)])
     return np.concatenate([[0.0], np.cumsum(0.5 * step * (filled[1:] + filled[:-1]))]), False
+
+
+def _uninterrupted(turn: np.ndarray) -> np.ndarray:
+    """Windows (W,) of the longest stretch in which the turn is known: over a gap its integral drifts."""
+    own = np.flatnonzero(np.isfinite(turn))
+    parts = np.split(own, np.flatnonzero(np.diff(own) > _BRIDGED + 1) + 1)
+    longest = max(parts, key=len)
+    inside = np.zeros(len(turn), dtype=bool)
+    inside[longest[0] : longest[-1] + 1] = True
+    return inside
 
 
 def _way(columns: np.ndarray, values: np.ndarray) -> _Way:

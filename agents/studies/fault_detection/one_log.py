@@ -18,13 +18,16 @@ from estimators.discrepancy.faults.drive import TICK, Case, draw_case, simulated
 from estimators.discrepancy.faults.library import FAULTS, ONE_SIDED
 from estimators.discrepancy.faults.other_forms import OTHER_FORMS, WRONG_NUMBERS
 from estimators.discrepancy.faults.unmodelled import UNMODELLED_FAULTS
-from estimators.discrepancy.model.fit import fit_runs
+from estimators.discrepancy.model.fit import fit_runs, settled
+from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel, drives
 from estimators.discrepancy.model.windows import FIT, REPORT
 from estimators.discrepancy.physical_ranges import NEVER_NEGATIVE
+from estimators.discrepancy.search.refitting import refit
 from estimators.discrepancy.search.result import SearchResult
-from estimators.discrepancy.search.score_test import ScoreTest, candidates_for, score_test
+from estimators.discrepancy.search.score_test import DETECTABLE, ScoreTest, candidates_for, score_test
 from estimators.discrepancy.verdict import VehicleDiagnosis
+from estimators.logs.immobile import stuck_spans
 from estimators.logs.immobile_findings import IMMOBILE
 from estimators.logs.log import Log
 from offroad_env.effects import EFFECTS, apply
@@ -56,7 +59,8 @@ def natural_case(seed: int) -> Case:
 def limits_of(seed: int, *, natural: bool = False) -> Numbers:
     """Smallest detectable sizes in the log of this seed, and similarity of the effects in it.
 
-    From the same run without a fault.
+    From the same run without a fault; in the natural world also from those with each fault, see
+    `_limit_with_fault`.
     """
     try:
         case = natural_case(seed) if natural else draw_case(seed)
@@ -66,14 +70,41 @@ def limits_of(seed: int, *, natural: bool = False) -> Numbers:
         return {"failed": str(error)}
     names, cosines = result.by_effect()
     limits, run = result.limits(), fit.runs[0]
+    ranges = {name: run.size_limits(name) for name in FAULTS if name in limits}
+    if natural:
+        limits |= {
+            name: _limit_with_fault(case, name, limits[name], ranges[name])
+            for name in OTHER_FORMS
+            if name in ranges
+        }
     return {
         "limits": limits,
-        "ranges": {name: list(run.size_limits(name)) for name in FAULTS if name in limits},
+        "ranges": {name: list(ends) for name, ends in ranges.items()},
         # Without a receiver it can have no fault.
         "alike": {name: _alike(result, name) for name in FAULTS if name in limits},
         "names": names,
         "cosines": cosines.round(4).tolist(),
     }
+
+
+def _limit_with_fault(case: Case, name: str, limit: float, ends: tuple[float, float]) -> float:
+    """Limit of a cause in the drive that has it at twice ``limit``, which is that of the drive without.
+
+    A fault changes the drive: what grows with the sinkage scatters with the ground that shakes it, and a slow
+    vehicle shows less. Where no vehicle can have it, or it gets stuck, the limit remains.
+    """
+    size = _size(name, 2.0 * limit, case.seed)
+    if not ends[0] < size < ends[1]:
+        return limit
+    log = simulated_log(case, _fault(name, size))
+    if stuck_spans(log):
+        return limit
+    try:
+        trial = refit(fit_runs([RunModel(log, use=FIT)]), [Candidate(effect=name)], [size])
+        deviation = 0.0 if trial is None else float(settled(trial, fresh=False).size_deviations()[0])
+    except OffroadError:
+        return limit
+    return max(limit, DETECTABLE * deviation)
 
 
 def possible(name: str, multiple: float, seed: int, known: Mapping[int, Numbers]) -> bool:

@@ -100,9 +100,9 @@ class NaturalFaults(Results):
         return [every[i] for i in order[: self.pairs]]
 
 
-#: Kinds of logs in which vehicles get stuck at once, so that there is no drive to diagnose: counted without
-#: these, too.
-_HARD = ("large", "large two")
+#: Kinds of logs in which vehicles may get stuck, so that there is no drive to diagnose: counted without these
+#: as well, where there are any.
+_HARD = ("other", "library", "two", "large", "large two")
 #: What is counted of every kind of log.
 _COUNTS = ("detected", "family in the sets", "another cause for certain")
 
@@ -114,11 +114,12 @@ def _limits(_kind: str, seed: int) -> Numbers:
 def counted_naturally(results: Mapping[Key, Numbers]) -> dict[str, Numbers]:
     """Shares by kind of log, and of each wrong number and each cause of another form."""
     done = [(key, result) for key, result in results.items() if "failed" not in result]
+    stuck = {str(key[0]) for key, result in done if key[0] in _HARD and result.get("stuck")}
     groups: dict[str, list[tuple[str, Numbers]]] = {}
     for key, result in done:
         kind, name = str(key[0]), str(key[1])
         groups.setdefault(kind, []).append((name, result))
-        if kind in _HARD and not result.get("stuck"):
+        if kind in stuck and not result.get("stuck"):
             groups.setdefault(f"{kind}, not stuck", []).append((name, result))
     for key, result in done:
         if key[0] in ("wrong", "other"):

@@ -40,7 +40,9 @@ def variance_inflation(
         inverse = np.linalg.pinv(gram, hermitian=True)
         own, scores = np.diag(inverse), inverse @ scores
     else:
-        solved = np.linalg.solve(gram[:held, :held], np.column_stack([gram[:held, held:], scores[:held]]))
+        # What the data do not show, such as an effect that its range holds at nothing, takes nothing away.
+        inner = gram[:held, :held] + np.diag(np.where(np.diag(gram)[:held] > 0.0, 0.0, 1.0))
+        solved = np.linalg.solve(inner, np.column_stack([gram[:held, held:], scores[:held]]))
         count = columns.shape[1] - held
         own = np.diag(gram)[held:] - np.sum(gram[held:, :held] * solved[:, :count].T, axis=1)
         scores = scores[held:] - gram[held:, :held] @ solved[:, count:]

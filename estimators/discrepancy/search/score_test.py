@@ -19,7 +19,7 @@ from estimators.discrepancy.model.parameters import Candidate
 from offroad_env.effects import EFFECTS
 from offroad_env.physics import state as at
 
-__all__ = ["ScoreTest", "candidates_for", "refined_places", "score_test", "score_threshold"]
+__all__ = ["DETECTABLE", "ScoreTest", "candidates_for", "refined_places", "score_test", "score_threshold"]
 
 #: An effect whose largest plausible size would move its score by less than this is no candidate at all.
 _NOTHING = 0.4

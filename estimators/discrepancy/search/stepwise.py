@@ -11,13 +11,14 @@ from scipy.stats import norm
 
 from estimators.discrepancy.model.fit import fitted_afresh, settled
 from estimators.discrepancy.model.fit_result import FitResult
-from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.normal_equations import projected
+from estimators.discrepancy.model.null_simulations import inflation_along
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.protocol import ForwardModel
 from estimators.discrepancy.physical_ranges import at_end
 from estimators.discrepancy.search.holdout import HoldOutResult, HoldOutTest
 from estimators.discrepancy.search.pair_search import Proposal, linearised_gain, proposed_pairs
+from estimators.discrepancy.search.refitting import refit
 from estimators.discrepancy.search.result import EQUIVALENT, Alternative, Cause, SearchResult, separation
 from estimators.discrepancy.search.score_test import (
     ScoreTest,
@@ -29,7 +30,7 @@ from estimators.discrepancy.search.score_test import (
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 
-__all__ = ["MOST", "outside", "p_value_of_score", "refit", "scored_only", "search", "strayed"]
+__all__ = ["MOST", "outside", "p_value_of_score", "scored_only", "search", "strayed"]
 
 #: Most effects in one model.
 MOST = 4
@@ -40,8 +41,8 @@ _WIDER = 4.0
 #: Fitted windows and those apart together must show more than noise does in this share of the logs in which
 #: the first scores may find something.
 _CONFIRMED = 0.4
-#: Share of null logs with a first score that is a discrepancy although the windows apart refuse every effect.
-_BEYOND = 0.002
+#: Share of null logs with a first score that is a discrepancy although no effect that is tried explains it.
+_BEYOND = 0.01
 #: Standard deviations from a stated number beyond which no tolerance explains what a fit makes of it.
 _IMPOSSIBLE = 6.0
 #: Models as good as the best that are tested on windows apart.
@@ -53,8 +54,6 @@ _LARGE = 2.0
 #: Standard deviations from a stated number from which its effect is fitted afresh, for so many numbers, the
 #: furthest off, from this share of a plausible size.
 _LEFT, _FRESH, _BEGINS = 5.0, 2, 0.5
-#: Sizes to descend from where several minima are known, in plausible sizes.
-_TIMING_STARTS = (0.2, 0.4, 0.7, 1.0)
 
 
 class _Bars(NamedTuple):
@@ -71,50 +70,6 @@ class _Accepted(NamedTuple):
     gains: list[float]  #: of each model tested, in the log-likelihood of windows apart
     refused: bool  #: one was rejected that the fitted windows support
     rejected: frozenset[str] = frozenset()  #: effects of the first models that were rejected before this one
-
-
-def _starts(fit: FitResult, candidate: Candidate, size: float) -> list[float]:
-    """Sizes to descend from: timing has several minima."""
-    effect = EFFECTS[candidate.effect]
-    reach = effect.plausible(fit.runs[0].setup.plant.vehicle)
-    size = float(np.clip(size, -2.0 * reach, 2.0 * reach))
-    if effect.family != "timing":
-        return [size]
-    return [size, *(share * reach for share in _TIMING_STARTS)]
-
-
-def refit(
-    fit: FitResult,
-    candidates: Sequence[Candidate],
-    sizes: Sequence[float] | np.ndarray,
-    new: int = -1,
-    enough: float = np.inf,
-) -> FitResult | None:
-    """The model with these effects fitted, the noise as it is; None if it breaks down.
-
-    Parameters
-    ----------
-    new
-        Place of the effect whose size is least known.
-    enough
-        What cannot cost less is not fitted to the end.
-    """
-    best: FitResult | None = None
-    for size in _starts(fit, candidates[new], sizes[new]):
-        point = np.array(sizes, dtype=np.float64)
-        point[new] = size
-        try:
-            trial = fit.with_effects(candidates, point)
-        except OffroadError:
-            continue
-        if best is None or trial.cost < best.cost:
-            best = trial
-    if best is None:
-        return None
-    try:
-        return GaussNewton(enough=enough).descend(best, fresh=False)
-    except OffroadError:
-        return None
 
 
 def outside(fit: FitResult, candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -283,18 +238,27 @@ def _pruned(fit: FitResult, threshold: float) -> FitResult:
 def _support(fit: FitResult, trial: FitResult, larger: FitResult) -> float:
     """Evidence of the fitted windows for the effects that are new in a ``larger`` model.
 
-    The gain of the ``trial`` from which it was settled, with the noise as it was, or the likelihood ratio of
-    the least of the new effects, if that is less. Road and soil scatter more beside the smaller noise of the
-    larger model, so that each is measured in its own noise.
+    The gain of the ``trial`` from which it was settled, with the noise as it was, over what road and soil
+    scatter along the difference of the models where nothing is wrong. Of several new effects also the
+    likelihood ratio of the least. That of a single one does not count: forces that grow with the sinkage make
+    the ground scatter more, so that a size over its own deviation falls where the effect grows (W. W. Hauck
+    and A. Donner, J. Am. Stat. Assoc. 72 (1977) 851).
     """
+    support = (fit.cost - trial.cost) / _scatter_between(fit, trial)
     names = {candidate.effect for candidate in fit.candidates}
+    new = [i for i, candidate in enumerate(larger.candidates) if candidate.effect not in names]
+    if len(new) > 1:
+        least = float(np.min((np.abs(larger.sizes) / larger.size_deviations())[new]))
+        support = min(support, 0.5 * least**2)
+    return float(support)
 
-    def new(model: FitResult) -> list[int]:
-        return [i for i, candidate in enumerate(model.candidates) if candidate.effect not in names]
 
-    wide = float(np.max(trial.size_inflation[new(trial)], initial=1.0))
-    least = np.min((np.abs(larger.sizes) / larger.size_deviations())[new(larger)], initial=np.inf)
-    return float(min((fit.cost - trial.cost) / wide, 0.5 * least**2))
+def _scatter_between(fit: FitResult, other: FitResult) -> float:
+    """Variance of null simulations along the difference of two fitted models, over that of white noise."""
+    if fit.null is None:
+        return 1.0
+    difference = fit.noise.whiten((fit.residual - other.residual)[:, None])
+    return inflation_along(fit.without_states(difference)[:, 0], fit.null.white)
 
 
 def _accepted(test: HoldOutTest, trials: Sequence[FitResult], bars: _Bars) -> _Accepted:
@@ -339,6 +303,9 @@ def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float) -> _Acc
     """The next larger model: ``bar`` is the least score, ``rate`` that of the first scores."""
     last = refined_places(last, _LARGE * bar, _NEAR_BEST)
     strongest, inside = float(np.abs(last.z).max(initial=0.0)), test.fit.candidates
+    # Where hardly a null log has such a score, a discrepancy remains whatever comes after a refusal: the next
+    # best explanation costs no false alarm.
+    beyond = not inside and strongest > score_threshold(last, _BEYOND)
     gains: list[float] = []
     rejected = frozenset[str]()
     while True:
@@ -349,12 +316,9 @@ def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float) -> _Acc
         gains += accepted.gains
         if accepted.fit is not None:
             return _Accepted(accepted.fit, gains, refused=False, rejected=rejected)
-        # Where no null log has such a score, a refusal leaves a discrepancy whatever comes after it: the next
-        # best explanation costs no false alarm.
-        again = accepted.refused and not inside and len(gains) < _TESTED
-        again = again and strongest > score_threshold(last, _BEYOND)
+        again = beyond and bool(accepted.gains) and len(gains) < _TESTED
         if not trials or (accepted.gains and not again):
-            return _Accepted(None, gains, refused=accepted.refused or bool(rejected))
+            return _Accepted(None, gains, refused=accepted.refused or beyond)
         # What looked best is not significant once it is fitted; what it was confounded with may be.
         names = {candidate.effect for candidate in inside}
         gone = {candidate.effect for trial in tried for candidate in trial.candidates} - names

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
+from agents.studies.fault_detection import one_log
 from agents.studies.natural_faults.study import NaturalFaults, counted_naturally
 from estimators.discrepancy.faults.other_forms import FAMILIES, OTHER_FORMS, WRONG_NUMBERS
+from estimators.discrepancy.model.parameters import Candidate
+from estimators.discrepancy.search.score_test import DETECTABLE
 
 
 def _result(verdict: str, *sets: list[str], structure: bool = False) -> dict:
@@ -80,7 +85,43 @@ def test_logs_of_vehicles_that_are_stuck_at_once_are_counted_and_left_out():
     results = {
         ("large", "payload", 7.0, 1): _result("NAMED", ["payload"]) | {"stuck": False},
         ("large", "rut_drag", 7.0, 1): _result("OUTSIDE THE MODEL") | {"stuck": True},
+        ("library", "rut_drag", 2.0, 1): _result("OUTSIDE THE MODEL") | {"stuck": True},
+        ("library", "payload", 2.0, 1): _result("NAMED", ["payload"]) | {"stuck": False},
+        ("other", "payload", 2.0, 1): _result("NAMED", ["payload"]) | {"stuck": False},
     }
     numbers = counted_naturally(results)
+    assert numbers["library, not stuck"]["family in the sets"]["count"] == 1
+    assert "other, not stuck" not in numbers
     assert numbers["large"]["family in the sets"]["count"] == 2
     assert numbers["large, not stuck"]["family in the sets"]["count"] == 1
+
+
+@pytest.mark.parametrize(
+    ("deviation", "stuck", "limit"),
+    [
+        (0.02, (), DETECTABLE * 0.02),  # the fault makes the ground scatter more
+        (0.001, (), 0.05),  # never below that of the drive without the fault
+        (0.02, ((0.0, 9.0),), 0.05),  # a vehicle that is stuck shows nothing
+        (None, (), 0.05),  # the model with the fault breaks down
+    ],
+)
+def test_a_limit_is_that_of_the_drive_with_the_fault(monkeypatch, deviation, stuck, limit):
+    sizes: list[float] = []
+
+    def refitted(fit: object, candidates: list[Candidate], values: list[float]) -> SimpleNamespace | None:
+        sizes.extend(abs(value) for value in values)
+        return None if deviation is None else SimpleNamespace(size_deviations=lambda: [deviation])
+
+    monkeypatch.setattr(one_log, "simulated_log", lambda case, fault: None)
+    monkeypatch.setattr(one_log, "stuck_spans", lambda log: stuck)
+    monkeypatch.setattr(one_log, "RunModel", lambda log, use: None)
+    monkeypatch.setattr(one_log, "fit_runs", lambda runs: None)
+    monkeypatch.setattr(one_log, "refit", refitted)
+    monkeypatch.setattr(one_log, "settled", lambda trial, fresh: trial)
+    found = one_log._limit_with_fault(SimpleNamespace(seed=1), "payload", 0.05, (-1.0, 1.0))
+    assert found == pytest.approx(limit)
+    assert sizes == ([] if stuck else [0.1])
+
+
+def test_a_fault_beyond_what_a_vehicle_can_have_keeps_its_limit():
+    assert one_log._limit_with_fault(SimpleNamespace(seed=1), "bulldozing", 6e4, (0.0, 1e5)) == 6e4

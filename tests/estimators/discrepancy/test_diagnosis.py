@@ -23,8 +23,8 @@ from estimators.discrepancy.faults.unmodelled import UNMODELLED_FAULTS
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT
+from estimators.discrepancy.search.refitting import refit
 from estimators.discrepancy.search.score_test import refined_places
-from estimators.discrepancy.search.stepwise import refit
 from estimators.discrepancy.summarise import summarise
 from estimators.discrepancy.verdict import VehicleDiagnosis, Verdict
 from estimators.discrepancy.wording import terminal_lines, verdict_sentence

@@ -13,9 +13,9 @@ from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT
 from estimators.discrepancy.physical_ranges import NEVER_NEGATIVE, at_end, drive_range
+from estimators.discrepancy.search.refitting import refit
 from estimators.discrepancy.search.result import Alternative, Cause
 from estimators.discrepancy.search.score_test import _possible_share, score_test
-from estimators.discrepancy.search.stepwise import refit
 from estimators.discrepancy.stated_model import model_with
 from estimators.discrepancy.verdict import VehicleDiagnosis
 from offroad_env.effects import EFFECTS, Setup

@@ -13,7 +13,7 @@ from estimators.discrepancy.model.fit import fit_runs
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT
-from estimators.discrepancy.search.stepwise import refit
+from estimators.discrepancy.search.refitting import refit
 from estimators.discrepancy.verdict import OVERLAP, REST_RATE, VehicleDiagnosis, Verdict
 from estimators.discrepancy.wording import verdict_sentence
 

@@ -21,8 +21,8 @@ from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT
 from estimators.discrepancy.search.holdout import HoldOutTest
+from estimators.discrepancy.search.refitting import refit
 from estimators.discrepancy.search.score_test import candidates_for, score_test
-from estimators.discrepancy.search.stepwise import refit
 from estimators.logs import read_log, write_log
 from estimators.logs.tolerances import TOLERANCES
 from offroad_env.effects import EFFECTS, apply

@@ -53,3 +53,12 @@ def test_only_an_unknown_road_is_drawn_and_it_shakes_as_much_as_the_true_one():
             if channel.name in ("a_z", "pitch_rate"):
                 drawn = np.median(rough.null.residuals[channel.rows].std(axis=0))
                 assert drawn == pytest.approx(residual[channel.rows].std(), rel=0.5)
+
+
+def test_an_effect_that_is_held_at_nothing_takes_nothing_away_from_the_others():
+    """Its column is zero, since its range allows no size: once the search ended with a singular matrix."""
+    rng = np.random.default_rng(3)
+    column, noise = rng.standard_normal((400, 1)), rng.standard_normal((400, 48))
+    columns = np.column_stack([np.zeros(400), column])
+    alone = variance_inflation(column, noise, 0, np.zeros(0))
+    assert variance_inflation(columns, noise, 1, np.zeros(0)) == pytest.approx(alone)

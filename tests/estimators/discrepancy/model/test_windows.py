@@ -16,7 +16,7 @@ from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT, SELECT
 from estimators.discrepancy.search import stepwise
 from estimators.discrepancy.search.holdout import HoldOutResult, HoldOutTest
-from estimators.discrepancy.search.stepwise import refit
+from estimators.discrepancy.search.refitting import refit
 from offroad_env.physics import state as at
 
 #: Of an unmodified accelerometer's constant error, five standard deviations [m/s^2].

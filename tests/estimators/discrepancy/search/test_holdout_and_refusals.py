@@ -32,8 +32,16 @@ def test_on_natural_ground_both_models_have_the_noise_of_the_smaller(null, noise
     assert test.onward(larger)._held == held
 
 
-def _search(monkeypatch, strongest: float, refused: set[str]) -> tuple[_Accepted, list[str]]:
-    """The next model where effects fall from ``strongest``, null logs stay below 4 and some are refused."""
+def _search(
+    monkeypatch, strongest: float, refused: set[str], *, supported: bool = True
+) -> tuple[_Accepted, list[str]]:
+    """The next model where effects fall from ``strongest``, null logs stay below 4 and some are refused.
+
+    Parameters
+    ----------
+    supported
+        Whether the fitted windows support those that are refused.
+    """
     tried: list[str] = []
 
     def scores(fit: Fit, candidates: list[Candidate]) -> SimpleNamespace:
@@ -45,7 +53,7 @@ def _search(monkeypatch, strongest: float, refused: set[str]) -> tuple[_Accepted
         (name,) = [candidate.effect for candidate in trials[0].candidates]
         tried.append(name)
         wrong = name in refused
-        return _Accepted(None if wrong else trials[0], [-5.0 if wrong else 5.0], refused=wrong)
+        return _Accepted(None if wrong else trials[0], [-5.0 if wrong else 5.0], refused=wrong and supported)
 
     monkeypatch.setattr(stepwise, "refined_places", lambda last, *_: last)
     monkeypatch.setattr(stepwise, "score_threshold", lambda *_: 4.0)
@@ -65,6 +73,20 @@ def test_after_a_refusal_that_no_null_log_has_the_next_best_explanation_is_teste
     assert found.fit.candidates[0].effect == "b"
     assert found.rejected == {"a"}
     assert not found.refused
+
+
+@pytest.mark.parametrize(("wrong", "found", "tried"), [("a", "b", "ab"), ("abcde", None, "abc")])
+def test_a_first_name_without_support_is_refused_like_any_other(monkeypatch, wrong, found, tried):
+    """Its score was large, and the refit gains little: the score was that of another effect."""
+    result, names = _search(monkeypatch, 9.0, set(wrong), supported=False)
+    assert names == list(tried)
+    assert (result.fit.candidates[0].effect if result.fit else None) == found
+    assert result.refused == (found is None)
+
+
+def test_a_score_of_noise_without_support_is_no_discrepancy(monkeypatch):
+    found, tried = _search(monkeypatch, 3.9, {"a"}, supported=False)
+    assert (found.fit, found.refused, tried) == (None, False, ["a"])
 
 
 def test_where_null_logs_have_such_a_score_only_the_best_is_tested(monkeypatch):

@@ -18,8 +18,8 @@ from estimators.discrepancy.model.windows import FIT
 from estimators.discrepancy.search import stepwise as search_module
 from estimators.discrepancy.search.holdout import HoldOutResult
 from estimators.discrepancy.search.pair_search import linearised_gain, proposed_pairs
+from estimators.discrepancy.search.refitting import refit
 from estimators.discrepancy.search.result import Alternative, Cause, separation
-from estimators.discrepancy.search.stepwise import refit
 from estimators.discrepancy.summarise import summarise_causes
 from estimators.discrepancy.verdict import VehicleChecks, VehicleDiagnosis, Verdict
 from estimators.discrepancy.wording import verdict_sentence

@@ -1,4 +1,4 @@
-"""Evidence of the fitted windows for a larger model, each part in the noise in which it was measured."""
+"""Evidence of the fitted windows for a larger model, in units of what the ground scatters along it."""
 
 from types import SimpleNamespace
 
@@ -8,28 +8,52 @@ import pytest
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.search.stepwise import _support
 
+#: Null simulations that scatter along the first row with a variance of 4, along the second with 9.
+_NULL = np.array([[2.0, -2.0, 2.0, -2.0], [3.0, 3.0, -3.0, -3.0]])
 
-def model(cost: float, sizes: dict[str, tuple[float, float]], inflation: float) -> SimpleNamespace:
+
+def model(
+    cost: float,
+    sizes: dict[str, tuple[float, float]],
+    residual: tuple[float, float],
+    null: np.ndarray | None = _NULL,
+) -> SimpleNamespace:
     """A fit with sizes and their standard deviations by effect."""
     return SimpleNamespace(
         cost=cost,
         candidates=tuple(Candidate(effect=name) for name in sizes),
         sizes=np.array([size for size, _ in sizes.values()]),
-        size_inflation=np.full(len(sizes), inflation),
         size_deviations=lambda: np.array([deviation for _, deviation in sizes.values()]),
+        residual=np.array(residual),
+        noise=SimpleNamespace(whiten=lambda table: table),
+        without_states=lambda table: table,
+        null=None if null is None else SimpleNamespace(white=null),
     )
 
 
-def test_a_gain_is_divided_by_the_scatter_beside_the_noise_in_which_it_was_gained():
-    """The larger model has less noise, beside which roads and soil scatter six times as much."""
-    nominal = model(9055.0, {}, 1.0)
-    trial = model(8969.0, {"torque_scale": (-0.155, 0.0277)}, 4.4)
-    settled = model(9300.0, {"torque_scale": (-0.177, 0.0317)}, 27.0)
-    assert _support(nominal, trial, settled) == pytest.approx(0.5 * (0.177 / 0.0317) ** 2)
-    assert _support(nominal, model(9044.0, {"torque_scale": (-0.155, 0.0277)}, 4.4), settled) == 11.0 / 4.4
+@pytest.mark.parametrize(("residual", "variance"), [((-5.0, 0.0), 4.0), ((0.0, 5.0), 9.0), ((1.0, 1.0), 6.5)])
+def test_a_gain_is_divided_by_the_scatter_along_the_difference_of_the_models(residual, variance):
+    nominal = model(9055.0, {}, (0.0, 0.0))
+    larger = model(8969.0, {"torque_scale": (-0.155, 0.01)}, residual)
+    assert _support(nominal, larger, larger) == pytest.approx(86.0 / variance)
+
+
+def test_on_known_ground_a_gain_counts_in_full():
+    nominal = model(9055.0, {}, (0.0, 0.0), None)
+    larger = model(8969.0, {"torque_scale": (-0.155, 0.01)}, (5.0, 0.0), None)
+    assert _support(nominal, larger, larger) == pytest.approx(86.0)
+
+
+def test_an_effect_that_makes_the_ground_scatter_more_does_not_lose_its_evidence():
+    """Bulldozing at twice its limit: its own deviation had grown to a third of its size."""
+    nominal = model(9000.0, {}, (0.0, 0.0))
+    trial = model(8941.5, {"bulldozing": (8.3e4, 1.2e4)}, (7.0, 0.0))
+    settled = model(9100.0, {"bulldozing": (9.2e4, 2.74e4)}, (7.0, 0.0))
+    assert _support(nominal, trial, settled) == pytest.approx(58.5 / 4.0)
 
 
 def test_the_least_of_several_new_effects_decides_and_effects_that_were_there_do_not():
-    nominal = model(9000.0, {"payload": (0.1, 0.1)}, 1.0)
-    larger = model(8900.0, {"payload": (0.1, 0.1), "grade": (0.04, 0.01), "bank": (0.09, 0.01)}, 1.0)
+    nominal = model(9000.0, {"payload": (0.1, 0.1)}, (0.0, 0.0))
+    sizes = {"payload": (0.1, 0.1), "grade": (0.04, 0.01), "bank": (0.09, 0.01)}
+    larger = model(8900.0, sizes, (5.0, 0.0))
     assert _support(nominal, larger, larger) == pytest.approx(8.0)
