@@ -98,7 +98,9 @@ def _draw_bars(axes: Axes, groups: Sequence[Replay], name: str, best: int) -> No
         axes.barh(k, max(error, _SPAN * largest), height=0.7, color=colour, hatch=hatch, edgecolor="white")
         star = " ★" if k == best and len(groups) > 1 else ""
         weight = "bold" if star else "normal"
-        axes.text(error + 0.03 * largest, k, f"{error:.3g}{star}", va="center", fontsize=10.5, fontweight=weight)
+        axes.text(
+            error + 0.03 * largest, k, f"{error:.3g}{star}", va="center", fontsize=10.5, fontweight=weight
+        )
 
 
 def _draw_growth(axes: Axes, groups: Sequence[Replay], name: str) -> None:
