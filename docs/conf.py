@@ -124,7 +124,7 @@ def _from_markdown(app: Any, what: str, name: str, obj: Any, options: Any, lines
 
 _NUMBER = re.compile(r"[-+.\d].{0,23}")
 #: Cells with more letters are sentences.
-_SENTENCE = 60
+_SENTENCE = 40
 
 
 def _mark_cells(_: Any, document: nodes.document) -> None:

@@ -45,9 +45,7 @@ def replay_figure(groups: Sequence[Replay]) -> Figure:
         _draw_bars(bars, groups, name, best[name])
         _draw_growth(growth, groups, name)
         if i == 0:
-            bars.set_yticks(range(count), [_title(group) for group in groups], fontsize=9)
-            for label, k in zip(bars.get_yticklabels(), range(count), strict=True):
-                label.set_color(_style(groups, k)[0])
+            bars.set_yticks(range(count), [_title(group) for group in groups], fontsize=11)
         else:
             bars.set_yticks([])
     first = groups[0]
@@ -81,8 +79,8 @@ def _best(groups: Sequence[Replay], name: str) -> int:
 def _draw_bars(axes: Axes, groups: Sequence[Replay], name: str, best: int) -> None:
     errors = np.array([group.rms[name] for group in groups])
     finite = errors[np.isfinite(errors)]
-    axes.set_title(_PANELS[name], fontsize=10, loc="left")
-    axes.set_xlabel(f"error [{CHANNELS[name]}]", fontsize=9)
+    axes.set_title(_PANELS[name], fontsize=11, loc="left")
+    axes.set_xlabel(f"error [{CHANNELS[name]}]", fontsize=10.5)
     axes.set_xticks([])
     for side in ("top", "right", "bottom"):
         axes.spines[side].set_visible(False)
@@ -91,7 +89,7 @@ def _draw_bars(axes: Axes, groups: Sequence[Replay], name: str, best: int) -> No
         axes.text(0.5, 0.5, "no data", transform=axes.transAxes, ha="center")
         return
     largest = max(float(finite.max()), 1e-12)
-    axes.set_xlim(0.0, 1.75 * largest)
+    axes.set_xlim(0.0, 2.0 * largest)
     for k, error in enumerate(errors):
         if not math.isfinite(error):
             continue
@@ -100,7 +98,9 @@ def _draw_bars(axes: Axes, groups: Sequence[Replay], name: str, best: int) -> No
         axes.barh(k, max(error, _SPAN * largest), height=0.7, color=colour, hatch=hatch, edgecolor="white")
         star = " ★" if k == best and len(groups) > 1 else ""
         weight = "bold" if star else "normal"
-        axes.text(error + 0.03 * largest, k, f"{error:.3g}{star}", va="center", fontsize=9, fontweight=weight)
+        axes.text(
+            error + 0.03 * largest, k, f"{error:.3g}{star}", va="center", fontsize=10.5, fontweight=weight
+        )
 
 
 def _draw_growth(axes: Axes, groups: Sequence[Replay], name: str) -> None:
@@ -119,8 +119,8 @@ def _draw_growth(axes: Axes, groups: Sequence[Replay], name: str) -> None:
     values = values[values > 0.0]
     if len(values):
         axes.set_ylim(0.6 * values.min(), 1.5 * values.max())
-    axes.set_ylabel(f"error [{CHANNELS[name]}]", fontsize=9)
-    axes.set_xlabel("time in window [s]", fontsize=9)
+    axes.set_ylabel(f"error [{CHANNELS[name]}]", fontsize=10.5)
+    axes.set_xlabel("time [s]", fontsize=10.5)
     axes.margins(x=0.0)
     axes.grid(alpha=0.25)
     axes.tick_params(labelsize=8)
