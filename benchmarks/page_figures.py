@@ -3,14 +3,12 @@
 python benchmarks/page_figures.py                      # writes into docs/images
 python benchmarks/page_figures.py --only mismatch --out /tmp
 
-Tables are read from the page itself, so that picture and table cannot differ. Numbers that only the study's
-first picture showed lie beside that picture, as read from it.
+Tables are read from the page itself, so that picture and table cannot differ.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -20,13 +18,8 @@ from matplotlib.figure import Figure
 from agents.benchmark.statistics import Interval
 from agents.benchmark.summary import Benchmark
 from agents.controllers.protocol import ArmResult, EpisodeResult
-from agents.studies.fault_detection.figure import diagnosis_figure
-from agents.studies.fault_detection.one_log import Numbers
-from agents.studies.fault_detection.results import share_of
 from agents.studies.model_mismatch.figure import mismatch_figure
 from agents.studies.model_mismatch.study import BARS
-from agents.studies.speed.figure import speed_figure
-from agents.studies.speed.study import Ratio, Speed
 from agents.studies.value_of_n.figure import headroom_figure
 from estimators.experiments.mismatch_comparison import MismatchSummary
 from estimators.experiments.model_mismatch import MISMATCHES
@@ -123,83 +116,7 @@ def benchmark() -> Figure:
     return headroom_figure([result_of(row) for row in rows if row[0] != "task, form"])
 
 
-#: Bar of the rates -> row of their table, and the share that is required (least, most).
-RATES = {
-    "false alarms, upper end": ("no fault: false alarms", 0.0, 0.07),
-    "one effect: detected": ("one effect at twice its limit: detected", 0.95, 1.0),
-    "one effect: truth in a set": ("truth in the set", 0.95, 1.0),
-    "one effect: interval holds the truth": ("interval holds the truth", 0.9, 0.98),
-    "two effects: truths in the sets": ("two effects: truths in the sets", 0.9, 1.0),
-    "true effect not in the library: wrong name": ("both together", 0.0, 0.05),
-    "files in another order: same verdict": ("files and library in another order: same verdict", 1.0, 1.0),
-}
-
-
-def rates_of(rows: list[list[str]]) -> list[Numbers]:
-    """Bars of the diagnosis, from the table of its rates."""
-    found = {cells[0]: cells for cells in rows}
-    bars = []
-    for what, (row, least, most) in RATES.items():
-        hits, count = int(found[row][2].split()[0]), int(found[row][1])
-        bars.append({"what": what, "least": least, "most": most} | share_of(hits, count))
-    return bars
-
-
-def diagnosis_rates() -> Figure:
-    page, beside = DOCS / "details" / "diagnosis_rates.md", DOCS / "images" / "diagnosis_rates.json"
-    kept = json.loads(beside.read_text(encoding="utf-8"))
-    points = [
-        {"size": point["size"]} | share_of(point["hits"], point["count"]) for point in kept["power"]["points"]
-    ]
-    numbers = {
-        "confusion": kept["confusion"],
-        "bars": rates_of(table_of(page, "logs")),
-        "power": kept["power"] | {"points": points},
-    }
-    return diagnosis_figure(numbers)
-
-
-def ratio_of(cells: list[str]) -> Ratio:
-    """A row of the table of speeds."""
-    # "vector of 64 / `env.step`, both with X, by the clock": what comes after the peer holds for both.
-    ours, _, rest = cells[0].replace("`", "").partition(" / ")
-    peer, *how = rest.split(", ")
-    both = [part.removeprefix("both ") for part in how if part.startswith("both ")]
-    value = INTERVAL.search(cells[2])
-    promise = re.search(r"at \w+ ([\d.]+)", cells[3])
-    nan = float("nan")
-    measured = map(float, value.groups()) if value else (nan, nan, nan)
-    middle, low, high = measured
-    return Ratio(
-        ours=" ".join([ours, *both]),
-        peer=peer,
-        kind=cells[1],
-        clock="by the clock" in how,
-        value=middle,
-        low=low,
-        high=high,
-        ours_us=nan,
-        peer_us=nan,
-        bar=float(promise.group(1)) if promise else None,
-    )
-
-
-def speed() -> Figure:
-    page = DOCS / "speed.md"
-    ratios = [ratio_of(cells) for cells in table_of(page, "ours / peer") if cells[1] in ("rate", "time")]
-    steps: dict[str, dict[int, tuple[float, float]]] = {"vector": {}, "vector with the UKF": {}}
-    for size, *times in table_of(page, "environments in the vector")[1:]:
-        (cpu, clock), (cpu_filter, clock_filter) = (map(float, cell.split("/")) for cell in times)
-        steps["vector"][int(size)] = (cpu, clock)
-        steps["vector with the UKF"][int(size)] = (cpu_filter, clock_filter)
-    return speed_figure(
-        Speed(ratios=tuple(ratios), sides_us={}, vector_us=steps, missing=(), processors=2, rounds=5)
-    )
-
-
-FIGURES: dict[str, Callable[[], Figure]] = {
-    "benchmark": benchmark, "diagnosis_rates": diagnosis_rates, "mismatch": mismatch, "speed": speed,
-}  # fmt: skip
+FIGURES: dict[str, Callable[[], Figure]] = {"benchmark": benchmark, "mismatch": mismatch}
 
 
 def main() -> None:

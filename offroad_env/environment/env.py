@@ -225,12 +225,10 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self.sensors: SensorSuite = read_sensors(sensors).anew(body_axes=model == "full")
         require_rate(self.sensors.imu.rate)
         chosen.require_bearing(self.sensors, model, vehicle_model)
-        self._sensing = self.sensors  #: sensors of the episode
-        self._driven = self.vehicle  #: true vehicle of the episode
+        self._sensing, self._driven = self.sensors, self.vehicle  #: sensors and true vehicle of the episode
         self._context: dict[str, Any] | None = None  #: what was drawn or set for the episode
-        self._navigation = NavigationFilter(
-            self.vehicle, NavigationNoise.of(self.sensors.gnss, self.sensors.imu)
-        )
+        noise = NavigationNoise.of(self.sensors.gnss, self.sensors.imu)
+        self._navigation = NavigationFilter(self.vehicle, noise)
         #: The parameter UKF runs inside the compiled period, the others beside it.
         self._choice = estimator
         self.estimator: Estimator | None = None

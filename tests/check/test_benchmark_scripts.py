@@ -36,13 +36,3 @@ def test_a_script_says_what_it_does(name, tmp_path):
 
 def test_most_scripts_are_asked():
     assert len(SCRIPTS) > 10
-
-
-@pytest.mark.check
-def test_the_pictures_of_pages_are_drawn_from_their_tables(tmp_path):
-    script = REPOSITORY / "benchmarks" / "page_figures.py"
-    command = [sys.executable, str(script), "--out", str(tmp_path)]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    drawn = {path.name for path in tmp_path.glob("*.png")}
-    assert drawn == {"benchmark.png", "diagnosis_rates.png", "mismatch.png", "speed.png"}
