@@ -238,27 +238,39 @@ def _pruned(fit: FitResult, threshold: float) -> FitResult:
 def _support(fit: FitResult, trial: FitResult, larger: FitResult) -> float:
     """Evidence of the fitted windows for the effects that are new in a ``larger`` model.
 
-    The gain of the ``trial`` from which it was settled, with the noise as it was, over what road and soil
-    scatter along the difference of the models where nothing is wrong. Of several new effects also the
-    likelihood ratio of the least. That of a single one does not count: forces that grow with the sinkage make
-    the ground scatter more, so that a size over its own deviation falls where the effect grows (W. W. Hauck
-    and A. Donner, J. Am. Stat. Assoc. 72 (1977) 851).
+    The gain of the ``trial`` from which it was settled, with the noise as it was, or the likelihood ratio of
+    the least of the new effects, if that is less. Road and soil scatter more beside the smaller noise of the
+    larger model, so that each is measured in its own noise.
+
+    An effect that grows with the sinkage makes the ground scatter more itself, so that a size over its own
+    deviation falls where the effect grows (W. W. Hauck and A. Donner, J. Am. Stat. Assoc. 72 (1977) 851). So
+    a single one has at least what its gain is over the scatter where nothing is wrong.
     """
-    support = (fit.cost - trial.cost) / _scatter_between(fit, trial)
     names = {candidate.effect for candidate in fit.candidates}
-    new = [i for i, candidate in enumerate(larger.candidates) if candidate.effect not in names]
-    if len(new) > 1:
-        least = float(np.min((np.abs(larger.sizes) / larger.size_deviations())[new]))
-        support = min(support, 0.5 * least**2)
-    return float(support)
+
+    def new(model: FitResult) -> list[int]:
+        return [i for i, candidate in enumerate(model.candidates) if candidate.effect not in names]
+
+    gain, wide = fit.cost - trial.cost, float(np.max(trial.size_inflation[new(trial)], initial=1.0))
+    least = np.min((np.abs(larger.sizes) / larger.size_deviations())[new(larger)], initial=np.inf)
+    support = float(min(gain / wide, 0.5 * least**2))
+    return max(support, gain / _scatter_between(fit, trial)) if len(new(larger)) == 1 else support
 
 
 def _scatter_between(fit: FitResult, other: FitResult) -> float:
-    """Variance of null simulations along the difference of two fitted models, over that of white noise."""
+    """Variance of null simulations along the difference of two fitted models, over that of white noise.
+
+    Without what the parameters of the first can take away: null simulations would be fitted, too.
+    """
     if fit.null is None:
         return 1.0
+    columns = fit.without_states(fit.completed().white_shared())
     difference = fit.noise.whiten((fit.residual - other.residual)[:, None])
-    return inflation_along(fit.without_states(difference)[:, 0], fit.null.white)
+    direction = fit.without_states(difference)[:, 0]
+    gram, prior = columns.T @ columns, fit.problem.nuisance_information
+    gram[np.arange(len(prior)), np.arange(len(prior))] += prior
+    direction = direction - columns @ (np.linalg.pinv(gram, hermitian=True) @ (columns.T @ direction))
+    return inflation_along(direction, fit.null.white)
 
 
 def _accepted(test: HoldOutTest, trials: Sequence[FitResult], bars: _Bars) -> _Accepted:

@@ -17,39 +17,50 @@ def model(
     sizes: dict[str, tuple[float, float]],
     residual: tuple[float, float],
     null: np.ndarray | None = _NULL,
+    nuisance: tuple[float, float] = (0.0, 0.0),
+    inflation: float = 1.0,
 ) -> SimpleNamespace:
-    """A fit with sizes and their standard deviations by effect."""
+    """A fit with sizes and their standard deviations by effect, and derivatives by one nuisance."""
+    columns = np.array(nuisance)[:, None]
     return SimpleNamespace(
+        completed=lambda: SimpleNamespace(white_shared=lambda: columns),
+        problem=SimpleNamespace(nuisance_information=np.zeros(1)),
         cost=cost,
         candidates=tuple(Candidate(effect=name) for name in sizes),
         sizes=np.array([size for size, _ in sizes.values()]),
         size_deviations=lambda: np.array([deviation for _, deviation in sizes.values()]),
         residual=np.array(residual),
+        size_inflation=np.full(len(sizes), inflation),
         noise=SimpleNamespace(whiten=lambda table: table),
         without_states=lambda table: table,
         null=None if null is None else SimpleNamespace(white=null),
     )
 
 
-@pytest.mark.parametrize(("residual", "variance"), [((-5.0, 0.0), 4.0), ((0.0, 5.0), 9.0), ((1.0, 1.0), 6.5)])
-def test_a_gain_is_divided_by_the_scatter_along_the_difference_of_the_models(residual, variance):
+def test_a_gain_is_divided_by_the_scatter_beside_the_noise_in_which_it_was_gained():
+    """The larger model has less noise, beside which roads and soil scatter six times as much."""
     nominal = model(9055.0, {}, (0.0, 0.0))
-    larger = model(8969.0, {"torque_scale": (-0.155, 0.01)}, residual)
-    assert _support(nominal, larger, larger) == pytest.approx(86.0 / variance)
+    trial = model(8969.0, {"torque_scale": (-0.155, 0.0277)}, (0.0, 5.0), inflation=4.4)
+    settled = model(9300.0, {"torque_scale": (-0.177, 0.0317)}, (0.0, 5.0), inflation=27.0)
+    assert _support(nominal, trial, settled) == pytest.approx(0.5 * (0.177 / 0.0317) ** 2)
+    less = model(9044.0, {"torque_scale": (-0.155, 0.0277)}, (0.0, 5.0), inflation=4.4)
+    assert _support(nominal, less, settled) == 11.0 / 4.4
 
 
-def test_on_known_ground_a_gain_counts_in_full():
-    nominal = model(9055.0, {}, (0.0, 0.0), None)
-    larger = model(8969.0, {"torque_scale": (-0.155, 0.01)}, (5.0, 0.0), None)
-    assert _support(nominal, larger, larger) == pytest.approx(86.0)
-
-
-def test_an_effect_that_makes_the_ground_scatter_more_does_not_lose_its_evidence():
+@pytest.mark.parametrize(("residual", "variance"), [((7.0, 0.0), 4.0), ((0.0, 7.0), 9.0), ((1.0, 1.0), 6.5)])
+def test_an_effect_that_makes_the_ground_scatter_more_keeps_its_evidence(residual, variance):
     """Bulldozing at twice its limit: its own deviation had grown to a third of its size."""
     nominal = model(9000.0, {}, (0.0, 0.0))
-    trial = model(8941.5, {"bulldozing": (8.3e4, 1.2e4)}, (7.0, 0.0))
-    settled = model(9100.0, {"bulldozing": (9.2e4, 2.74e4)}, (7.0, 0.0))
-    assert _support(nominal, trial, settled) == pytest.approx(58.5 / 4.0)
+    trial = model(8941.5, {"bulldozing": (8.3e4, 1.2e4)}, residual, inflation=11.6)
+    settled = model(9100.0, {"bulldozing": (9.2e4, 3.3e4)}, residual)
+    assert _support(nominal, trial, settled) == pytest.approx(58.5 / variance)
+
+
+def test_what_the_numbers_of_the_smaller_model_can_take_away_does_not_count():
+    """Beside a large effect they move, and the ground scatters most along them."""
+    nominal = model(9055.0, {}, (0.0, 0.0), nuisance=(0.0, 2.0))
+    larger = model(8969.0, {"rut_drag": (6e3, 6e3)}, (1.0, 20.0))
+    assert _support(nominal, larger, larger) == pytest.approx(86.0 / 4.0)
 
 
 def test_the_least_of_several_new_effects_decides_and_effects_that_were_there_do_not():
