@@ -27,6 +27,7 @@ from estimators.discrepancy.verdict import (
     SEARCH,
     VehicleChecks,
     VehicleDiagnosis,
+    Verdict,
     solver_limit,
 )
 from estimators.logs.clocks import pose_age
@@ -195,7 +196,9 @@ def _completed(
     progress: Callable[[str], None],
 ) -> VehicleDiagnosis:
     """The result with other structures, the causes beside unknown inputs, and the test data."""
-    if result.causes or result.incomplete or result.inaccurate:
+    # Where hardly an effect is testable, as on a straight drive, another structure still may be.
+    untestable = result.verdict is Verdict.NOT_TESTABLE
+    if result.causes or result.incomplete or result.inaccurate or untestable:
         progress("structures")
         setups = _setups_with(found, result.logs)
         compared = attempt("structures", lambda: compare_structures(result.logs, setups), None, failed)

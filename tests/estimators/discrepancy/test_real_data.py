@@ -159,9 +159,8 @@ def test_causes_that_make_up_together_for_a_wrong_law_of_the_wheels_are_not_name
         # The drive is a simulated one: its numbers are exact. Without what alone stands in for the law of the
         # wheels, several effects do together.
         exact = replace(log, config=replace(log.config, exact=True))
-        library = [
-            name for name in EFFECTS if name not in ("cg_height", "inertia", "spring_rate", "cohesion")
-        ]
+        gone = ("cg_height", "inertia", "spring_rate", "cohesion", "shear_modulus", "friction_angle")
+        library = [name for name in EFFECTS if name not in gone]
         diagnosis = diagnose([exact], library=library)
     assert len(diagnosis.causes) > 1
     # Nothing remains as an unknown input, but sizes are correlated, and some regimes are not noise.
