@@ -164,6 +164,19 @@ def _predict(x: FloatArray, P: FloatArray, imu: FloatArray, noise: FloatArray, d
 
 
 @inline_kernel
+def _heading(x: FloatArray, axis: int) -> tuple[float, float]:
+    """What a vector forward, and one to the left, has towards X (``axis`` 0) or Y (1)."""
+    cos, sin = math.cos(x[YAW]), math.sin(x[YAW])
+    return (cos, -sin) if axis == 0 else (sin, cos)
+
+
+@inline_kernel
+def _turned(vector: tuple[float, float], axis: int) -> float:
+    """Derivative of a component of a vector that turns with the vehicle, by the heading."""
+    return -vector[1] if axis == 0 else vector[0]
+
+
+@inline_kernel
 def _velocity(x: FloatArray) -> tuple[float, float]:
     """Towards X and Y [m/s]."""
     cos, sin = math.cos(x[YAW]), math.sin(x[YAW])
@@ -190,27 +203,19 @@ def _correct_gnss(x: FloatArray, P: FloatArray, gnss: FloatArray, imu: FloatArra
     age = noise[_GNSS_LATENCY]
     row = np.zeros(SIZE)
     for axis in range(2):
-        v, a = _velocity(x), _acceleration(x, imu)
-        cos, sin = math.cos(x[YAW]), math.sin(x[YAW])
-        forward, turned = (cos, -v[1]) if axis == 0 else (sin, v[0])
+        v, (forward, aside) = _velocity(x), _heading(x, axis)
         row[:] = 0.0
         row[X + axis] = 1.0
-        row[YAW], row[V], row[V_SIDE] = -age * turned, -age * forward, age * (sin if axis == 0 else -cos)
-        then = x[X + axis] - age * v[axis] + 0.5 * age * age * a[axis]
+        row[YAW], row[V], row[V_SIDE] = -age * _turned(v, axis), -age * forward, -age * aside
+        then = x[X + axis] - age * v[axis] + 0.5 * age * age * _acceleration(x, imu)[axis]
         _correct(x, P, row, gnss[_FIX_X + axis] - then, place)
+    course = gnss[_SPEED] * math.cos(gnss[_COURSE]), gnss[_SPEED] * math.sin(gnss[_COURSE])
     for axis in range(2):
-        v, a = _velocity(x), _acceleration(x, imu)
-        cos, sin = math.cos(x[YAW]), math.sin(x[YAW])
+        v, a, (forward, aside) = _velocity(x), _acceleration(x, imu), _heading(x, axis)
         row[:] = 0.0
-        if axis == 0:
-            row[YAW], row[V], row[V_SIDE] = -v[1] + age * a[1], cos, -sin
-            row[ACCEL_BIAS], row[SIDE_BIAS] = age * cos, -age * sin
-            measured = gnss[_SPEED] * math.cos(gnss[_COURSE])
-        else:
-            row[YAW], row[V], row[V_SIDE] = v[0] - age * a[0], sin, cos
-            row[ACCEL_BIAS], row[SIDE_BIAS] = age * sin, age * cos
-            measured = gnss[_SPEED] * math.sin(gnss[_COURSE])
-        _correct(x, P, row, measured - (v[axis] - age * a[axis]), velocity)
+        row[YAW], row[V], row[V_SIDE] = _turned(v, axis) - age * _turned(a, axis), forward, aside
+        row[ACCEL_BIAS], row[SIDE_BIAS] = age * forward, age * aside
+        _correct(x, P, row, course[axis] - (v[axis] - age * a[axis]), velocity)
 
 
 @kernel

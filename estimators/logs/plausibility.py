@@ -107,7 +107,7 @@ def _positions(
     windows: Windows, speed: np.ndarray | None, turn: np.ndarray | None, untrusted: frozenset[str]
 ) -> tuple[list[Violation], set[str]]:
     velocity = windows.displacement()
-    if velocity is None or speed is None or turn is None:
+    if velocity is None or speed is None or turn is None or not np.isfinite(turn).any():
         return [], set()
     heading, stated = _heading(windows, turn, untrusted)
     known = np.isfinite(heading) & np.isfinite(speed) & np.isfinite(velocity[0]) & np.isfinite(velocity[1])

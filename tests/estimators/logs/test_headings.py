@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
+from estimators.logs import plausibility
 from estimators.logs.log import Log
 from estimators.logs.plausibility import violations_of
 
@@ -50,3 +51,14 @@ def test_a_path_that_is_wrong_is_found_beside_a_crawl(drive, course):
     log = driven(drive, course=course)
     wrong = {**log.channels, "y": 3.0 * log.channels["y"]}
     assert "y" in of_positions(replace(log, channels=wrong))
+
+
+@pytest.mark.parametrize("course", [False, True])
+def test_where_no_turn_is_known_at_all_positions_are_not_judged(drive, course, monkeypatch):
+    def witnessed(windows, what, *others):
+        found = original(windows, what, *others)
+        return found * np.nan if what == "turn" else found
+
+    original = plausibility._witnessed
+    monkeypatch.setattr(plausibility, "_witnessed", witnessed)
+    assert not of_positions(driven(drive, course=course))
