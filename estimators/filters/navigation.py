@@ -31,7 +31,7 @@ from offroad_env.physics.numerics import all_finite
 from offroad_env.physics.records import FloatArray, Vehicle
 from offroad_env.simulation.sensor_configs import GnssConfig, ImuConfig
 
-__all__ = ["NavigationFilter", "NavigationNoise", "navigate"]
+__all__ = ["NavigationFilter", "NavigationNoise", "expected_fix", "navigate"]
 
 # State of the filter: [m, m, rad, m/s, m/s, rad/s, m/s^2, m/s, m/s^2].
 (X, Y, YAW, V, V_SIDE, GYRO_BIAS, ACCEL_BIAS, CREEP, SIDE_BIAS) = range(9)
@@ -194,28 +194,33 @@ def _acceleration(x: FloatArray, imu: FloatArray) -> tuple[float, float]:
 
 
 @kernel
-def _correct_gnss(x: FloatArray, P: FloatArray, gnss: FloatArray, imu: FloatArray, noise: FloatArray) -> None:
-    """Position, and the velocity vector that speed and course stand for, when the fix was taken.
+def expected_fix(x: FloatArray, imu: FloatArray, age: float, k: int, row: FloatArray) -> float:
+    """Number ``k`` of a fix (X, Y, velocity towards X, Y) of ``age`` [s], and its derivatives ``row`` (9,).
 
-    Since then velocity and acceleration are taken as they are now.
+    Since the fix was taken velocity and acceleration are what they are now.
     """
-    place, velocity = noise[_GNSS_POSITION] ** 2, noise[_GNSS_VELOCITY] ** 2
-    age = noise[_GNSS_LATENCY]
-    row = np.zeros(SIZE)
-    for axis in range(2):
-        v, (forward, aside) = _velocity(x), _heading(x, axis)
-        row[:] = 0.0
+    axis = k % 2
+    v, a, (forward, aside) = _velocity(x), _acceleration(x, imu), _heading(x, axis)
+    row[:] = 0.0
+    if k < 2:
         row[X + axis] = 1.0
         row[YAW], row[V], row[V_SIDE] = -age * _turned(v, axis), -age * forward, -age * aside
-        then = x[X + axis] - age * v[axis] + 0.5 * age * age * _acceleration(x, imu)[axis]
-        _correct(x, P, row, gnss[_FIX_X + axis] - then, place)
-    course = gnss[_SPEED] * math.cos(gnss[_COURSE]), gnss[_SPEED] * math.sin(gnss[_COURSE])
-    for axis in range(2):
-        v, a, (forward, aside) = _velocity(x), _acceleration(x, imu), _heading(x, axis)
-        row[:] = 0.0
-        row[YAW], row[V], row[V_SIDE] = _turned(v, axis) - age * _turned(a, axis), forward, aside
-        row[ACCEL_BIAS], row[SIDE_BIAS] = age * forward, age * aside
-        _correct(x, P, row, course[axis] - (v[axis] - age * a[axis]), velocity)
+        return x[X + axis] - age * v[axis] + 0.5 * age * age * a[axis]
+    row[YAW], row[V], row[V_SIDE] = _turned(v, axis) - age * _turned(a, axis), forward, aside
+    row[ACCEL_BIAS], row[SIDE_BIAS] = age * forward, age * aside
+    return v[axis] - age * a[axis]
+
+
+@kernel
+def _correct_gnss(x: FloatArray, P: FloatArray, gnss: FloatArray, imu: FloatArray, noise: FloatArray) -> None:
+    """Position, and the velocity vector that speed and course stand for, when the fix was taken."""
+    place, velocity = noise[_GNSS_POSITION] ** 2, noise[_GNSS_VELOCITY] ** 2
+    speed, course = gnss[_SPEED], gnss[_COURSE]
+    measured = gnss[_FIX_X], gnss[_FIX_Y], speed * math.cos(course), speed * math.sin(course)
+    row = np.zeros(SIZE)
+    for k in range(4):
+        expected = expected_fix(x, imu, noise[_GNSS_LATENCY], k, row)
+        _correct(x, P, row, measured[k] - expected, place if k < 2 else velocity)
 
 
 @kernel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.filters.navigation import NavigationFilter, NavigationNoise
+from estimators.filters.navigation import SIZE, NavigationFilter, NavigationNoise, expected_fix
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig
@@ -110,6 +110,19 @@ def test_a_fix_that_was_taken_in_a_bend_is_carried_forward_exactly_in_the_mean()
     truth = [speed / rate * np.sin(turned), -speed / rate * np.cos(turned)]
     assert [*pose[:2]] == pytest.approx(truth, abs=0.03)
     assert pose[3] == pytest.approx(speed, abs=0.05)
+
+
+@pytest.mark.parametrize("k", range(4))
+def test_the_derivatives_of_a_late_fix_are_those_of_what_is_expected(k):
+    rng = np.random.default_rng(k)
+    x, imu, row, none = rng.normal(0.5, 1.0, SIZE), rng.normal(0.0, 3.0, 5), np.zeros(SIZE), np.zeros(SIZE)
+    age = 0.05
+    expected_fix(x, imu, age, k, row)
+    step = 1e-6 * np.eye(SIZE)
+    ends = [[expected_fix(x + s * d, imu, age, k, none) for s in (1.0, -1.0)] for d in step]
+    slopes = (np.array(ends) @ [1.0, -1.0]) / 2e-6
+    # A position's row leaves out half of age^2 times the turn of the acceleration.
+    assert row == pytest.approx(slopes, abs=1e-6 if k >= 2 else 0.5 * age**2 * 10.0)
 
 
 def test_a_biased_lateral_accelerometer_does_not_turn_the_heading(drive):
