@@ -205,7 +205,8 @@ def expected_fix(x: FloatArray, imu: FloatArray, age: float, k: int, row: FloatA
     if k < 2:
         row[X + axis] = 1.0
         row[YAW], row[V], row[V_SIDE] = -age * _turned(v, axis), -age * forward, -age * aside
-        return x[X + axis] - age * v[axis] + 0.5 * age * age * a[axis]
+        then: float = x[X + axis] - age * v[axis] + 0.5 * age * age * a[axis]
+        return then
     row[YAW], row[V], row[V_SIDE] = _turned(v, axis) - age * _turned(a, axis), forward, aside
     row[ACCEL_BIAS], row[SIDE_BIAS] = age * forward, age * aside
     return v[axis] - age * a[axis]
