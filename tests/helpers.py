@@ -51,7 +51,7 @@ def unlabelled(figure: Figure) -> list[str]:
     """Axes of a figure whose numbers are shown without a quantity and a unit, such as ``speed [m/s]``.
 
     Names as ticks (a task, a filter) need no label, nor does an axis that shares its numbers with a
-    neighbour and shows none. Rows of the paper's table are numbered, but have no unit.
+    neighbour and shows none.
     """
     return [
         f"axes {number} ({axes.get_title(loc='left') or axes.get_title()!r}), {which}: {label!r}"
@@ -60,7 +60,7 @@ def unlabelled(figure: Figure) -> list[str]:
             ("x", axes.get_xlabel(), _numbers(axes, "x")),
             ("y", axes.get_ylabel(), _numbers(axes, "y")),
         )
-        if numbers and label != "row of the table" and not re.search(r"\w.*\[.+\]", label, re.DOTALL)
+        if numbers and not re.search(r"\w.*\[.+\]", label, re.DOTALL)
     ]
 
 

@@ -87,7 +87,7 @@ def filters_figure(lines: Sequence[_Line], totals: Sequence[_Total]) -> Figure:
     covers.set_ylim(-3.0, 103.0)
     for axes in (ratio, covers):
         axes.set_xticks(sorted({line.row for line in lines}))
-        axes.set_xlabel("row of the table")
+        axes.set_xlabel("row of the table [-]")
     _finish(cost, "Error and cost", "RMSE over the bound, all rows [-]")
     cost.set(xscale="log", yscale="log", xlabel="processor time of an update [µs]")
     cost.axhline(1.0, color="0.1", lw=1.2, ls="--")

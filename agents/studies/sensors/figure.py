@@ -41,7 +41,7 @@ def sensors_figure(lines: Sequence[_Line]) -> Figure:
         axes.plot(place, rmse, color=colour, marker="o", ls="", mec="0.2", mew=0.5, label=f"{name}: bank")
     axes.set(
         yscale="log",
-        xlabel="row of the table",
+        xlabel="row of the table [-]",
         ylabel="RMSE of n after 20 s [-]",
         xticks=sorted({line.row for line in lines}),
     )
