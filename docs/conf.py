@@ -80,6 +80,7 @@ sphinx_gallery_conf = {
     "within_subsection_order": _place,
     "default_thumb_file": str(Path(__file__).parent / "images" / "scenario_track.png"),
     "matplotlib_animations": True,
+    "image_srcset": ["2x"],
     "abort_on_example_error": False,
     "only_warn_on_example_error": False,
 }

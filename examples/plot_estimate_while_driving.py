@@ -14,7 +14,7 @@ import numpy as np
 from agents.controllers.arms import make_arm
 
 arm = make_arm("aware")
-figure, axis = plt.subplots(figsize=(8, 3.6), layout="constrained")
+figure, axis = plt.subplots(figsize=(5, 3.6), layout="constrained")
 for seed, n in enumerate((0.45, 0.7, 0.95)):
     env = gym.make("offroad_env:OffroadBekker-v0", scenario="speed", terrain_info="estimate")
     observation, info = env.reset(seed=seed, options={"n": n})
@@ -28,5 +28,5 @@ for seed, n in enumerate((0.45, 0.7, 0.95)):
     axis.fill_between(t, mean - 2.0 * sd, mean + 2.0 * sd, color=line.get_color(), alpha=0.2, linewidth=0)
     axis.axhline(n, color=line.get_color(), linestyle="--", linewidth=1)
 axis.set(xlabel="time [s]", ylabel="sinkage exponent n [-]")
-axis.legend(frameon=False)
+figure.legend(loc="outside upper center", ncols=3, frameon=False, columnspacing=1.0, handlelength=1.2)
 plt.show()

@@ -25,7 +25,7 @@ ending = info["failure"] or "arrived"
 print(f"{info['progress']:.0f} of {info['path_length']:.0f} m in {info['time']:.1f} s: {ending}")
 
 progress, *channels = zip(*drive, strict=True)
-figure, axes = plt.subplots(3, 1, sharex=True, figsize=(8, 5), layout="constrained")
+figure, axes = plt.subplots(3, 1, sharex=True, figsize=(5, 5.4), layout="constrained")
 for axis, values, label in zip(
     axes, channels, ("speed [m/s]", "distance from\nthe path [m]", "deepest\nsinkage [mm]"), strict=True
 ):

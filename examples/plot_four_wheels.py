@@ -22,12 +22,12 @@ commands[50:, 0] = 0.12  # steering angle [rad], from 1 s on
 commands[:, 1] = 900.0  # drive torque [N m]
 run = simulate_commands(plant, state, warm, commands)
 
-figure, (load, depth) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
+figure, (load, depth) = plt.subplots(2, 1, sharex=True, figsize=(5, 5.6), layout="constrained")
 for i, name in enumerate(("front left", "front right", "rear left", "rear right")):
     own = run.readings[:, at.WHEELS + i * at.AXLE : at.WHEELS + (i + 1) * at.AXLE]
     load.plot(run.t, own[:, at.N] / 1e3, label=name)
     depth.plot(run.t, 1e3 * own[:, at.SINKAGE])
-load.set(xlabel="time [s]", ylabel="wheel load [kN]")
+load.set(ylabel="wheel load [kN]")
 depth.set(xlabel="time [s]", ylabel="sinkage [mm]")
-load.legend(frameon=False, ncols=2, loc="upper center", bbox_to_anchor=(0.5, 1.2))
+figure.legend(loc="outside upper center", ncols=2, frameon=False)
 plt.show()

@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 from agents.controllers.arms import make_arm
 
 arm = make_arm("nominal")
-figure, axis = plt.subplots(figsize=(8, 3.2), layout="constrained")
+figure, axis = plt.subplots(figsize=(5, 3.4), layout="constrained")
 for natural in (False, True):
     env = gym.make("offroad_env:OffroadBekker-v0", scenario="speed", structure="grid", natural_soil=natural)
     observation, info = env.reset(seed=2, options={"n": 0.7})

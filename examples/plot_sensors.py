@@ -22,7 +22,7 @@ def weave(t, speed):
     return 0.08 * np.sin(t), max(1500.0 * (3.0 - speed) + 900.0, 0.0), 0.0
 
 
-figure, (rate, place) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
+figure, (rate, place) = plt.subplots(2, 1, figsize=(5, 6.4), layout="constrained")
 for z, preset in enumerate(("consumer", "automotive", "ideal")):
     drive = simulate_drive(plant, weave, preset, 4, duration=12.0)
     rate.plot(drive.t, drive.imu[:, YAW_RATE], label=preset, linewidth=0.8, zorder=z)
@@ -30,5 +30,5 @@ for z, preset in enumerate(("consumer", "automotive", "ideal")):
     place.plot(drive.gnss[seen, 0], drive.gnss[seen, 1], marker=".", linestyle="none", zorder=z)
 rate.set(xlabel="time [s]", ylabel="measured yaw rate [rad/s]")
 place.set(xlabel="measured X [m]", ylabel="measured Y [m]")
-rate.legend(frameon=False)
+figure.legend(loc="outside upper center", ncols=3, frameon=False, columnspacing=1.0, handlelength=1.2)
 plt.show()

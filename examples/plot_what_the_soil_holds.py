@@ -14,7 +14,7 @@ from offroad_env.simulation.soil_holds import what_soil_holds
 from offroad_env.world.terrain import flat
 
 vehicle, n = make_vehicle("mrzr"), np.linspace(0.4, 1.1, 15)
-figure, axes = plt.subplots(1, 3, figsize=(10, 3.4), layout="constrained")
+figure, axes = plt.subplots(3, 1, sharex=True, figsize=(5, 7.6), layout="constrained")
 for name in ("sandy_loam", "clay"):
     limits = [
         what_soil_holds(make_plant(vehicle, make_soil(name, n=value), flat(), structure="grid"))
@@ -24,9 +24,10 @@ for name in ("sandy_loam", "clay"):
         axis.plot(n, [unit * getattr(one, limit) for one in limits], label=name.replace("_", " "))
 for axis, label in zip(
     axes,
-    ("largest lateral acceleration [m/s²]", "largest pull [kN]", "stopping distance from 5 m/s [m]"),
+    ("largest lateral\nacceleration [m/s²]", "largest pull [kN]", "stopping distance\nfrom 5 m/s [m]"),
     strict=True,
 ):
-    axis.set(xlabel="sinkage exponent n [-]", ylabel=label)
+    axis.set(ylabel=label)
+axes[-1].set_xlabel("sinkage exponent n [-]")
 axes[0].legend(frameon=False)
 plt.show()

@@ -19,7 +19,7 @@ def rim(theta, radius=r):
     return radius * np.sin(theta), r - h - radius * np.cos(theta)
 
 
-figure, axis = plt.subplots(figsize=(7.5, 5), layout="constrained")
+figure, axis = plt.subplots(figsize=(5, 3.6), layout="constrained")
 axis.plot(*rim(np.linspace(-np.pi, np.pi, 400)), color="black", linewidth=2)
 front, back = rim(entry)[0], rim(leave)
 axis.plot([front, 1.9], [0.0, 0.0], color="tab:brown", linewidth=2)

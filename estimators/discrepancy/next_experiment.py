@@ -54,6 +54,7 @@ class Advice:
     power: float | None  #: with the data at hand alone
     limits: dict[str, float]  #: the same
     trials: tuple[Trial, ...]  #: the whole menu, best first
+    most: float = math.inf  #: largest plausible size of the effect that is in question most
 
     @property
     def sentence(self) -> str:
@@ -61,12 +62,22 @@ class Advice:
         text = f"to {self.question}: {self.best.sentence}"
         if self.best.power is not None:
             return f"{text} (succeeds in {100.0 * self.best.power:.0f} % of cases)"
-        now, then = _amount(self.effect, self.limits), _amount(self.effect, self.best.limits)
-        return f"{text} (detectable from {then} instead of {now})"
+        return f"{text} ({self._gain})"
+
+    @property
+    def _gain(self) -> str:
+        """What the manoeuvre adds about the effect in question; a limit beyond the plausible is no number."""
+        now, then = self.limits[self.effect], self.best.limits[self.effect]
+        if now <= self.most:
+            return f"detectable from {_amount(self.effect, then)} instead of {_amount(self.effect, now)}"
+        most = f"at any plausible size, up to {_amount(self.effect, self.most)}"
+        if then > self.most:
+            return f"even then not detectable {most}"
+        return f"detectable from {_amount(self.effect, then)}; these data alone do not show it {most}"
 
 
-def _amount(effect: str, limits: dict[str, float]) -> str:
-    return f"{limits[effect]:.2g} {EFFECTS[effect].size.unit}".removesuffix(" -")
+def _amount(effect: str, size: float) -> str:
+    return f"{size:.2g} {EFFECTS[effect].size.unit}".removesuffix(" -")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +135,15 @@ def _best(question: _Question, own: np.ndarray, trials: list[Trial]) -> Advice:
         order = sorted(trials, key=lambda trial: _worth(trial, before, hidden, question.fit))
         effect = min(hidden or before, key=lambda name: order[0].limits[name] / before[name])
         aim = f"{'detect' if hidden else 'detect a smaller'} {effect}"
-    return Advice(question=aim, effect=effect, best=order[0], power=power, limits=before, trials=tuple(order))
+    return Advice(
+        question=aim,
+        effect=effect,
+        best=order[0],
+        power=power,
+        limits=before,
+        trials=tuple(order),
+        most=EFFECTS[effect].plausible(question.fit.runs[0].setup.plant.vehicle),
+    )
 
 
 def _usual_speed(fit: FitResult) -> float:

@@ -173,6 +173,25 @@ def test_more_data_never_raise_a_limit_and_the_advice_names_the_best(found):
     assert advice.best.limits[advice.effect] < advice.limits[advice.effect]
 
 
+@pytest.mark.parametrize(
+    ("now", "then", "said"),
+    [
+        (0.04, 0.02, "(detectable from 0.02 instead of 0.04)"),
+        (
+            3e3,
+            0.02,
+            "(detectable from 0.02; these data alone do not show it at any plausible size, up to 0.09)",
+        ),
+        (1e150, 1e149, "(even then not detectable at any plausible size, up to 0.09)"),
+    ],
+)
+def test_a_limit_beyond_the_plausible_is_said_in_words(found, now, then, said):
+    advice = found[1].evidence.advice
+    best = replace(advice.best, power=None, limits={"grade": then})
+    advice = replace(advice, effect="grade", best=best, limits={"grade": now}, most=0.09)
+    assert said in advice.sentence
+
+
 def test_grade_and_rolling_resistance_are_told_apart_by_driving_both_ways(found):
     diagnosis = found[0]
     (cause,) = diagnosis.causes
