@@ -30,6 +30,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
 ]
 root_doc = "index"
+templates_path = ["_templates"]
 exclude_patterns = ["_build", "gallery/sg_execution_times.rst", "sg_execution_times.rst", "generated/.*"]
 suppress_warnings = ["config.cache"]  # the functions below cannot be pickled
 
@@ -92,6 +93,7 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_theme_options = {"navigation_with_keys": True}
 html_show_sourcelink = False
+html_use_index = False  # the search and the Python interface find all of it
 
 
 _ENTRY = re.compile(r"^(\w[\w, ]*) : ")
@@ -99,7 +101,13 @@ _ENTRY = re.compile(r"^(\w[\w, ]*) : ")
 
 def _table(rows: list[str]) -> list[str]:
     """A table in Markdown as one in reStructuredText."""
-    cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows if "---" not in row]
+    cells: list[list[str]] = []
+    for row in rows:
+        *first, last = [cell.strip() for cell in row.strip("|").split("|")]
+        if cells and not any(first):  # goes on from the row above
+            cells[-1][-1] += f" {last}"
+        elif "---" not in row:
+            cells.append([*first, last])
     body = [line for row in cells for line in (f"   * - {row[0]}", *(f"     - {cell}" for cell in row[1:]))]
     return ["", ".. list-table::", "   :header-rows: 1", "", *body, ""]
 
@@ -128,14 +136,42 @@ _NUMBER = re.compile(r"[-+.\d].{0,23}")
 _SENTENCE = 40
 
 
+#: Where a path or a long name may be broken.
+_PARTS = re.compile(r"(?<=[/._])(?=\w)")
+#: Names of as many letters stay whole.
+_SHORT = 22
+
+
 def _mark_cells(_: Any, document: nodes.document) -> None:
-    """What ``site.css`` has to know: short cells that begin with a number, and cells with sentences."""
+    """What ``site.css`` has to know: cells with a number or sentences, and short names."""
+    for literal in document.findall(nodes.literal):
+        if all(len(word) <= _SHORT for word in literal.astext().split()):
+            literal["classes"].append("short")
     for entry in document.findall(nodes.entry):
         text = entry.astext()
+        for literal in list(entry.findall(nodes.literal)):
+            _break_after_parts(literal)
         if _NUMBER.fullmatch(text):
             entry["classes"].append("number")
         elif len(text) > _SENTENCE:
             entry["classes"].append("sentence")
+
+
+def _break_after_parts(literal: nodes.literal) -> None:
+    """A name that is wider than its cell is broken between its parts."""
+    text = literal.astext()
+    if len(text) <= _SHORT or len(literal.children) != 1:
+        return
+    literal.clear()
+    for part in _PARTS.split(text):
+        literal += [nodes.Text(part), nodes.raw("", "<wbr>", format="html")]
+
+
+def _without_factory(
+    _: Any, what: str, name: str, obj: Any, options: Any, signature: str, returns: Any
+) -> Any:
+    """Python writes the default of a mutable field as ``<factory>``."""
+    return (signature or "").replace("<factory>", "...") or None, returns
 
 
 def _link_pictures(_: Any, document: nodes.document) -> None:
@@ -151,4 +187,5 @@ def setup(app: Any) -> None:
     """Sphinx's hook."""
     app.connect("doctree-read", _mark_cells)
     app.connect("doctree-read", _link_pictures)
+    app.connect("autodoc-process-signature", _without_factory)
     app.connect("autodoc-process-docstring", _from_markdown, priority=100)

@@ -30,6 +30,7 @@ def make_sb3_vec(
     Parameters
     ----------
     num_envs
+        Episodes at a time.
     seed
         Of the first reset; episode i gets ``seed + i``.
     action_repeat

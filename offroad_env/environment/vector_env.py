@@ -53,6 +53,7 @@ def make_vec(num_envs: int, **options: Any) -> VectorEnv:
     Parameters
     ----------
     num_envs
+        Episodes at a time.
     options
         Arguments of `OffroadBekkerVectorEnv` and of `OffroadBekkerEnv`; ``version="v1"`` makes episodes of
         ``OffroadBekker-v1``.

@@ -140,18 +140,18 @@ def simulate_drive(
     Parameters
     ----------
     plant
-        Truth.
+        The true vehicle, soil and ground.
     driver
         Asked every `Timing.command_ticks` ticks for the command that is held until the next.
     sensors
-        Or a name in `SENSORS`. Their period must be that of ``timing``.
+        From `make_sensors`, or a name in `SENSORS`. Their period must be that of ``timing``.
     seed
         Of the sensors' errors, or the Generator that they take one number from; None where the caller has
         reset the sensors already.
     faults
         What departs from ``plant``.
     duration
-        [s]
+        Of the record [s].
     speed
         At the start [m/s].
     timing

@@ -211,7 +211,10 @@ def settled_state(
 ) -> tuple[np.ndarray, np.ndarray]:
     """State and warm start of a vehicle settled on its soil, rolling at ``v_x`` [m/s].
 
-    (15,) and (2, 3), with four wheels (19,) and (4, 3).
+    Returns
+    -------
+    tuple of two ndarrays
+        State (15,) and warm start (2, 3); with four wheels (19,) and (4, 3).
 
     Raises
     ------

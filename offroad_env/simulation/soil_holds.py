@@ -61,7 +61,7 @@ class SoilHolds(NamedTuple):
     #: angle at which it holds most while its force along the travel is zero (or, where no slip up to 0.5 does
     #: that, largest); the weaker axle counts. Both axles are on soil that no wheel has pressed before.
     lateral: float
-    #: Largest pull [N]: the force along the travel of all wheels at one slip of 0 ... 0.5. An axle that is
+    #: Largest pull [N]: the force along the travel of all wheels at one slip from 0 to 0.5. An axle that is
     #: not driven rolls freely. The rear wheels follow the front ones.
     pull: float
     #: Slip of the largest pull [-]
@@ -71,7 +71,7 @@ class SoilHolds(NamedTuple):
     #: Sinkage [m] below the undisturbed surface of the wheels that run deepest, towed like that.
     sinkage: float
     #: Stopping distance [m] from 5 m/s at the largest deceleration of all braked wheels at one slip of
-    #: 0 ... -0.5. An axle without brakes rolls freely.
+    #: 0 to -0.5. An axle without brakes rolls freely.
     stopping: float
 
     @property
@@ -342,6 +342,7 @@ def what_soil_holds(plant: Plant, *, x: float = 0.0, y: float = 0.0) -> SoilHold
     Raises
     ------
     InvalidParameter
+        For anything but a plant and two finite numbers.
     """
     require_record("plant", plant, Plant, "make_plant")
     return SoilHolds(*limits_at(plant, (one_number("x", x), one_number("y", y))))
