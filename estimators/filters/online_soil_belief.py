@@ -180,7 +180,7 @@ class SoilBeliefSettings:
     #: for the largest pull, and the speed falls to zero within the first time; each standard deviation of
     #: certainty makes that time e times as long, up to the second [s]. So does slip beyond that of the
     #: largest pull, by one over ``reserve``: who has no pull in reserve cannot push harder.
-    stuck: tuple[float, float] = (3.0, 6.0)
+    stuck: tuple[float, float] = (2.5, 5.0)
     reserve: float = 2.5
     slowing_time: float = 1.0  #: over which the loss of speed is averaged [s]
     #: Information that a drive gives about each limit, over that which the filter counts: its noise has to

@@ -90,7 +90,7 @@ THRESHOLDS = (
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "refresh_latest", 8.0),
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "information_n", 0.6),
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "error", (0.15, 0.3, 0.03, 0.07, 0.22)),
-    ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "stuck", (3.0, 6.0)),
+    ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "stuck", (2.5, 5.0)),
     (
         "estimators.filters.online_soil_belief",
         "SoilBeliefSettings",
