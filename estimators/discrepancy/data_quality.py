@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from estimators.discrepancy.sections import attempt
 from estimators.logs.log import Log
@@ -19,7 +20,7 @@ def quality_of(logs: Sequence[Log], failed: dict[str, str]) -> tuple[QualityRepo
     return tuple(
         attempt(
             DATA_QUALITY if len(logs) == 1 else f"{DATA_QUALITY} of {log.name}",
-            lambda log=log: quality(log),  # type: ignore[misc]
+            partial(quality, log),
             QualityReport.unchecked(log),
             failed,
         )
