@@ -11,6 +11,7 @@ import numpy as np
 from estimators.discrepancy.checks.holdout_gain import channel_gains, held_out
 from estimators.discrepancy.checks.regime_rest import regime_rests
 from estimators.discrepancy.checks.unmodelled_forces import sizes_with_unknown_inputs, unmodelled_forces
+from estimators.discrepancy.data_quality import quality_of
 from estimators.discrepancy.model.fit import fit_runs
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.nuisances import nuisances_of
@@ -32,7 +33,7 @@ from estimators.discrepancy.verdict import (
 )
 from estimators.logs.clocks import pose_age
 from estimators.logs.log import Log
-from estimators.logs.quality import QualityReport, quality
+from estimators.logs.quality import QualityReport
 from estimators.logs.units import Finding
 from offroad_env.effects import EFFECTS, Setup
 from offroad_env.errors import SolverFailure
@@ -98,17 +99,18 @@ def diagnose(
     # Neither the order of files and effects nor the name of a file may matter.
     ordered = tuple(sorted(logs, key=lambda log: log.hash))
     progress("data quality")
-    reports = tuple(quality(log) for log in ordered)
+    failed: dict[str, str] = {}
+    reports = quality_of(ordered, failed)
     problems = _named(ordered, [report.problems for report in reports])
     if problems:
-        return VehicleDiagnosis(logs=ordered, quality=reports, findings=problems)
+        return VehicleDiagnosis(logs=ordered, quality=reports, findings=problems, failed=failed)
     splits = split_runs(ordered)
-    failed: dict[str, str] = {}
     allowed = [name for name in EFFECTS if library is None or name in library]
     try:
         done = _searched(splits, allowed, failed, white=white, progress=progress)
     except (SolverFailure, ArithmeticError, np.linalg.LinAlgError) as error:
-        return _without_nominal(ordered, reports, error, progress)
+        failed[NOMINAL] = f"{type(error).__name__}: {error}"
+        return _without_nominal(ordered, reports, failed, progress)
     done = _refined(done, allowed, failed, white=white, progress=progress)
     nominal, found, splits = done.nominal, done.found, done.splits
     progress("unknown inputs")
@@ -225,11 +227,10 @@ def _partial(result: VehicleDiagnosis, found: SearchResult) -> FitResult:
 def _without_nominal(
     logs: tuple[Log, ...],
     reports: tuple[QualityReport, ...],
-    error: Exception,
+    failed: dict[str, str],
     progress: Callable[[str], None],
 ) -> VehicleDiagnosis:
     """The result where the nominal model cannot be driven through the runs: other structures may."""
-    failed = {NOMINAL: f"{type(error).__name__}: {error}"}
     progress("structures")
     compared = attempt("structures", lambda: compare_structures(logs), None, failed)
     return VehicleDiagnosis(

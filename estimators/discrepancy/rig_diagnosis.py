@@ -10,6 +10,7 @@ from scipy.stats import f as fisher
 
 from estimators.discrepancy.checks.holdout_gain import ChannelGain, Held, channel_gain
 from estimators.discrepancy.checks.unmodelled_forces import UnmodelledForce, shapes_of
+from estimators.discrepancy.data_quality import quality_of
 from estimators.discrepancy.diagnosis import SCREEN_RATE
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.protocol import Channel
@@ -26,7 +27,6 @@ from estimators.discrepancy.search.result import SearchResult
 from estimators.discrepancy.sections import attempt
 from estimators.discrepancy.verdict import REST_RATE, RigChecks, RigDiagnosis
 from estimators.logs.log import Log
-from estimators.logs.quality import quality
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 
@@ -82,17 +82,17 @@ def diagnose_rig(
     """
     library = rig_library() if library is None else tuple(library)
     progress("data quality")
-    reports = tuple(quality(log) for log in logs)
+    failed: dict[str, str] = {}
+    reports = quality_of(logs, failed)
     problems = tuple(finding for report in reports for finding in report.problems)
     if problems:
-        return RigDiagnosis(logs=tuple(logs), quality=reports, findings=problems)
+        return RigDiagnosis(logs=tuple(logs), quality=reports, findings=problems, failed=failed)
     trials = measured_trials(logs)
     use = trials.uses(held)
     parts = {u: RigModel(logs[0], trials.only(use == u)) for u in _USES if (use == u).any()}
     progress("nominal model")
     nominal = fit_rig(parts[FIT], white=white)
     progress("scores")
-    failed: dict[str, str] = {}
     found = _search(nominal, library, parts.get(SELECT), progress, failed)
     without: tuple[SearchResult, StructuralCause | None] = (found, None)
     found, structure = attempt(

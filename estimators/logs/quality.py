@@ -80,6 +80,11 @@ class QualityReport:
     findings: tuple[Finding, ...]  #: worst first
     checks: tuple[Check, ...]  #: the laws by which units were judged
 
+    @classmethod
+    def unchecked(cls, log: Log) -> QualityReport:
+        """Of a log whose data nothing has checked: without channels and findings."""
+        return cls(name=log.name, rows=len(log), duration=log.duration, channels=(), findings=(), checks=())
+
     @property
     def problems(self) -> tuple[Finding, ...]:
         """Findings after which no model should be fitted."""

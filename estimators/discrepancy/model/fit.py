@@ -26,7 +26,7 @@ __all__ = ["autoregressive", "fit_runs", "fitted_afresh", "settled", "stretches_
 #: Steps towards starts that a ground about right leads to.
 _ROUGHLY = 3
 #: Passes of descending and learning the noise; the gain of a pass that ends them, in the log-likelihood.
-_PASSES, _SETTLED = 6, 1.0
+_PASSES, _SETTLED = 12, 1.0
 #: Where all derivatives are new at last, and the cost falls by more than this: once more, so often in all.
 _UNSETTLED, _TIMES = 5.0, 2
 #: Least standard deviation of a channel, in its unit: a channel that never changes must stay solvable.

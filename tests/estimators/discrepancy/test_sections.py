@@ -7,8 +7,10 @@ import pytest
 
 from agents.commands.diagnose import Diagnose
 from agents.reports.diagnosis import render_diagnosis
+from estimators.discrepancy import data_quality as data_quality_module
 from estimators.discrepancy import diagnosis as diagnosis_module
 from estimators.discrepancy import evidence as evidence_module
+from estimators.discrepancy.data_quality import quality_of
 from estimators.discrepancy.diagnosis import diagnose
 from estimators.discrepancy.evidence import gather
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
@@ -64,6 +66,27 @@ def test_a_crash_in_any_section_loses_no_other(late, monkeypatch, tmp_path, caps
     assert set((tmp_path / "diagnosis.json").read_text().split('"')) >= missing
     assert (tmp_path / "extended.json").exists()
     assert "missing: profiles" in capsys.readouterr().out
+
+
+def test_a_crash_in_the_checks_of_the_data_loses_nothing_else(late, monkeypatch):
+    """Of several logs the report says whose checks are missing; an unchecked log has no findings."""
+    real = data_quality_module.quality
+    monkeypatch.setattr(
+        data_quality_module, "quality", lambda log: _broken() if log.name == "run" else real(log)
+    )
+    other, failed = replace(late, name="other"), {}
+    reports = quality_of([late, other], failed)
+    assert failed == {"data quality of run": "LinAlgError: Singular matrix"}
+    assert (reports[0].name, reports[0].channels, reports[0].problems) == ("run", (), ())
+    assert reports[1].channels
+    monkeypatch.setattr(diagnosis_module, "fit_runs", _stuck)
+    monkeypatch.setattr(diagnosis_module, "compare_structures", lambda logs: None)
+    found = diagnose([late])
+    assert set(found.failed) == {"data quality", "nominal model"}
+    summary = summarise(found)
+    assert "missing: data quality: LinAlgError: Singular matrix" in terminal_lines(summary)
+    page = render_diagnosis(summary, "offroad diagnose run.csv")
+    assert "Missing: data quality (LinAlgError: Singular matrix)." in page
 
 
 @pytest.mark.check
