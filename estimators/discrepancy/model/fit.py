@@ -70,11 +70,13 @@ def _begun(problem: LeastSquaresProblem, point: Point, *, white: bool = False, w
     return fit.moved(problem.begun(fit.point))
 
 
-def fitted_afresh(fit: FitResult, candidates: Sequence[Candidate], sizes: Sequence[float]) -> FitResult:
+def fitted_afresh(
+    fit: FitResult, candidates: Sequence[Candidate], sizes: Sequence[float], enough: float = np.inf
+) -> FitResult:
     """The model with these effects fitted from stated numbers and these sizes, the noise as it is.
 
     For effects so large that the numbers of a model without them are far from any truth, and with them what
-    the effects do there.
+    the effects do there. What cannot cost less than ``enough`` is not fitted to the end.
 
     Raises
     ------
@@ -83,7 +85,7 @@ def fitted_afresh(fit: FitResult, candidates: Sequence[Candidate], sizes: Sequen
     """
     stated = replace(fit.problem.stated(), candidates=tuple(candidates), sizes=np.array(sizes))
     begun = _begun(fit.problem, stated, white=fit.white, wide=True)
-    return GaussNewton().descend(replace(begun, noise=fit.noise, null=fit.null))
+    return GaussNewton(enough=enough).descend(replace(begun, noise=fit.noise, null=fit.null))
 
 
 def settled(fit: FitResult, *, fresh: bool = True) -> FitResult:
