@@ -26,7 +26,7 @@ __all__ = ["autoregressive", "fit_runs", "fitted_afresh", "settled", "stretches_
 #: Steps towards starts that a ground about right leads to.
 _ROUGHLY = 3
 #: Passes of descending and learning the noise; the gain of a pass that ends them, in the log-likelihood.
-_PASSES, _SETTLED = 6, 1.0
+_PASSES, _SETTLED = 12, 1.0
 #: Where all derivatives are new at last, and the cost falls by more than this: once more, so often in all.
 _UNSETTLED, _TIMES = 5.0, 2
 #: Least standard deviation of a channel, in its unit: a channel that never changes must stay solvable.
@@ -70,11 +70,13 @@ def _begun(problem: LeastSquaresProblem, point: Point, *, white: bool = False, w
     return fit.moved(problem.begun(fit.point))
 
 
-def fitted_afresh(fit: FitResult, candidates: Sequence[Candidate], sizes: Sequence[float]) -> FitResult:
+def fitted_afresh(
+    fit: FitResult, candidates: Sequence[Candidate], sizes: Sequence[float], enough: float = np.inf
+) -> FitResult:
     """The model with these effects fitted from stated numbers and these sizes, the noise as it is.
 
     For effects so large that the numbers of a model without them are far from any truth, and with them what
-    the effects do there.
+    the effects do there. What cannot cost less than ``enough`` is not fitted to the end.
 
     Raises
     ------
@@ -83,7 +85,7 @@ def fitted_afresh(fit: FitResult, candidates: Sequence[Candidate], sizes: Sequen
     """
     stated = replace(fit.problem.stated(), candidates=tuple(candidates), sizes=np.array(sizes))
     begun = _begun(fit.problem, stated, white=fit.white, wide=True)
-    return GaussNewton().descend(replace(begun, noise=fit.noise, null=fit.null))
+    return GaussNewton(enough=enough).descend(replace(begun, noise=fit.noise, null=fit.null))
 
 
 def settled(fit: FitResult, *, fresh: bool = True) -> FitResult:

@@ -30,8 +30,9 @@ _JUMP, _APART, _SHARE = 1.0, 0.25, 0.05
 class Linearisation:
     """Residual and records at a point, and derivatives by states, nuisances and sizes of effects.
 
-    Derivatives are of the prediction. The simulations behind them use the coarse solver at both ends of a
-    difference: its error is nearly the same at both.
+    Derivatives are of the prediction. The simulations behind them use the rough solver at both ends of a
+    difference, or the coarse one where the inputs differ, which change within its steps: its error is nearly
+    the same at both.
     """
 
     problem: LeastSquaresProblem
@@ -67,13 +68,21 @@ class Linearisation:
             return self.prediction
         return self.problem.predicted_coarsely(self.setups, self.point.starts, self.point.warm)
 
+    @cached_property
+    def _rough_prediction(self) -> np.ndarray:
+        if self.problem.rough_runs == self.problem.runs:
+            return self.prediction
+        return self.problem.predicted_coarsely(self.setups, self.point.starts, self.point.warm, rough=True)
+
     def change(self, setups: Sequence[Setup], step: float) -> np.ndarray:
         """Change of the prediction (M,) from this point to other setups, over ``step``."""
         return self._change(setups, self.point.starts, step)
 
     def _change(self, setups: Sequence[Setup], starts: Sequence[np.ndarray], step: float) -> np.ndarray:
-        before = self._coarse_prediction
-        return self.difference(before, self.problem.predicted_coarsely(setups, starts, self.point.warm), step)
+        rough = all(new.inputs == own.inputs for new, own in zip(setups, self.setups, strict=True))
+        before = self._rough_prediction if rough else self._coarse_prediction
+        after = self.problem.predicted_coarsely(setups, starts, self.point.warm, rough=rough)
+        return self.difference(before, after, step)
 
     def difference(self, before: np.ndarray, after: np.ndarray, step: float) -> np.ndarray:
         """Change from one prediction (M,) to another, over ``step``; angles within half a turn."""
@@ -90,12 +99,28 @@ class Linearisation:
         """Derivatives by the free states of each sample's own window, (M, S)."""
         runs, columns = self.problem.runs, [np.empty((self.problem.rows, 0))]
         for j in range(len(runs[0].free)):
+            elsewhere = self._elsewhere(j)
+            if elsewhere is not None:
+                columns.append(elsewhere[:, None])
+                continue
             starts = [start.copy() for start in self.point.starts]
             steps = [_STATE_STEP * run.spread[j] for run in runs]
             for start, run, step in zip(starts, runs, steps, strict=True):
                 start[:, run.free[j]] += step
             columns.append(self._change(self.setups, starts, steps[0])[:, None])
         return np.concatenate(columns, axis=1)
+
+    def _elsewhere(self, j: int) -> np.ndarray | None:
+        """Derivative (M,) by a free state that only says where a window begins; None for any other."""
+        moved = []
+        for run, setup, records in zip(self.problem.runs, self.setups, self.records, strict=True):
+            step = _STATE_STEP * run.spread[j]
+            found = run.displaced(setup, records, run.free[j], step)
+            if found is None:
+                return None
+            moved.append(found)
+        after = self.problem.predicted(self.setups, moved)
+        return self.difference(self.prediction, after, _STATE_STEP * self.problem.runs[0].spread[j])
 
     def nuisance_columns(self, known: np.ndarray | None = None) -> np.ndarray:
         """Derivatives by the nuisances, (M, N); 0 for those that do not exist in these runs.

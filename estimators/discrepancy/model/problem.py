@@ -33,6 +33,7 @@ class LeastSquaresProblem:
     def __init__(self, runs: Sequence[ForwardModel]) -> None:
         self.runs = tuple(runs)
         self.coarse_runs = tuple(run.coarse() for run in runs)
+        self.rough_runs = tuple(run.rough() for run in runs)
         self.nuisances = self.runs[0].nuisances
         #: First row of the data of every run, and the number of rows.
         self.offsets = np.concatenate([[0], np.cumsum([len(run.y) for run in runs])])
@@ -158,10 +159,15 @@ class LeastSquaresProblem:
         return np.concatenate([run.predict(setup, own) for run, setup, own in parts])
 
     def predicted_coarsely(
-        self, setups: Sequence[Setup], starts: Sequence[np.ndarray], warm: Sequence[np.ndarray]
+        self,
+        setups: Sequence[Setup],
+        starts: Sequence[np.ndarray],
+        warm: Sequence[np.ndarray],
+        *,
+        rough: bool = False,
     ) -> np.ndarray:
-        """The same with the coarse solver."""
-        parts = zip(self.coarse_runs, setups, starts, warm, strict=True)
+        """The same with the coarse solver, or the rough one."""
+        parts = zip(self.rough_runs if rough else self.coarse_runs, setups, starts, warm, strict=True)
         return np.concatenate([r.predict(s, r.simulate(s, x, own, r.windows)) for r, s, x, own in parts])
 
     def residual(self, prediction: np.ndarray) -> np.ndarray:

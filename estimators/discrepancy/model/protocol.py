@@ -122,11 +122,17 @@ class ForwardModel(Protocol):
     def coarse(self) -> Self:
         """The same with a coarser solver, enough for derivatives."""
 
+    def rough(self) -> Self:
+        """A coarser one still, enough for derivatives by what is no input."""
+
     def first_starts(self, setup: Setup) -> tuple[np.ndarray, np.ndarray]:
         """States (W, 15) and warm starts (W, 2, 3) at the beginning of the windows, from the sensors."""
 
     def moved_by(self, setup: Setup, other: Setup) -> bool:
         """Whether the motion differs between two setups that differ in their sensors alone."""
+
+    def displaced(self, setup: Setup, records: Records, state: int, by: float) -> Records | None:
+        """The records where a free state differs ``by`` so much at every start; None: to be simulated."""
 
     def simulate(self, setup: Setup, starts: np.ndarray, warm: np.ndarray, windows: Windows) -> Records:
         """Simulate all ``windows`` from their ``starts`` (W, 15) and warm starts (W, 2, 3)."""

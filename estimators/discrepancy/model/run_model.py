@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.signal import lfilter
 
+from estimators.discrepancy.model.displacement import displaced
+from estimators.discrepancy.model.input_means import input_means
 from estimators.discrepancy.model.nuisances import NUISANCES
 from estimators.discrepancy.model.protocol import Channel, ForwardModel, Nuisance, Records
 from estimators.discrepancy.model.window_simulation import (
@@ -103,7 +105,6 @@ class RunModel:
         If the log is too short, or has no input of the drive.
     """
 
-    #: Nuisances of a drive.
     #: Effects are nearly linear about a fit, and derivatives are most of its work.
     renews_derivatives = False
 
@@ -119,6 +120,7 @@ class RunModel:
         self._held: Mapping[str, float] = {}
         #: Of the last simulation: derivatives by starts and most parameters leave the inputs as they are.
         self._last: tuple[Any, _Driven] | None = None
+        self._stride = 1  #: see `Timing`
         plant = plant_of(log)
         full = log.config.model == "full"
         imu = ImuConfig(
@@ -135,6 +137,7 @@ class RunModel:
         # Frequencies of similar vehicles scale with the root of one over their size (Froude).
         vehicle = plant.vehicle
         pace = min(math.sqrt((vehicle.l_f + vehicle.l_r) / _FULL_SIZE), 1.0)
+        self._longest = pace * _COARSEST
         self.steps = max(math.ceil(self.step / (pace * (FULL_STEP if full else PAPER_STEP)) - 1e-6), 1)
         self.dt = self.step / self.steps
         count = math.floor((times[-1] - self.t_0) / self.step + 1e-6)
@@ -148,8 +151,7 @@ class RunModel:
             # The wheels turn as measured: a spin inertia that nothing moves.
             plant = plant._replace(vehicle=plant.vehicle._replace(I_w=1e9))
         # The age of the pose is known from the sensors alone: it is no error of the model.
-        errors = SensorErrors(pose_delay=pose_age(log))
-        self.setup = Setup(plant=plant, mount=imu.mount(), errors=errors)
+        self.setup = Setup(plant=plant, mount=imu.mount(), errors=SensorErrors(pose_delay=pose_age(log)))
         windows = cut(count, self.step, whole, self._usable(), pace)
         self._take(windows if use is None else windows.only(use))
         self.free = tuple(_FREE) if full and self.driven else tuple(i for i in _FREE if i < at.OMEGA_F)
@@ -175,6 +177,13 @@ class RunModel:
     def coarse(self) -> RunModel:
         """The same with twice the step of the solver, where the grid allows it: enough for derivatives."""
         return self._with_steps(max(self.steps // 2, 1))
+
+    def rough(self) -> RunModel:
+        """The same by steps over two of the grid, where they are not too long."""
+        other, plant = self.coarse(), self.setup.plant
+        simple = plant.structure is None and plant.soil.rigid < 0.5 and self.setup.model == "full"
+        other._stride = 2 if simple and self.driven and 2.0 * self.step <= self._longest else 1
+        return other
 
     def _with_steps(self, steps: int) -> RunModel:
         other = copy.copy(self)
@@ -330,24 +339,18 @@ class RunModel:
 
     def _mean(self, name: str, delay: float) -> np.ndarray:
         """Mean of an input over every step of the grid [its unit], ``delay`` [s] late."""
-        t, values = self.log.samples(name)
         edges = self.t_0 - delay + self.step * np.arange(self.count + 1)
-        t = np.concatenate([[min(t[0], edges[0]) - 1.0], t, [max(t[-1], edges[-1]) + 1.0]])
-        if self.log.config.hold == "linear":
-            values = np.concatenate([values[:1], values, values[-1:]])
-            middle = 0.5 * (edges[1:] + edges[:-1])
-            ends = np.interp(edges, t, values)
-            simpson: np.ndarray = (ends[1:] + 4.0 * np.interp(middle, t, values) + ends[:-1]) / 6.0
-            return simpson
-        held = np.concatenate([values[:1], values])
-        integral = np.concatenate([[0.0], np.cumsum(held * np.diff(t))])
-        return np.asarray(np.diff(np.interp(edges, t, integral)) / self.step)
+        return input_means(*self.log.samples(name), edges, linear=self.log.config.hold == "linear")
 
     def moved_by(self, setup: Setup, other: Setup) -> bool:
         """Whether the vehicle moves otherwise by two setups that differ in their sensors alone."""
         pair = (setup.errors, other.errors)
         wheels = {(errors.wheel_scale, errors.wheel_split, errors.wheel_delay) for errors in pair}
         return not self.driven and len(wheels) > 1
+
+    def displaced(self, setup: Setup, records: Records, state: int, by: float) -> Records | None:
+        """The records of windows that begin elsewhere, see `ForwardModel`."""
+        return displaced(setup, records, self.windows, state, by)
 
     # ------------------------------------------------------------------ simulation
 
@@ -362,13 +365,12 @@ class RunModel:
         records = int(windows.begin[-1])
         out = Histories(np.empty((records, at.STATE_SIZE)), np.zeros((records, at.READINGS_SIZE)))
         spans = np.stack([windows.first, windows.count], axis=1)
-        (commands, actuators), timing = self._driven_by(setup), Timing(self.dt, self.steps)
+        (commands, actuators), timing = self._driven_by(setup), Timing(self.dt, self.steps, self._stride)
+        begin = WindowStarts(starts, warm, actuators)
         if setup.model == "full":
             rims = self._rim_speeds(setup)
-            begin = WindowStarts(starts, warm, actuators)
             worst = run_full(begin, spans, commands, rims, setup.plant, timing, out)
         else:
-            begin = WindowStarts(starts, warm, actuators)
             worst = run_paper(begin, spans, commands, setup.plant, timing, out)
         if worst.max() >= SUNK:
             t = self.t_0 + self.step * windows.first[int(worst.argmax())]

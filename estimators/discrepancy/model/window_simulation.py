@@ -22,6 +22,10 @@ __all__ = [
 ]  # fmt: skip
 
 
+#: First steps of a window that are never taken as one: wheels that spin too fast grip within milliseconds.
+_SINGLY = 4
+
+
 class WindowStarts(NamedTuple):
     """What every window begins with."""
 
@@ -37,6 +41,7 @@ class Timing(NamedTuple):
 
     dt: float  #: [s]
     steps: int  #: of ``dt`` in a step of the grid
+    stride: int = 1  #: steps of the grid that are taken as one, 1 or 2; what lies between is interpolated
 
 
 class Histories(NamedTuple):
@@ -51,6 +56,25 @@ def _copy_rows(target: FloatArray, source: FloatArray) -> None:
     """``target[:] = source`` for (M, N) arrays, compiled far sooner."""
     for i in range(target.shape[0]):
         copy_into(target[i], source[i])
+
+
+@inline_kernel
+def _between(i: int, count: int, stride: int) -> bool:
+    """Whether record ``i`` of a window of ``count`` steps is interpolated."""
+    return stride > 1 and _SINGLY < i < count and (i - _SINGLY) % 2 == 1
+
+
+@inline_kernel
+def _fill_between(table: FloatArray, count: int, stride: int) -> None:
+    """Interpolate the records (count + 1, N) of a window that no step has reached, by third order."""
+    for i in range(1, count):
+        if _between(i, count, stride):
+            before, low, high = table[i - 3], table[i - 1], table[i + 1]
+            for j in range(table.shape[1]):
+                if i + 3 <= count:
+                    table[i, j] = 0.5625 * (low[j] + high[j]) - 0.0625 * (before[j] + table[i + 3, j])
+                else:
+                    table[i, j] = 0.75 * low[j] + 0.375 * high[j] - 0.125 * before[j]
 
 
 @inline_kernel
@@ -79,7 +103,7 @@ def run_full(
     rims : (K + 1, 2) wheel speeds [rad/s] that hold instead of the balance of torques, or (0, 2)
     """
     states, readings = out.states, out.readings
-    dt, steps = timing.dt, timing.steps
+    dt, steps, stride = timing.dt, timing.steps, timing.stride
     worst = np.zeros(spans.shape[0])
     x, warm = np.empty(at.STATE_SIZE), np.empty((starts.warm.shape[1], starts.warm.shape[2]))
     work = np.empty((WORK_ROWS, at.READINGS_SIZE))
@@ -93,22 +117,37 @@ def run_full(
             if worst[w] >= SUNK:
                 _forget(states[row])
                 _forget(readings[row])
-            else:
+            elif not _between(i, count, stride):
                 k = first + max(i - 1, 0)
-                command = (commands[k, 0], commands[k, 1], commands[k, 2])
-                seen, onward = readings[row], (dt, steps if i > 0 else 0)
+                span = 2 if _between(i - 1, count, stride) else 1
+                command = _mean_command(commands, k, span)
+                seen, onward = readings[row], (span * dt, steps if i > 0 else 0)
                 if rims.shape[0] > 0:
                     status = _with_rims(x, warm, command, rims[k : k + 2], plant, onward, (work, seen))
                 else:
                     if i == 0:
                         full_derivative(x, command, plant, warm, work[0], seen)
                     else:  # each step goes on from the slope and readings that the last one has ended with
-                        copy_into(seen, readings[row - 1])
+                        copy_into(seen, readings[row - span])
                     status = full_continue(x, warm, command, plant, onward, work, seen)
                 worst[w] = max(worst[w], status)
                 copy_into(states[row], x)
             row += 1
+        _fill_between(states[row - count - 1 : row], count, stride)
+        _fill_between(readings[row - count - 1 : row], count, stride)
     return worst
+
+
+@inline_kernel
+def _mean_command(commands: FloatArray, k: int, span: int) -> tuple[float, float, float]:
+    """Mean of the commands (K, 3) over the ``span`` steps of the grid that end with step ``k``."""
+    share = 1.0 / span
+    a, b, c = 0.0, 0.0, 0.0
+    for i in range(k + 1 - span, k + 1):
+        a += share * commands[i, 0]
+        b += share * commands[i, 1]
+        c += share * commands[i, 2]
+    return a, b, c
 
 
 @kernel

@@ -151,6 +151,14 @@ class RigModel:
         """The same: a trial takes microseconds."""
         return self
 
+    def rough(self) -> RigModel:
+        """The same."""
+        return self
+
+    def displaced(self, _setup: Setup, _records: Records, _state: int, _by: float) -> None:
+        """Errors of load and slip change the contact: always to be simulated."""
+        return None
+
     def first_starts(self, setup: Setup) -> tuple[np.ndarray, np.ndarray]:
         """Settings as they were measured."""
         return np.zeros((len(self.windows), at.STATE_SIZE)), np.zeros((len(self.windows), 2, 3))

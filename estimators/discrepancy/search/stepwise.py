@@ -101,13 +101,17 @@ def _forward(scores: ScoreTest, threshold: float) -> list[FitResult]:
     return _refitted(fit, larger)
 
 
-def _afresh(scores: ScoreTest, threshold: float) -> list[FitResult]:
+def _afresh(scores: ScoreTest, threshold: float, others: Sequence[FitResult]) -> list[FitResult]:
     """Models with one effect more, fitted from stated numbers where the present fit has left these.
 
     A number that has taken the place of a large effect moves others with it, and scores about that point tell
-    little of the effect: their sign is taken, and a size that is plausible.
+    little of the effect: their sign is taken, and a size that is plausible. What cannot be as good as the
+    best of ``others`` is of no use.
     """
     fit, found = scores.fit, []
+    enough = fit.cost - 0.5 * threshold**2
+    if others and not _order(others[0])[0]:
+        enough = min(enough, others[0].cost + 0.5 * EQUIVALENT)
     vehicle = fit.runs[0].setup.plant.vehicle
     by_effect = {scores.candidates[i].effect: i for i in _best_by_effect(np.abs(scores.z), scores.candidates)}
     away = np.abs(fit.nuisances) / fit.problem.nuisance_spread
@@ -117,10 +121,11 @@ def _afresh(scores: ScoreTest, threshold: float) -> list[FitResult]:
         i = by_effect[name]
         size = math.copysign(_BEGINS * EFFECTS[name].plausible(vehicle), scores.size[i])
         try:
-            trial = fitted_afresh(fit, (*fit.candidates, scores.candidates[i]), (*fit.sizes, size))
+            candidates = (*fit.candidates, scores.candidates[i])
+            trial = fitted_afresh(fit, candidates, (*fit.sizes, size), enough)
         except OffroadError:
             continue
-        if 2.0 * (fit.cost - trial.cost) > threshold**2:
+        if trial.cost < enough:
             found.append(trial)
     return found
 
@@ -191,7 +196,8 @@ def _pairs(
 def _larger(scores: ScoreTest, threshold: float, test: HoldOutTest) -> list[FitResult]:
     """Models that explain more by as much as an effect must: the best, and those as good, best first."""
     fit = scores.fit
-    single = sorted([*_forward(scores, threshold), *_afresh(scores, threshold)], key=_order)
+    single = _forward(scores, threshold)
+    single = sorted([*single, *_afresh(scores, threshold, single)], key=_order)
     if not single and not fit.candidates:
         return []
     most = linearised_gain(fit, scores) if fit.candidates else float(np.max(scores.z**2, initial=0.0))

@@ -31,6 +31,7 @@ class _Setup:
     slope: float = 0.0
     curve: float = 0.0
     rigid: float = 0.0
+    inputs: None = None
 
     @property
     def plant(self):
@@ -76,6 +77,12 @@ class _Line:
 
     def coarse(self):
         return self
+
+    def rough(self):
+        return self
+
+    def displaced(self, setup, records, state, by):
+        return None
 
     def first_starts(self, setup):
         return np.zeros((_WINDOWS, 1)), np.zeros((_WINDOWS, 2, 3))

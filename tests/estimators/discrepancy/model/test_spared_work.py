@@ -7,9 +7,13 @@ import pytest
 
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.model import run_model
+from estimators.discrepancy.model.displacement import displaced, same_everywhere
 from estimators.discrepancy.model.fit import fit_runs, settled
 from estimators.discrepancy.model.linearisation import Linearisation
 from estimators.discrepancy.model.run_model import RunModel
+from offroad_env.effects import EFFECTS, apply
+from offroad_env.physics import state as at
+from offroad_env.world.terrain import grade, rough_terrain
 
 
 @pytest.fixture(scope="module")
@@ -51,3 +55,45 @@ def test_on_the_way_to_a_minimum_derivatives_by_tolerated_numbers_serve_again(fi
     tolerated = fit.problem.nuisances.index(next(n for n in fit.problem.nuisances if n.tolerated))
     assert (mixed[:, tolerated] == 7.0).all()
     assert not (mixed[:, 0] == 7.0).any()
+
+
+def test_steps_over_two_of_the_grid_predict_nearly_the_same(fit):
+    """What lies between them is interpolated: an error of the solver, far below the noise of the sensors."""
+    (run,), there = fit.runs, fit.linearisation
+    rough, start = run.rough(), (there.setups[0], there.point.starts[0], there.point.warm[0], run.windows)
+    records = rough.simulate(*start)
+    assert np.isfinite(records.states).all()
+    assert np.isfinite(records.readings).all()
+    error = fit.noise.whiten(rough.predict(there.setups[0], records) - fit.prediction)
+    assert 0.0 < np.sqrt(np.mean(error**2)) < 0.2
+
+
+def test_steps_over_two_of_the_grid_are_not_taken_where_they_would_be_long(fit):
+    """A small vehicle is quick, and a slow log has long steps."""
+    (run,) = fit.runs
+    assert run.rough()._stride == 2
+    run._longest = 1.9 * run.step
+    assert run.rough()._stride == 1
+    run._longest = 0.02
+
+
+@pytest.mark.parametrize("state", [at.X, at.Y, at.YAW])
+def test_on_even_ground_a_window_that_begins_elsewhere_needs_no_simulation(fit, state):
+    (run,), there, by = fit.runs, fit.linearisation, 0.3
+    starts = there.point.starts[0].copy()
+    starts[:, state] += by
+    simulated = run.simulate(there.setups[0], starts, there.point.warm[0], run.windows)
+    moved = displaced(there.setups[0], there.records[0], run.windows, state, by)
+    assert np.allclose(moved.states, simulated.states, atol=1e-9)
+    assert displaced(there.setups[0], there.records[0], run.windows, at.V_X, by) is None
+
+
+def test_where_the_place_matters_windows_that_begin_elsewhere_are_simulated(fit):
+    (setup,) = fit.linearisation.setups
+    assert same_everywhere(setup)
+    assert not same_everywhere(setup.with_ground(grade(0.05)))
+    assert not same_everywhere(setup.with_ground(rough_terrain("A", np.random.default_rng(0))))
+    step = {"place": 3.0, "direction": 0.0, EFFECTS["n_step"].size.name: 0.1}
+    assert not same_everywhere(apply(setup, [("n_step", step)]))
+    patches = setup.plant.soil_map._replace(patches=np.array([[0.0, 0.0, 5.0, 0.7]]))
+    assert not same_everywhere(replace(setup, plant=setup.plant._replace(soil_map=patches)))
