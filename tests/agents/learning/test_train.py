@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
+from agents.learning.checks import scores_together
 from agents.learning.policies import MissingExtraError, Network, load_policy
 from agents.learning.train import TrainArgs, configuration_hash, train
 from offroad_env.errors import InvalidParameter
@@ -108,6 +109,40 @@ def test_policies_with_memory_and_sac_come_back_as_they_were(tmp_path, algorithm
     again = [run_episode(env, agent, draw.seed, n=draw.n).reward for _ in range(2)]
     env.close()
     assert again == [first.reward] * 2
+
+
+def test_episodes_side_by_side_are_driven_without_the_noise_of_sac(tmp_path):
+    """`PolicyAgent.decide_all` asks for the most likely action, as `act` does."""
+    pytest.importorskip("sb3_contrib")
+    args = TrainArgs(
+        scenario="brake",
+        terrain_info="none",
+        algorithm="sac",
+        gradient_steps=2,
+        total_steps=64,
+        n_envs=2,
+        batch_size=2,
+        hidden=(8,),
+        buffer_size=100,
+        eval_episodes=0,
+        check_episodes=2,
+        check_from=64,
+        action_interface="direct",
+        out=tmp_path,
+    )
+    train(args)
+    scores = [
+        scores_together(
+            load_policy(tmp_path).decide_all,
+            "brake",
+            draw_episodes("brake", 2, 0),
+            form="matched",
+            interface="direct",
+            terrain_info="none",
+        )[0]
+        for _ in range(2)
+    ]
+    assert scores[0].tolist() == scores[1].tolist()
 
 
 def test_another_seed_is_another_configuration_and_another_folder_is_not():
