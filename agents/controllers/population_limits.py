@@ -33,6 +33,8 @@ _NODES, _ENDS = 13, (0.02, 0.98)
 #: Width of the average over neighbouring soils, as a share of the table [-].
 _WIDTH = 0.08
 _LATERAL_ANGLE = np.radians(15.0)
+#: Factor on the standard deviation of a belief whose flag is down [-].
+_UNSURE = 2.0
 
 
 class Coordinate(NamedTuple):
@@ -125,7 +127,7 @@ def _scaled(row: SoilRow, coordinate: Coordinate, value: float) -> SoilRow:
 def believe_limit(coordinate: Coordinate, z: float) -> BeliefSource:
     """The limit of ``terrain_info="belief"`` or "limits", insured over ``z`` standard deviations.
 
-    While the flag is down the middle of the population and its width stand in.
+    While the flag is down the standard deviation counts `_UNSURE` times: the mean is still the best guess.
     """
     place = BELIEF_VECTOR.index(coordinate.entry)
 
@@ -133,8 +135,10 @@ def believe_limit(coordinate: Coordinate, z: float) -> BeliefSource:
         low, high = float(table.grid[0]), float(table.grid[-1])
         terrain = observation["terrain"]
         mean, sd = as_coordinate(coordinate, float(terrain[place]), float(terrain[place + 1]))
-        if terrain[-1] < 0.5 or not (np.isfinite(mean) and np.isfinite(sd)):
+        if not (np.isfinite(mean) and np.isfinite(sd)):
             mean, sd = 0.5 * (low + high), (high - low) / np.sqrt(12.0)
+        elif terrain[-1] < 0.5:
+            sd *= _UNSURE
         mean = min(max(mean, low), high)
         return Belief(max(mean - z * sd, low), mean, min(mean + z * sd, high))
 

@@ -44,6 +44,7 @@ _ADDED: dict[str, Any] = {
     "held_noise": 1.0,
     "centre": 0.0,
     "last_log_std": None,
+    "gradient_steps": 1,
 }
 #: With the option's former spelling.
 ActionInterfaceName = Annotated[str, tyro.conf.arg(aliases=["--guide"])]  # alias
@@ -87,6 +88,7 @@ class TrainArgs:
     held_noise: float = 1.0  #: share of the steps after which it is drawn anew at every step
     last_log_std: float | None = None  #: from then on log_std is bounded, at the end by this (PPO)
     buffer_size: int = 300_000  #: steps that SAC remembers
+    gradient_steps: int = 1  #: of SAC after each step of all environments
     clip_reward: float = 10.0  #: largest reward that is learnt from [standard deviations of their sums]
     first_drive: float = 0.0  #: drive that an untrained policy asks for (not SAC)
     hidden: tuple[int, ...] = (64, 64)  #: layers of policy and value network

@@ -206,7 +206,7 @@ class PolicyAgent:
                 past = np.where(fresh[:, None], np.float32(0.0), past)
                 self._rows[key] = np.concatenate([past[:, row.shape[-1] :], row], axis=-1)
             rows = self._rows
-        actions: np.ndarray = self._model.predict(rows)[0]
+        actions: np.ndarray = self._model.predict(rows, deterministic=True)[0]
         return actions
 
     def _decide(self, observation: Observation) -> np.ndarray:

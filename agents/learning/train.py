@@ -186,7 +186,8 @@ def _settings(args: TrainArgs) -> dict[str, Any]:
         "gamma": args.gamma,
     }
     if args.algorithm == "sac":
-        return {**common, "buffer_size": args.buffer_size, "learning_starts": 10 * args.batch_size}
+        room = {"buffer_size": args.buffer_size, "learning_starts": 10 * args.batch_size}
+        return {**common, **room, "gradient_steps": args.gradient_steps}
     return {**common, "n_steps": args.n_steps, "n_epochs": args.n_epochs, "gae_lambda": args.gae_lambda}
 
 
@@ -333,7 +334,7 @@ def _check(model: Any, scaler: Any, args: TrainArgs) -> tuple[np.ndarray, np.nda
     agent = PolicyAgent(
         network, _scaling(scaler, args), frames=args.frames, action_interface=args.action_interface
     )
-    if args.algorithm != "ppo" or task_of(args).measure == "cross_track":
+    if args.algorithm == "recurrent_ppo" or task_of(args).measure == "cross_track":
         driven = drive_each(agent, args.scenario, draws, form=args.form, **options)
         return np.array([e.score for e in driven]), np.array([e.success for e in driven])
     options |= {"threads": args.threads, "terrain_info": _shown(args)}

@@ -3,6 +3,7 @@
 No planner and no tracker is inside: ten times a second a policy gives steering and drive. Four arms learn by
 one recipe (`agents/recipes/direct.yaml`) and differ in what they see of the soil: nothing, nothing but the
 last second of all observations, the belief (emulated in training, itself in the test), or the true limits.
+For comparison a fifth, ``direct_sac``, learns with the true limits by SAC, from the same rewards.
 
 Every policy also drives validation episodes. By these, not by the test, one training of each arm is chosen to
 be shipped.
@@ -45,6 +46,10 @@ from offroad_env.errors import InvalidParameter
 __all__ = ["FORM", "DirectPolicies", "arguments", "run_unit", "shipped_seed"]
 
 FORM = "natural"
+#: The arm that learns off policy; what else differs in it is in `agents/recipes/direct_sac.yaml`.
+_SAC = "direct_sac"
+#: Arm -> what it observes of the soil.
+_SHOWN = {**DIRECT, _SAC: "limits"}
 #: Observations that the arm with memory sees side by side: one second.
 _FRAMES = 10
 #: Validation episodes by which a training is chosen, and their seed: others than those of its checks.
@@ -55,21 +60,25 @@ _BESIDE = ("nominal", "oracle")
 
 def recipes() -> Mapping[str, dict[str, Any]]:
     """Task -> options of `offroad train`."""
-    text = (files("agents") / "recipes" / "direct.yaml").read_text(encoding="utf-8")
-    found: Mapping[str, dict[str, Any]] = yaml.safe_load(text)
+    return _recipe_file("direct.yaml")
+
+
+def _recipe_file(name: str) -> dict[str, Any]:
+    text = (files("agents") / "recipes" / name).read_text(encoding="utf-8")
+    found: dict[str, Any] = yaml.safe_load(text)
     return found
 
 
 def arguments(task: str, arm: str, seed: int, out: Path) -> TrainArgs:
-    """What a policy is trained with; arms of a task differ in what they see and in nothing else."""
-    recipe = dict(recipes()[task])
+    """What a policy is trained with; arms of PPO differ in what they see and in nothing else."""
+    recipe = {**recipes()[task], **(_recipe_file("direct_sac.yaml") if arm == _SAC else {})}
     weights = yaml.safe_dump(recipe.pop("weights"), default_flow_style=True).strip()
     return TrainArgs(
         scenario=task,
         form=FORM,
         objective="reward",
-        terrain_info=DIRECT[arm],
-        emulated=DIRECT[arm] == "belief",
+        terrain_info=_SHOWN[arm],
+        emulated=_SHOWN[arm] == "belief",
         frames=_FRAMES if arm == "direct_memory" else 1,
         seed=seed,
         threads=1,
@@ -142,11 +151,11 @@ class DirectPolicies(Results):
     """
 
     tasks: Scenarios = ("speed",)  #: of agents/recipes/direct.yaml
-    arms: tuple[str, ...] = tuple(DIRECT)  #: what is seen of the soil
+    arms: tuple[str, ...] = tuple(DIRECT)  #: what is seen of the soil; direct_sac: the limits, by SAC
     seeds: int = 5  #: trainings of each
     episodes: int = 200  #: test episodes of each policy
     test_seed: int = 11  #: of these episodes
-    ship: Path | None = None  #: also copy the best training of each arm, by validation, into this folder
+    ship: Path | None = None  #: also copy the best training of each arm of PPO, by validation, to this folder
 
     def run(self) -> None:
         """Train and drive what is missing, then print."""
@@ -165,7 +174,7 @@ class DirectPolicies(Results):
         for sentence in self._sentences(done):
             say(sentence)
         if self.ship is not None:
-            for task, arm in dict.fromkeys(key[:2] for key in done if key[1] not in _BESIDE):
+            for task, arm in dict.fromkeys(key[:2] for key in done if key[1] in DIRECT):
                 seed = shipped_seed(done, task, arm)
                 copy_policy(arguments(task, arm, seed, self.out).out, self.ship / task / arm / str(seed))
             say(f"policies: {self.ship}")
@@ -175,7 +184,7 @@ class DirectPolicies(Results):
     def _check(self) -> None:
         for name, given, known in (
             ("tasks", self.tasks, tuple(recipes())),
-            ("arms", self.arms, tuple(DIRECT)),
+            ("arms", self.arms, tuple(_SHOWN)),
         ):
             if unknown := set(given) - set(known):
                 wrong = ", ".join(sorted(unknown))
@@ -205,7 +214,7 @@ class DirectPolicies(Results):
         for task in self.tasks:
             for arm in self.arms:
                 own = _scores(done, task, arm)
-                less = [other for other in DIRECT if other in self.arms]
+                less = [other for other in _SHOWN if other in self.arms]
                 for other in (*_BESIDE, *less[: less.index(arm)]):
                     beside = _scores(done, task, other)
                     verdict = improvement_verdict(arm, other, improvement_interval(own, beside))

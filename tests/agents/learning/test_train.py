@@ -110,6 +110,34 @@ def test_policies_with_memory_and_sac_come_back_as_they_were(tmp_path, algorithm
     assert again == [first.reward] * 2
 
 
+def test_episodes_side_by_side_are_driven_without_the_noise_of_sac(tmp_path):
+    """`PolicyAgent.decide_all` asks for the most likely action, as `act` does."""
+    pytest.importorskip("sb3_contrib")
+    args = TrainArgs(
+        scenario="brake",
+        terrain_info="none",
+        algorithm="sac",
+        gradient_steps=2,
+        total_steps=64,
+        n_envs=2,
+        batch_size=2,
+        hidden=(8,),
+        buffer_size=100,
+        eval_episodes=0,
+        check_episodes=2,
+        check_from=64,
+        action_interface="direct",
+        out=tmp_path,
+    )
+    train(args)
+    env = gym.make(ENV_ID, scenario="brake", terrain_info="none")
+    observation, _ = env.reset(seed=0)
+    env.close()
+    twice = {key: np.stack([row, row]) for key, row in observation.items()}
+    first, second = load_policy(tmp_path).decide_all(twice, np.ones(2, np.bool_))
+    assert first.tolist() == second.tolist()
+
+
 def test_another_seed_is_another_configuration_and_another_folder_is_not():
     one, seed, folder = TrainArgs(), TrainArgs(seed=1), TrainArgs(out=Path("elsewhere"))
     assert configuration_hash(one) == configuration_hash(folder) != configuration_hash(seed)

@@ -33,6 +33,13 @@ def test_arms_differ_in_what_they_see_of_the_soil_and_in_nothing_else(task, tmp_
     assert len({configuration_hash(args) for args in each.values()}) == len(DIRECT)
 
 
+def test_the_arm_off_policy_learns_the_same_from_the_same_rewards(tmp_path):
+    sac, ppo = (arguments("speed", arm, 3, tmp_path) for arm in ("direct_sac", "direct_oracle"))
+    differing = {name for name in vars(sac) if getattr(sac, name) != getattr(ppo, name)}
+    assert differing == {"algorithm", "batch_size", "gradient_steps", "first_drive", "out"}
+    assert sac.algorithm == "sac"
+
+
 def test_the_weights_of_the_recipe_reach_the_environment(tmp_path):
     weights = arguments("speed", "direct_belief", 0, tmp_path).world.env_options()["weights"]
     assert weights["time"] == recipes()["speed"]["weights"]["time"]
