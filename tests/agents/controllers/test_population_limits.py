@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from agents.controllers.nmpc_arms import make_nmpc
 from agents.controllers.population_limits import believe_limit, coordinate_of
 from estimators.filters.online_soil_belief import BELIEF_VECTOR
 
@@ -41,3 +42,9 @@ def test_without_a_number_the_middle_of_the_population_stands_in():
     found = _believed(np.nan, 0.5, valid=False)
     assert found.mean == 5.0
     assert found.high - found.low == pytest.approx(2.0 * 8.0 / np.sqrt(12.0))
+
+
+def test_model_predictive_control_is_insured_over_seven_tenths_of_a_deviation():
+    pytest.importorskip("casadi")
+    controller = make_nmpc("nmpc_belief", natural=True).agent.agent
+    assert controller.believe(None, _TABLE, _seen(5.0, 1.0, valid=True)).low == pytest.approx(4.3)
