@@ -10,6 +10,8 @@ from typing import Any
 import matplotlib as mpl
 from cycler import cycler
 from docutils import nodes
+from sphinx.ext import autosummary
+from sphinx.ext.napoleon.docstring import GoogleDocstring
 
 import offroad_env
 
@@ -44,6 +46,15 @@ autodoc_typehints = "none"  # the docstrings give types, shapes and units
 autodoc_member_order = "bysource"
 napoleon_google_docstring = False
 napoleon_use_rtype = False
+
+
+def _whole_comment(docstring: Any) -> tuple[str, list[str]]:
+    """Napoleon would take what stands before a colon in the comment of a field for its type."""
+    return "", docstring._dedent(docstring._consume_to_end())
+
+
+GoogleDocstring._consume_inline_attribute = _whole_comment  # type: ignore[method-assign]
+autosummary.WELL_KNOWN_ABBREVIATIONS += ("r.m.s.",)  # no end of a sentence
 # Inventories of other projects need the network: links to them are left as text where it is missing.
 intersphinx_mapping: dict[str, Any] = {}
 

@@ -28,7 +28,7 @@ observation, info = env.reset(seed=0)
 path = env.unwrapped.course.path.nodes
 print(f"n = {info['n']}, standing {1e3 * info['sinkage'][0]:.1f} mm deep in front")
 
-figure, axis = plt.subplots(figsize=(5, 2.2), layout="constrained")
+figure, axis = plt.subplots(figsize=(6, 1.4), layout="constrained")
 axis.plot(path[:, 0], path[:, 1])
 axis.set(xlabel="X [m]", ylabel="Y [m]", aspect="equal")
 plt.show()

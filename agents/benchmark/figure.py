@@ -156,5 +156,6 @@ def _draw_rows(
     if percent:
         axes.set_xlim(left=min(-3.0, axes.get_xlim()[0]))
     axes.grid(axis="x", alpha=0.25)
+    axes.tick_params(axis="y", length=0)
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from agents.benchmark.runner import draw_episodes, run_jobs
+from agents.controllers import tuned as shipped
 from agents.controllers.arms import ARMS, ArmSettings, make_arm
 from agents.controllers.tuned import SETTINGS
 
@@ -188,8 +189,6 @@ def tune_scenario(
 
 def write_settings(path: Path, args: TuneArgs, tuned: dict[str, Tuned]) -> None:
     """Write the module of tuned settings; other scenarios in it are kept."""
-    from agents.controllers import tuned as shipped
-
     # Read anew: another search may have written since this one began.
     held = runpy.run_path(str(path)) if path.exists() else vars(shipped)
     runs = dict(held["RUNS"])
@@ -240,7 +239,7 @@ def main() -> None:
             bar.update(task, description=f"tuning {name}", completed=done, total=total)
 
         tuned = tune_scenario(args, progress=report)
-    write_settings(Path(__file__).with_name("tuned.py"), args, tuned)
+    write_settings(Path(str(shipped.__file__)), args, tuned)
 
 
 if __name__ == "__main__":

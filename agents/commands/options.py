@@ -21,7 +21,7 @@ FORMER = {"--n-jobs": "--jobs", "--n_jobs": "--jobs", "--tasks": "--scenario"}
 def option_value(arguments: Sequence[str], option: str, default: str) -> str:
     """What stands behind an option among unparsed arguments."""
     words = list(arguments)
-    for word, following in zip(words, [*words[1:], ""], strict=True):
+    for word, following in zip(words, [*words, ""][1:], strict=True):
         if word == option and following:
             return following
         if word.startswith(f"{option}="):

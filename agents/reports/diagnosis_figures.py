@@ -177,9 +177,7 @@ def cause_figure(scores: Sequence[Score], threshold: float, sets: Sequence[Seque
             textcoords="offset points", va="center", fontsize=7.5, color="0.35",
         )  # fmt: skip
     axes.axvline(threshold, color=_NOMINAL, lw=1.2, ls="--")
-    axes.text(
-        threshold, len(order) - 0.2, f"threshold {threshold:.1f}", color=_NOMINAL, fontsize=8, ha="center"
-    )
+    axes.text(threshold, len(order) - 0.2, f"  threshold {threshold:.1f}", color=_NOMINAL, fontsize=8)
     axes.set_xscale("function", functions=(lambda z: np.sqrt(np.maximum(z, 0.0)), np.square))
     axes.set_xlim(0.0, 1.9 * largest)
     axes.set_ylim(-0.6, len(order) + 0.4)

@@ -203,7 +203,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
             model, structure, vehicle_model = self.extension.choices(structure, vehicle_model)
             self.extension = self.extension if self.extension.effects else None  # what is left is the plant's
         require_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
-        self.terrain_info, self.model, self.vehicle_model = terrain_info, model, vehicle_model
+        self.terrain_info, self.model, self.vehicle_model = terrain_info, model, vehicle_model  #: as given
         self.render_mode = render_mode
         self.soil_name, self.vehicle = chosen.soil.name, chosen.vehicle.record
         self._plants = PlantChoice(
@@ -231,15 +231,15 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self._navigation = NavigationFilter(self.vehicle, noise)
         #: The parameter UKF runs inside the compiled period, the others beside it.
         self._choice = estimator
-        self.estimator: Estimator | None = None
+        self.estimator: Estimator | None = None  #: the filter for the soil; None where none runs
         self._extended: ExtendedTruth | None = None  # of an extended model; moves outside the compiled period
         self._layout = Layout(self.vehicle.steer_max, terrain_info=terrain_info)
         self._renderer: Renderer | None = None
         self._begun = False  # an episode
         self._learner: OnlineParameterUKF | None = None  # the estimator inside the compiled period
         self.join(Memory(1, self.sizes), 0)
-        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
-        self.observation_space = self._layout.space()
+        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)  #: steering and drive
+        self.observation_space = self._layout.space()  #: see above
 
     @property
     def context(self) -> dict[str, Any] | None:
@@ -315,7 +315,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         soils, field = self.course.soil_map(self.n_range), None
         if self._plants.is_natural:
             field = self._plants.soil_field(soil, int(self.np_random.integers(2**63)))
-        self.plant = self._plants.truth(vehicle, soil, truth.ground, soils, field)
+        self.plant = self._plants.truth(vehicle, soil, truth.ground, soils, field)  #: the true one
         (X, Y, yaw), start = self.course.path.nodes[0, :3].tolist(), self.scenario.start_speed
         if self.extension is not None:
             self._extended = ExtendedTruth(self.extension, self.plant, self._sensing.mount)

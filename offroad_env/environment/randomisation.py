@@ -78,8 +78,8 @@ def _ordered(low: float, high: float) -> None:
 class Uniform:
     """Uniform from ``low`` to ``high``; a pair (low, high) means the same."""
 
-    low: float
-    high: float
+    low: float  #: least value
+    high: float  #: largest value
 
     def __post_init__(self) -> None:
         _ordered(self.low, self.high)
@@ -103,8 +103,8 @@ class Uniform:
 class LogUniform:
     """Uniform in the logarithm, from ``low`` > 0 to ``high``."""
 
-    low: float
-    high: float
+    low: float  #: least value
+    high: float  #: largest value
 
     def __post_init__(self) -> None:
         _ordered(self.low, self.high)
@@ -130,10 +130,10 @@ class LogUniform:
 class Normal:
     """Normal, with what falls outside ``low`` to ``high`` drawn again; by default 3 sd to both sides."""
 
-    mean: float
-    sd: float
-    low: float | None = None
-    high: float | None = None
+    mean: float  #: middle of the values
+    sd: float  #: their standard deviation
+    low: float | None = None  #: least value
+    high: float | None = None  #: largest value
 
     def __post_init__(self) -> None:
         if numbers("mean", self.mean).ndim or not (numbers("sd", self.sd) >= 0.0).all():
@@ -169,7 +169,7 @@ class Normal:
 class Choice:
     """One of several values with equal probability; a list of names means the same."""
 
-    values: tuple[Any, ...]
+    values: tuple[Any, ...]  #: equally probable
 
     def __post_init__(self) -> None:
         if not isinstance(self.values, list | tuple) or not self.values:

@@ -32,8 +32,8 @@ MEASURES = {
 class Course:
     """What one episode is driven on."""
 
-    path: PathTable
-    ground: Ground
+    path: PathTable  #: way that the vehicle has to follow
+    ground: Ground  #: its true height
     known_ground: Ground = field(default_factory=flat)  #: what a map of heights shows of it
     sections: tuple[tuple[float, float, float], ...] = ()  #: (start, end [m], place of n in the range [-])
 
@@ -51,8 +51,8 @@ class Scenario:
     Parameters are the fields. ``draw`` is a function, or an `environment.courses.CourseRecipe`.
     """
 
-    name: str
-    draw: Callable[[np.random.Generator], Course]
+    name: str  #: in figures and tables
+    draw: Callable[[np.random.Generator], Course]  #: makes the course of an episode
     corridor: float = 2.0  #: half width of the corridor [m]; leaving it ends the episode
     target_speed: float = 0.0  #: speed to hold [m/s]; 0 = as fast as possible
     start_speed: float = 3.0  #: speed at the start [m/s]

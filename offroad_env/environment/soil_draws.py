@@ -49,9 +49,9 @@ class MeasuredSoils:
         holds 80 % of it, "unusual" the rest. What learnt on one can be tested on the other.
     """
 
-    vehicle: str = "mrzr"
-    deepest: float = 0.5
-    region: str = "all"
+    vehicle: str = "mrzr"  #: which the soil must carry
+    deepest: float = 0.5  #: sinkage over the radius [-]
+    region: str = "all"  #: part of the population
     _prior: SoilPrior = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

@@ -137,6 +137,7 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         threads: int | None = None,
         **options: Any,
     ) -> None:
+        #: Episodes.
         self.num_envs = require_count("num_envs", num_envs)
         self.autoreset_mode = _autoreset(autoreset_mode)
         self.envs = [self.single(**options) for _ in range(self.num_envs)]
@@ -145,9 +146,10 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         self._time_limit = first.scenario.time_limit
         self.metadata = {**first.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = first.render_mode
+        #: Of one episode.
         self.single_action_space, self.single_observation_space = first.action_space, first.observation_space
-        self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)  #: of all episodes
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)  #: of all episodes
         self._layout = Layout(first.vehicle.steer_max, terrain_info=first.terrain_info)
         self._period: Any = _period_of(first)
         self._memory = Memory(self.num_envs, first.sizes)

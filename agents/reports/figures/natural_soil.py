@@ -17,6 +17,8 @@ from offroad_env.world.soils import SOILS
 __all__ = ["field_figure", "prior_figure"]
 
 _POINTS = 320  # along the longer side of a map
+#: Colours of Okabe & Ito.
+_MEASURED, _COVERAGE = "#D55E00", ("#0072B2", "#E69F00")
 _LEVELS = np.arange(0.05, 1.0, 0.05)
 
 
@@ -64,7 +66,7 @@ def prior_figure(prior: SoilPrior, left_out: dict[str, LeaveOneOut], *, seed: in
     axes[1].set_ylim(0.0, 55.0)
     axes[1].set_xlabel("cohesion c [kPa]")
     axes[1].set_ylabel("angle of shearing resistance phi [°]")
-    axes[0].legend(frameon=True, fontsize=8.5, loc="lower right")
+    figure.legend(*axes[0].get_legend_handles_labels(), frameon=False, loc="outside lower left", ncols=2)
     _draw_coverage(axes[2], left_out)
     for panel in axes:
         panel.grid(alpha=0.25)
@@ -90,12 +92,12 @@ def _draw_soils(
     sampled = np.array([of(soil) for soil in drawn])
     measured = np.array([of(SOILS[name]) for name in prior.soils])
     panel.plot(*sampled.T, ".", ms=3, color="0.72", label="sampled soils", zorder=1, rasterized=True)
-    panel.plot(*measured.T, "o", ms=6, color="#b5403a", mec="white", label="measured soils", zorder=2)
+    panel.plot(*measured.T, "o", ms=6, color=_MEASURED, mec="white", label="measured soils", zorder=2)
 
 
 def _draw_coverage(panel: Axes, left_out: dict[str, LeaveOneOut]) -> None:
     count = 0
-    for (label, found), shade in zip(left_out.items(), ("#26456e", "#c77c0a"), strict=False):
+    for (label, found), shade in zip(left_out.items(), _COVERAGE, strict=False):
         count = len(found.soils)
         joint = [found.coverage(level)[-1] for level in _LEVELS]
         panel.plot(_LEVELS, joint, "o-", ms=4, lw=1.5, color=shade, label=label)

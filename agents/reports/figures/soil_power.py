@@ -35,7 +35,7 @@ def soil_power_figure(scans: Mapping[str, PowerScan]) -> Figure:
     axes = figure.subplots(math.ceil(len(scans) / 2), 2, sharex=True, sharey=True, squeeze=False)
     for panel, (name, scan) in zip(axes.ravel(), scans.items(), strict=False):
         image = _draw(panel, scan)
-        panel.set_title(name, loc="left", fontsize=11)
+        panel.set_title(name, loc="left", fontsize=11, pad=18)
     for panel in axes[:, 0]:
         panel.set_ylabel("sinkage over radius [-]")
     for panel in axes[-1]:
@@ -61,9 +61,10 @@ def _draw(panel: Axes, scan: PowerScan) -> AxesImage:
     )
     if least.min() < 0.0 < least.max():
         panel.contour(degrees, depth, least, levels=[0.0], colors="black", linewidths=1.2)
-    for place, text in ((-90.0, "spins\nbackwards"), (0.0, "locked"), (45.0, "rolls"), (90.0, "spins")):
+    for place, text in ((-90.0, "spins backwards"), (0.0, "locked"), (45.0, "rolls"), (90.0, "spins")):
         panel.axvline(place, color="0.4", lw=0.7, ls=":")
         align = {-90.0: "left", 90.0: "right"}.get(place, "center")
-        panel.text(place, 1.0, text, fontsize=8, ha=align, va="top", transform=panel.get_xaxis_transform())
+        above = panel.get_xaxis_transform()
+        panel.text(place, 1.01, text, fontsize=8, ha=align, va="bottom", transform=above)
     panel.set_xticks([-90, -45, 0, 45, 90])
     return image

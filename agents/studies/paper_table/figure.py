@@ -69,6 +69,8 @@ def estimates_figure(series: Mapping[tuple[str, str, int], Mapping[str, Sequence
                 axes.fill_between(kept["t"], kept["low"], kept["high"], color=colour, alpha=0.2, lw=0)
                 axes.plot(kept["t"], kept["n"], color=colour, lw=1.1, label=label)
         axes.axhline(SOILS[row.soil].n, color="0.1", lw=1.0, ls="--", label="true n")
+        if not axes.lines[1:]:
+            axes.text(0.5, 0.1, "not run", color="0.4", ha="center", transform=axes.transAxes)
         steering = "straight"
         if row.steer_amplitude > 0.0:
             frequency = "" if row.steer_frequency == 1.0 else f"{row.steer_frequency:g} "

@@ -42,6 +42,7 @@ def tasks_figure(curves: TaskCurves) -> Figure:
         climb.annotate(
             f"{curves.best_slip[i]:.2f}", (n[i], curves.best_pull[i]), (0, 5), textcoords="offset points"
         )
+    climb.set_xlim(right=1.06 * float(n[-1]))  # room for the last number
     climb.set_ylim(0.0, 1.2 * float(curves.best_pull.max()))
     _finish(
         climb,
@@ -53,7 +54,7 @@ def tasks_figure(curves: TaskCurves) -> Figure:
     brake.set_ylim(bottom=0.0)
     _finish(brake, "brake: from 10 m/s under full brakes", "stopping distance [m]")
     ride.plot(curves.ride_n, curves.shake, "o-", color=_BLUE, lw=2)
-    ride.set_ylim(bottom=0.0)
+    ride.set_ylim(0.0, 1.1 * float(curves.shake.max()))
     _finish(ride, "ride: at 5 m/s on ground of class D", "vertical acceleration, r.m.s. [m/s²]")
     _draw_patches(patches, curves.patches)
     figure.suptitle("What the soil changes in each task", fontsize=12.5, x=0.01, ha="left")

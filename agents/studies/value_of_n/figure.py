@@ -52,6 +52,7 @@ def headroom_figure(results: Sequence[Benchmark]) -> Figure:
     for axes, mark in ((room, 0.0), (share, 100.0)):
         axes.axvline(mark, color="0.4", lw=0.8)
         axes.grid(axis="x", alpha=0.25)
+        axes.tick_params(axis="y", length=0)
         for side in ("top", "right", "left"):
             axes.spines[side].set_visible(False)
     share.axvline(80.0, color="0.4", lw=0.8, ls=":")
@@ -78,6 +79,7 @@ def _draw_room(axes: Axes, row: int, result: Benchmark) -> None:
         va="center",
         fontsize=8,
         color="0.3",
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
     )
     axes.margins(x=0.3)
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import runpy
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -49,3 +52,12 @@ def test_the_written_module_gives_the_settings_back(tmp_path):
     corners = {"margin": 0.8, "slip_angle": 0.25, "feed_forward": 0.5}
     assert table["patches", "nominal"] == {**corners, "integral": 0.3, "n": 0.1}
     assert ("speed", "oracle") in table
+
+
+def test_a_search_is_written_where_the_arms_read_it(monkeypatch):
+    written = []
+    monkeypatch.setattr(sys, "argv", ["tune", "--scenario", "brake"])
+    monkeypatch.setattr(tune, "tune_scenario", lambda args, progress: {})
+    monkeypatch.setattr(tune, "write_settings", lambda path, args, tuned: written.append(path))
+    tune.main()
+    assert written == [Path(importlib.import_module("agents.controllers.tuned").__file__)]

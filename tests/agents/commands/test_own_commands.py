@@ -14,7 +14,7 @@ from agents.benchmark.study import BenchmarkArgs, run_study
 from agents.commands.cli import COMMANDS, main
 from agents.commands.compare import Compare, paired_lines
 from agents.commands.drive import Drive
-from agents.commands.options import FORMER, Jobs, Scenarios, present_spelling
+from agents.commands.options import FORMER, Jobs, Scenarios, option_value, present_spelling
 from agents.commands.reproduce import STUDIES
 from agents.driving.episode import agents_of, find_agent
 from agents.driving.world_options import WorldOptions, known_scenario
@@ -169,6 +169,12 @@ def test_former_spellings_are_still_read():
     words = ["--n-jobs", "1", "--tasks=brake"]
     assert present_spelling(words) == ["--jobs", "1", "--scenario=brake"]
     assert set(FORMER.values()) <= {"--jobs", "--scenario"}
+
+
+def test_a_command_without_any_argument_takes_the_usual_value():
+    assert option_value([], "--scenario", "track") == "track"
+    assert option_value(["--scenario"], "--scenario", "track") == "track"
+    assert option_value(["--seed", "1", "--scenario", "brake"], "--scenario", "track") == "brake"
 
 
 def test_soil_draws_a_soil_of_ones_own_and_says_all_that_is_wrong_with_one(lane, tmp_path, capsys):
