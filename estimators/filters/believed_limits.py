@@ -2,7 +2,7 @@
 
 The limits come from parabolas over a reference belief (`soil_belief_holds`). A reference costs as much as
 eight updates of the filter, so a new one is evaluated, one point an update, where the belief has moved away
-from it.
+from it; where it has moved so far that the parabolas no longer hold, within a few updates.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ __all__ = ["BelievedLimits", "HeldLimit", "RefreshRule"]
 
 #: Quantile of a normal distribution that a 95 % interval ends at.
 _Z95 = 1.959964
+#: Points of a reference that are evaluated in one update: as a rule, and where the belief has moved far.
+_POINTS, _POINTS_AT_ONCE = 1, 7
 
 
 class HeldLimit(NamedTuple):
@@ -47,6 +49,7 @@ class RefreshRule(NamedTuple):
     earliest: float  #: time after the last one [s]
     latest: float  #: [s]
     move: float  #: in between where the belief has moved this far, in standard deviations of the reference
+    far: float  #: at once where it has moved this far: parabolas say nothing there
 
 
 class BelievedLimits:
@@ -85,24 +88,25 @@ class BelievedLimits:
     def follow(self, mean: FloatArray, cov: FloatArray, dt: float) -> None:
         """Take the belief ``dt`` [s] later."""
         self._since += dt
-        if self._refreshing or self._is_outdated(mean, cov):
-            done = refresh_surrogate(self._surrogate, self._packed, mean, cov, 1)
+        moved = moved_since(self._surrogate, mean, cov)
+        if self._refreshing or self._is_outdated(moved):
+            points = _POINTS_AT_ONCE if moved > self._rule.far else _POINTS
+            done = refresh_surrogate(self._surrogate, self._packed, mean, cov, points)
             self._refreshing = not done
             if done:
                 self._since = 0.0
                 self.references += 1
         self._note(mean, cov)
 
-    def _is_outdated(self, mean: FloatArray, cov: FloatArray) -> bool:
+    def _is_outdated(self, moved: float) -> bool:
         if self._since < self._rule.earliest:
-            return False
-        if self._since >= self._rule.latest:
-            return True
-        return bool(moved_since(self._surrogate, mean, cov) > self._rule.move)
+            return moved > self._rule.far
+        return moved > self._rule.move or self._since >= self._rule.latest
 
     def _note(self, mean: FloatArray, cov: FloatArray) -> None:
         out = self.centre, self.sd, self.with_slopes
         sharpened_limits(self._surrogate, mean, cov, out, self._prior_sd, self._information)
+        np.minimum(self.sd, self._prior_sd, out=self.sd)  # no belief is wider than the population
 
     def by_name(self) -> dict[str, HeldLimit]:
         """The limits in SI units, by the names of `SoilHolds`."""

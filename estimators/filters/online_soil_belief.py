@@ -120,7 +120,7 @@ _POSITIVE = (
         *("misfit_time", "misfit", "test_time", "early_time", "early_surprise", "rejected_time"),
         "surprise",
         "discrepancy",
-        *("refresh_time", "refresh_move", "refresh_latest"),
+        *("refresh_time", "refresh_move", "refresh_latest", "refresh_far"),
         "slowing_time",
         "reserve",
     ),
@@ -193,6 +193,9 @@ class SoilBeliefSettings:
     #: which it is renewed anyway [s]. A reference costs as much as eight updates.
     refresh_move: float = 0.6
     refresh_latest: float = 8.0
+    #: Move from which it is renewed at once: beyond two standard deviations parabolas have been wrong by a
+    #: factor of ten, where a soil moved along a bent ridge.
+    refresh_far: float = 1.8
 
     def __post_init__(self) -> None:
         check_positive(self, _POSITIVE)
@@ -247,7 +250,7 @@ class OnlineSoilBelief(OnlineFilter):
         self._rules = self._constants(imu or ImuConfig())
         self._memory = _new_memory(plant)
         s = self.settings
-        rule = RefreshRule(earliest=s.refresh_time, latest=s.refresh_latest, move=s.refresh_move)
+        rule = RefreshRule(s.refresh_time, s.refresh_latest, s.refresh_move, s.refresh_far)
         self._limits = BelievedLimits(self._packed, plant.vehicle.m * GRAVITY, s.information, rule)
         self._speed, self._gain, self._slip = math.nan, 0.0, 0.0
         self._start()

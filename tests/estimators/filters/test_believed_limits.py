@@ -30,7 +30,7 @@ def _belief() -> tuple[np.ndarray, np.ndarray]:
 def _limits(mean: np.ndarray, cov: np.ndarray) -> BelievedLimits:
     s = SoilBeliefSettings()
     packed = pack(make_plant(VEHICLE, base_soil(), flat()))
-    rule = RefreshRule(earliest=s.refresh_time, latest=s.refresh_latest, move=s.refresh_move)
+    rule = RefreshRule(s.refresh_time, s.refresh_latest, s.refresh_move, s.refresh_far)
     found = BelievedLimits(packed, VEHICLE.m * GRAVITY, s.information, rule)
     found.start(mean, cov)
     return found
@@ -74,6 +74,24 @@ def test_no_reference_is_renewed_before_the_earliest_time() -> None:
     found, far = _limits(mean, cov), _moved(mean, cov, 1.5)
     assert _references(found, far, cov, 1.6) == 0
     assert _references(found, far, cov, 1.6) == 1
+
+
+def test_a_belief_that_has_moved_far_gets_a_new_reference_at_once() -> None:
+    """Beyond, parabolas have made 14 m/s^2 of a soil that holds 1.8, with the flag up."""
+    mean, cov = _belief()
+    found, far = _limits(mean, cov), _moved(mean, cov, 2.4)
+    assert _references(found, far, cov, 0.1) == 1
+    np.testing.assert_allclose(found.centre, _limits(far, cov).centre, rtol=1e-9)
+
+
+def test_a_belief_that_is_widened_gets_a_new_reference_at_once_and_is_no_wider_than_the_first() -> None:
+    mean, cov = _belief()
+    found = _limits(mean, cov)
+    first = found.sd.copy()
+    assert _references(found, mean, cov * 2.4**2, 0.1) == 0
+    assert (found.sd <= first).all()
+    assert _references(found, mean, cov * 3.0**2, 0.1) == 1
+    assert (found.sd <= first).all()
 
 
 def test_a_new_reference_takes_one_update_for_each_of_its_points_and_moves_the_limits() -> None:
