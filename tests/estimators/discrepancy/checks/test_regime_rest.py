@@ -71,6 +71,9 @@ def test_a_significant_rest_takes_the_certainty_from_a_name_that_it_resembles():
     assert replace(full, rests=uncertain.rests).verdict is Verdict.ONE_OF
     correlated = SimpleNamespace(**vars(checks) | {"overlap": 1.1 * OVERLAP})
     assert replace(full, checks=correlated).verdict is Verdict.ONE_OF
+    assert replace(plain, checks=correlated).verdict is Verdict.ONE_OF
+    correlated.overlap = 0.9 * OVERLAP
+    assert replace(plain, checks=correlated).verdict is Verdict.NAMED
     # Beside other discrepancies unknown inputs, fitted jointly, decide.
     assert replace(uncertain, search=SimpleNamespace(**vars(search) | {"refused": True})).inadequate == (
         False,
@@ -90,4 +93,8 @@ def test_the_sentence_says_what_is_not_noise():
     assert verdict_sentence(Verdict.ONE_OF, diagnosis, [cause]) == (
         "The steering acts late; or another law of the same cause: what remains of a_y (turning left) "
         "resembles it and is not noise."
+    )
+    correlated = replace(diagnosis, checks=SimpleNamespace(overlap=1.1 * OVERLAP), rests=())
+    assert verdict_sentence(Verdict.ONE_OF, correlated, [cause]) == (
+        "The steering acts late; or a single cause that the library lacks: their sizes are correlated."
     )
