@@ -13,7 +13,7 @@ import numpy as np
 from estimators.belief.drive_errors import GROUPS
 from estimators.belief.drive_fit import DriveFit
 from estimators.belief.drive_numbers import DRIVE_NUMBERS, STEPS, plant_of_drive
-from estimators.filters.soil_belief_holds import LIMITS, transform_limits
+from estimators.filters.soil_belief_holds import LIMITS, least_sd, transform_limits
 from estimators.filters.soil_belief_points import N
 from estimators.numerics.importance_sampling import WeightedSamples
 from offroad_env.errors import InvalidParameter
@@ -26,7 +26,7 @@ __all__ = ["FittedLimitSettings", "FittedLimits", "drive_limits", "fitted_limits
 
 #: Share of the steps of `STEPS` over which limits are differentiated.
 _SHARE = 0.2
-#: Least standard deviation of a limit, or of n: beyond its range a limit does not move.
+#: Least standard deviation of n.
 _LEAST_SD = 1e-3
 #: Weights below this share of the mean one do not count: their limits need not be found.
 _NEGLIGIBLE = 1e-4
@@ -90,11 +90,11 @@ def fitted_limits(
         return FittedLimits(centre=nothing, sd=nothing, n=(np.nan, np.nan), valid=False)
     rows, weights = rows[sound], weights[sound] / weights[sound].sum()
     mean = weights @ rows
-    sd = np.maximum(np.sqrt(weights @ (rows - mean) ** 2), _LEAST_SD)
+    sd = np.sqrt(weights @ (rows - mean) ** 2)
     return FittedLimits(
         centre=mean[:LIMITS],
-        sd=sd[:LIMITS],
-        n=(float(mean[-1]), float(sd[-1])),
+        sd=np.hypot(sd[:LIMITS], [least_sd(k, mean[k]) for k in range(LIMITS)]),
+        n=(float(mean[-1]), max(float(sd[-1]), _LEAST_SD)),
         valid=_is_adequate(fit.scales, settings),
     )
 

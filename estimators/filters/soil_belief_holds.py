@@ -32,6 +32,7 @@ __all__ = [
     "LOGARITHMIC",
     "SHIFT",
     "LimitSurrogate",
+    "least_sd",
     "limits_of_belief",
     "moved_since",
     "new_surrogate",
@@ -51,8 +52,10 @@ LOGARITHMIC, SHIFT = (True, True, False, True, True, True), (0.0, 0.2, 0.0, 0.0,
 #: Range of the numbers whose logarithm is taken, in their own units, of pull in weights: beyond, a soil is as
 #: bad, or as good, as there is any.
 _SMALLEST, _LARGEST = (1e-2, 2e-2, 0.0, 1.0, 1e-4, 5e-2), (1e3, 1e3, 1.0, 1e8, 1e2, 1e3)
-#: Least standard deviation of a limit on that scale.
+#: Least standard deviation of a limit on that scale, and in its own unit [m/s^2, N, -, N, m, m]: where all
+#: soils of a belief are as bad as there is any, the limit does not depend on them, yet it is not known.
 _LEAST_SD = 1e-3
+_RESOLUTION = (0.03, 0.0, 0.0, 1.0, 2e-4, 0.05)
 #: Distance of the reference's points from its mean, in standard deviations: as far as an interval reaches
 #: where the belief is wide would be 2; beyond 1 soils of the population do not carry the vehicle.
 _DISTANCE = 1.0
@@ -109,6 +112,12 @@ def transform_limits(held: SoilHolds, weight: float, out: FloatArray) -> None:
             unit = weight if SHIFT[i] > 0.0 else 1.0
             inside = min(max(value / unit + SHIFT[i], _SMALLEST[i]), _LARGEST[i])
             out[i] = math.nan if math.isnan(value) else math.log(unit * inside)
+
+
+@kernel
+def least_sd(k: int, centre: float) -> float:
+    """Least standard deviation of limit ``k`` about a mean on the scale where the belief is normal."""
+    return _LEAST_SD + (_RESOLUTION[k] * math.exp(-centre) if LOGARITHMIC[k] else 0.0)
 
 
 @kernel
@@ -261,7 +270,7 @@ def limits_of_belief(
         for i in range(SAMPLED):
             for j in range(SAMPLED):
                 variance += slope[i] * S[i, j] * slope[j]
-        out_mean[k], out_sd[k] = centre, max(math.sqrt(max(variance, 0.0)), _LEAST_SD)
+        out_mean[k], out_sd[k] = centre, math.hypot(math.sqrt(max(variance, 0.0)), least_sd(k, centre))
         _with_slopes(L, slope, cov, out_slope[k])
     # Pull hardly changes around its best slip, and the search for it ends there or at the highest slip.
     out_mean[2] = min(max(out_mean[2], 0.0), HIGHEST_SLIP)

@@ -7,7 +7,14 @@ import pytest
 
 from estimators.filters.believed_limits import BelievedLimits, RefreshRule
 from estimators.filters.online_soil_belief import SoilBeliefSettings
-from estimators.filters.soil_belief_holds import LIMITS, moved_since, new_surrogate
+from estimators.filters.soil_belief_holds import (
+    LIMITS,
+    least_sd,
+    limits_of_belief,
+    moved_since,
+    new_surrogate,
+    transform_limits,
+)
 from estimators.filters.soil_belief_points import LOG_MASS, POINTS, SAMPLED, SIZE, N
 from estimators.filters.soil_belief_prior import base_soil, population_of
 from offroad_env.physics.numerics import GRAVITY
@@ -121,6 +128,22 @@ def test_the_move_is_counted_in_the_columns_of_the_factor() -> None:
         away = np.abs(inverse @ (mean[:SAMPLED] - surrogate.mean))
         expected = max(away.max(), np.abs(spread - 1.0).max())
         assert moved_since(surrogate, mean, cov) == pytest.approx(expected, rel=1e-9)
+
+
+def test_no_limit_is_known_better_than_it_is_worth_where_it_does_not_depend_on_the_soil() -> None:
+    """Where every soil of a belief gives no grip at all, another model of it gives a little."""
+    surrogate, (mean, cov) = new_surrogate(), _belief()
+    held = SoilHolds(0.0, -1e9, 0.0, 0.0, 0.0, 0.0)
+    transform_limits(held, VEHICLE.m * GRAVITY, surrogate.value)
+    centre, sd, slope = np.empty(LIMITS), np.empty(LIMITS), np.empty((LIMITS, 2))
+    limits_of_belief(surrogate, mean, cov, centre, sd, slope)
+    weak = np.array([0.07, 0.0, 0.0, 3.0, 5e-4, 0.15])  # lateral, resistance, sinkage, stopping
+    for k in (0, 3, 4, 5):
+        assert abs(np.log(weak[k]) - centre[k]) < 1.96 * sd[k]
+    # Usual limits are not touched, and half or twice the resolution is another one.
+    usual = {0: (4.0, 0.0085), 3: (200.0, 0.006), 4: (0.02, 0.011), 5: (3.0, 0.018)}
+    for k, (value, expected) in usual.items():
+        assert least_sd(k, np.log(value)) == pytest.approx(expected, rel=0.1)
 
 
 def test_limits_have_the_names_and_units_of_what_the_soil_holds() -> None:
