@@ -62,5 +62,5 @@ def _growth(axes: Axes, speed: Speed) -> None:
     axes.set_xlabel("environments in the vector, N [-]")
     axes.set_ylabel("time of one vector step [µs]")
     axes.set_title(f"Vector environment, {speed.processors} processors", loc="left", fontsize=10.5)
-    axes.legend(frameon=False, fontsize=9)
+    axes.legend(frameon=False, fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)
     axes.grid(alpha=0.3)
