@@ -85,8 +85,8 @@ class BelievedLimits:
         self._note(mean, cov)
         self._prior_sd[:] = self.sd
 
-    def follow(self, mean: FloatArray, cov: FloatArray, dt: float) -> None:
-        """Take the belief ``dt`` [s] later."""
+    def follow(self, mean: FloatArray, cov: FloatArray, dt: float, fresh: float = 1.0) -> None:
+        """Take the belief ``dt`` [s] later; ``fresh`` is the share of what is learnt that counts."""
         self._since += dt
         moved = moved_since(self._surrogate, mean, cov)
         if self._refreshing or self._is_outdated(moved):
@@ -96,16 +96,16 @@ class BelievedLimits:
             if done:
                 self._since = 0.0
                 self.references += 1
-        self._note(mean, cov)
+        self._note(mean, cov, fresh)
 
     def _is_outdated(self, moved: float) -> bool:
         if self._since < self._rule.earliest:
             return moved > self._rule.far
         return moved > self._rule.move or self._since >= self._rule.latest
 
-    def _note(self, mean: FloatArray, cov: FloatArray) -> None:
+    def _note(self, mean: FloatArray, cov: FloatArray, fresh: float = 1.0) -> None:
         out = self.centre, self.sd, self.with_slopes
-        sharpened_limits(self._surrogate, mean, cov, out, self._prior_sd, self._information)
+        sharpened_limits(self._surrogate, mean, cov, out, self._prior_sd, self._information, fresh)
         np.minimum(self.sd, self._prior_sd, out=self.sd)  # no belief is wider than the population
 
     def by_name(self) -> dict[str, HeldLimit]:

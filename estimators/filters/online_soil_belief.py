@@ -61,6 +61,7 @@ from estimators.filters.soil_belief_step import (
     DISCREPANCY,
     FLAGS,
     HELD,
+    LEARNED,
     NIS,
     REJECTED,
     REPAIRS,
@@ -123,6 +124,7 @@ _POSITIVE = (
         *("refresh_time", "refresh_move", "refresh_latest", "refresh_far"),
         "slowing_time",
         "reserve",
+        "averaging_time",
     ),
 )
 
@@ -188,6 +190,10 @@ class SoilBeliefSettings:
     #: soils. Of n likewise.
     information: tuple[float, ...] = (1.4, 1.2, 1.0, 3.3, 1.0, 1.0)
     information_n: float = 0.6
+    #: Errors that last, of lag and drag for one, do not average out: from this time [s] on what is learnt in
+    #: the time t counts (averaging_time/t)^fading, for the limits and for n. Chosen on tuning drives of 60 s.
+    averaging_time: float = 10.0
+    fading: tuple[float, float] = (0.33, 1.0)
     refresh_time: float = 2.0  #: from one reference of the limits to the next, at least [s]
     #: Move of the belief, in its standard deviations, from which the reference is renewed, and the time after
     #: which it is renewed anyway [s]. A reference costs as much as eight updates.
@@ -314,7 +320,12 @@ class OnlineSoilBelief(OnlineFilter):
         _, _, brake = command
         self._note_loss_of_speed(float(nav[V]), brake)
         self._note_slip(float(nav[V]), 0.5 * (float(rim_speeds[0]) + float(rim_speeds[1])))
-        self._limits.follow(memory.mean, memory.cov, self.dt)
+        self._limits.follow(memory.mean, memory.cov, self.dt, self._fresh(0))
+
+    def _fresh(self, kind: int) -> float:
+        """Share of the information that counts, of the limits (0) or of n (1)."""
+        s, learned = self.settings, float(self._memory.flags[LEARNED])
+        return math.pow(s.averaging_time / max(learned, s.averaging_time), s.fading[kind])
 
     def _note_loss_of_speed(self, speed: float, brake: float) -> None:
         """Average the acceleration without what the brakes [N m] take away: who brakes is not stuck."""
@@ -337,7 +348,7 @@ class OnlineSoilBelief(OnlineFilter):
         sd = np.array([math.sqrt(float(memory.cov[N, N]))])
         prior = np.array([math.sqrt(float(self._rules.prior[N]))])
         spared = np.array([share_of_slope(memory.cov[N, GRADE:], memory.cov)])
-        sharpen(sd, prior, np.array([self.settings.information_n]), spared)
+        sharpen(sd, prior, np.array([self.settings.information_n]), spared, self._fresh(1))
         inside, sd_n = min(max(float(memory.mean[N]), low), high), float(sd[0])
         return Estimate(inside, sd_n, float(memory.flags[NIS]), self.is_valid, int(memory.flags[REPAIRS]))
 

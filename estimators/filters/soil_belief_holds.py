@@ -278,18 +278,22 @@ def limits_of_belief(
 
 
 @kernel
-def sharpen(sd: FloatArray, prior_sd: FloatArray, information: FloatArray, spared: FloatArray) -> None:
+def sharpen(
+    sd: FloatArray, prior_sd: FloatArray, information: FloatArray, spared: FloatArray, fresh: float
+) -> None:
     """Count the information beyond a prior's ``information`` times, number by number (K,), in place.
 
     A likelihood to a power (tempering), for what is nearly normal: 1/sd^2 = 1/prior^2 + information x gained.
-    ``spared`` (K,) is the part of the variances of which this is not so.
+    ``spared`` (K,) is the part of the variances of which this is not so. Of all that is learnt the share
+    ``fresh`` counts.
     """
     for k in range(sd.shape[0]):
         apart = min(spared[k], 0.999 * sd[k] * sd[k])
         known, own = 1.0 / (prior_sd[k] * prior_sd[k]), sd[k] * sd[k] - apart
         gained = 1.0 / own - known
         if gained > 0.0 and math.isfinite(prior_sd[k]):
-            sd[k] = math.hypot(1.0 / math.sqrt(known + information[k] * gained), math.sqrt(apart))
+            own = 1.0 / (known + fresh * information[k] * gained)
+            sd[k] = math.sqrt(own + apart / fresh)
 
 
 @kernel
@@ -315,6 +319,7 @@ def sharpened_limits(
     out: tuple[FloatArray, FloatArray, FloatArray],
     prior_sd: FloatArray,
     information: FloatArray,
+    fresh: float,
 ) -> None:
     """`limits_of_belief` into ``out``, and `sharpen` but for what the slopes of the ground leave unknown."""
     means, sds, shared = out
@@ -322,4 +327,4 @@ def sharpened_limits(
     spared = np.empty(LIMITS)
     for k in range(LIMITS):
         spared[k] = share_of_slope(shared[k], cov)
-    sharpen(sds, prior_sd, information, spared)
+    sharpen(sds, prior_sd, information, spared, fresh)

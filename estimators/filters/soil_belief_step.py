@@ -39,6 +39,7 @@ __all__ = [
     "DISCREPANCY",
     "FLAGS",
     "HELD",
+    "LEARNED",
     "NIS",
     "REJECTED",
     "REPAIRS",
@@ -60,8 +61,8 @@ _STRUCTURAL = (1, 2)
 #: Where a channel's own error stands in the belief: biases of the inertial unit; none of the speed; rim
 #: scale.
 _OWN = (SAMPLED, SAMPLED + 1, SAMPLED + 2, -1, SAMPLED + 3, SAMPLED + 3)
-(AWAKE, HELD, NIS, SURPRISE, UNSETTLED, REPAIRS, RESETS, DISCREPANCY, TESTED, REJECTED) = range(10)
-FLAGS = 10
+(AWAKE, HELD, NIS, SURPRISE, UNSETTLED, REPAIRS, RESETS, DISCREPANCY, TESTED, REJECTED, LEARNED) = range(11)
+FLAGS = 11
 #: Halvings of a pair's distance until both of its soils carry the vehicle, and what a mean that does not
 #: carry it gains in log pressure.
 _TRIES, _FIRMER = 8, 0.3
@@ -352,6 +353,7 @@ def _test_structure(memory: BeliefMemory, rules: BeliefRules) -> None:
     """
     flags, worst = memory.flags, 0.0
     flags[TESTED] += rules.dt
+    flags[LEARNED] += rules.dt
     for j in _STRUCTURAL:
         worst = max(worst, memory.misfit[j] / rules.error[j])
     if flags[TESTED] >= rules.test_time and worst > rules.misfit * rules.misfit:
@@ -370,6 +372,7 @@ def _widen(memory: BeliefMemory, rules: BeliefRules) -> None:
     memory.mean_innovation[:] = 0.0
     memory.flags[UNSETTLED] = rules.unsettled_time
     memory.flags[RESETS] += 1.0
+    memory.flags[LEARNED] = 0.0
 
 
 @kernel

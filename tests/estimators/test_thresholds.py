@@ -90,6 +90,8 @@ THRESHOLDS = (
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "refresh_latest", 8.0),
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "refresh_far", 1.8),
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "information_n", 0.6),
+    ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "averaging_time", 10.0),
+    ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "fading", (0.33, 1.0)),
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "error", (0.15, 0.3, 0.03, 0.07, 0.22)),
     ("estimators.filters.online_soil_belief", "SoilBeliefSettings", "stuck", (2.5, 5.0)),
     (
