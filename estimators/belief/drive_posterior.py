@@ -29,8 +29,9 @@ __all__ = ["PosteriorSettings", "sample_drive"]
 class PosteriorSettings:
     """Chosen on tuning drives over whole soils with all nuisances."""
 
-    #: Factor of the standard deviations of all errors of sensors and model. They are not quite as the
-    #: likelihood has them, and a drive that seems to tell very much tells of them, too.
+    #: Factor of the standard deviations of the errors of the model. They are not quite as the likelihood has
+    #: them, and a drive that seems to tell very much tells of them, too. Where the slope of the ground is
+    #: unknown, of the sensors, too: constant errors of theirs, which are not either, pass for a slope.
     tempered: float = 2.2
 
     def __post_init__(self) -> None:
@@ -48,9 +49,10 @@ class _Target:
         slopes = problem.raw_slopes(fit.numbers)[:, SAMPLED:]
         self.linear: FloatArray = slopes @ (others - self.rest)
         errors = problem.model_errors(fit.numbers)
-        covariance = errors.sensors + np.tensordot(fit.scales**2, errors.groups, 1)
-        covariance += slopes @ prior[SAMPLED:, SAMPLED:] @ slopes.T
-        self.factor = tempered * np.linalg.cholesky(covariance)
+        known = errors.sensors + slopes @ prior[SAMPLED:, SAMPLED:] @ slopes.T
+        factor = 1.0 if problem.surroundings.grade == 0.0 else tempered
+        covariance = factor**2 * known + tempered**2 * np.tensordot(fit.scales**2, errors.groups, 1)
+        self.factor = np.linalg.cholesky(covariance)
         self.prior, self.prior_factor = own, np.linalg.cholesky(prior[:SAMPLED, :SAMPLED])
 
     def __call__(self, numbers: FloatArray) -> float:

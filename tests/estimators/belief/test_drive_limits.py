@@ -19,8 +19,8 @@ from estimators.belief.drive_numbers import (
     prior_of_drive,
     steps_of_drive,
 )
-from estimators.belief.drive_posterior import PosteriorSettings, sample_drive
-from estimators.belief.drive_problem import Surroundings
+from estimators.belief.drive_posterior import PosteriorSettings, _Target, sample_drive
+from estimators.belief.drive_problem import DriveProblem, Surroundings
 from estimators.belief.drive_samples import COMPARED, DriveSamples, simulated_drive
 from estimators.belief.drive_scatter import scatter_covariance
 from estimators.experiments.adaptation import nominal_plant, samples_until, true_plant
@@ -79,6 +79,18 @@ def test_widths_on_clay_are_about_the_bound_and_not_with_half_or_twice_the_error
     stated = PosteriorSettings().tempered
     found = [_over_bound(factor * stated) for factor in (0.5, 1.0, 2.0)]
     assert found[0] < 0.6 < found[1] < 1.2 < found[2], found
+
+
+@pytest.mark.parametrize(("grade", "times"), [(0.0, 1.0), (0.03, 2.0)])
+def test_errors_of_the_sensors_count_more_only_where_the_slope_of_the_ground_is_unknown(
+    fitted, grade: float, times: float
+) -> None:
+    """Without errors of the model."""
+    surroundings = replace(SURROUNDINGS, grade=grade)
+    fit = fit_drive(NOMINAL, fitted.samples, None, surroundings)
+    problem = DriveProblem(NOMINAL, fitted.samples, surroundings)
+    once, twice = (_Target(problem, replace(fit, scales=np.zeros(len(GROUPS))), k).factor for k in (1.5, 3.0))
+    np.testing.assert_allclose(twice, times * once, rtol=1e-9)
 
 
 def test_a_belief_that_counts_on_larger_errors_is_no_wider_than_before_the_drive(fitted) -> None:
