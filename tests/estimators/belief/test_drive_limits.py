@@ -89,7 +89,9 @@ def test_errors_of_the_sensors_count_more_only_where_the_slope_of_the_ground_is_
     surroundings = replace(SURROUNDINGS, grade=grade)
     fit = fit_drive(NOMINAL, fitted.samples, None, surroundings)
     problem = DriveProblem(NOMINAL, fitted.samples, surroundings)
-    once, twice = (_Target(problem, replace(fit, scales=np.zeros(len(GROUPS))), k).factor for k in (1.5, 3.0))
+    once, twice = (
+        _Target(problem, replace(fit, scales=np.zeros_like(fit.scales)), k).factor for k in (1.5, 3.0)
+    )
     np.testing.assert_allclose(twice, times * once, rtol=1e-9)
 
 
