@@ -35,7 +35,7 @@ class _Line(Protocol):
 def soil_belief_figure(
     limits: Sequence[_Line], widths: np.ndarray, times: Sequence[float], bars: Mapping[str, Any]
 ) -> Figure:
-    """Coverage of the 95 % intervals after 10 s, and their median half width over time.
+    """Coverage of the 95 % intervals at the last time, and their median half width over time.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def soil_belief_figure(
     left.set(
         yticks=place,
         yticklabels=[_TITLES[line.name] for line in limits],
-        xlabel="95 % intervals that hold the truth, 10 s after the start [%]",
+        xlabel=f"95 % intervals that hold the truth, {times[-1]:g} s after the start [%]",
         xlim=(60.0, 101.0),
     )
     left.invert_yaxis()

@@ -32,8 +32,10 @@ from offroad_env.simulation.soil_holds import SoilHolds
 
 __all__ = ["AT", "BARS", "CaseLine", "LimitLine", "SoilBelief", "case_lines", "limit_lines", "run_unit"]
 
-#: When the belief is looked at [s], the last time counts; how long a drive is.
-AT, _DURATION = (2.0, 5.0, 10.0), 14.0
+#: When the belief is looked at [s], the last time counts; how long the drive goes on.
+AT, _ON = (2.0, 5.0, 10.0), 4.0
+#: Latest time at which it counts [s].
+_LONGEST = 120.0
 #: How long the vehicle is watched after that where it may get stuck: an alarm shortly before the end of the
 #: drive is not false because the drive ends [s].
 _WATCHED = 8.0
@@ -100,15 +102,15 @@ class CaseLine(NamedTuple):
     over_bound: list[list[float]]
 
 
-def _over_bound(run: SoilRun, history: BeliefHistory) -> list[list[float]]:
-    """(2, 6) standard deviations at the end over their bounds; NaN where the truth has other laws."""
+def _over_bound(run: SoilRun, history: BeliefHistory, after: float) -> list[list[float]]:
+    """(2, 6) standard deviations ``after`` [s] over their bounds; NaN where the truth has other laws."""
     if not CASES[run.case].is_modelled:
         return np.full((2, len(_NAMES)), math.nan).tolist()
     kept = [i for i, name in enumerate(SoilHolds._fields) if name != "pull_slip"]
-    row = int(np.searchsorted(history.t, AT[-1])) - 1
+    row = int(np.searchsorted(history.t, after)) - 1
     own = np.append(history.sd[row][kept], history.n[row, 1])
     try:
-        bound = limit_bounds(run, AT[-1])
+        bound = limit_bounds(run, after)
     except SolverFailure:  # without scatter the soil stops the vehicle
         return np.full((2, len(_NAMES)), math.nan).tolist()
     # A limit beyond its range does not depend on the soil: no bound.
@@ -118,10 +120,10 @@ def _over_bound(run: SoilRun, history: BeliefHistory) -> list[list[float]]:
     return ratios
 
 
-def _numbers(run: SoilRun, history: BeliefHistory) -> dict[str, Any]:
+def _numbers(run: SoilRun, history: BeliefHistory, after: float) -> dict[str, Any]:
     """A drive in plain numbers."""
     errors = limit_errors(run, history)
-    rows = np.searchsorted(history.t, AT) - 1
+    rows = np.searchsorted(history.t, (*AT[:-1], after)) - 1
     up, flags = history.valid, history.valid[history.excited]
     outside = np.abs(errors.z) > _Z99
     return {
@@ -133,7 +135,7 @@ def _numbers(run: SoilRun, history: BeliefHistory) -> dict[str, Any]:
         "flag": [int(flags.sum()), len(flags)],
         "outside": [outside[up].sum(axis=0).tolist(), int(up.sum())],
         "stuck": stuck_at(run),
-        "over_bound": _over_bound(run, history),
+        "over_bound": _over_bound(run, history, after),
         "foreseen": foreseen(run, _FORESEEN, _WITHIN),
         "risk": history.risk[rows].tolist(),
         "no_pull": bool(run.holds.pull <= 0.0),
@@ -148,21 +150,24 @@ def _first(t: np.ndarray, event: np.ndarray) -> float:
     return float(t[rows[0]]) if rows.size else math.inf
 
 
-def run_unit(case: str, seed: int, split: str) -> dict[str, Any]:
-    """One drive, see `_numbers`: errors in standard deviations, relative errors, half widths at `AT`."""
-    run = _drive(case, seed, split)
-    return _numbers(run, believe(run, until=_DURATION))
+def run_unit(case: str, seed: int, split: str, after: float = AT[-1]) -> dict[str, Any]:
+    """One drive, see `_numbers`: errors in standard deviations, relative errors, half widths.
+
+    Looked at as `AT` says, but for the last time, ``after`` [s].
+    """
+    run = _drive(case, seed, split, after)
+    return _numbers(run, believe(run, until=after + _ON), after)
 
 
-def run_fitted_unit(case: str, seed: int, split: str) -> dict[str, Any]:
+def run_fitted_unit(case: str, seed: int, split: str, after: float = AT[-1]) -> dict[str, Any]:
     """The same by the fitted belief."""
-    run = _drive(case, seed, split)
-    return _numbers(run, believe_fitted(run, until=_DURATION))
+    run = _drive(case, seed, split, after)
+    return _numbers(run, believe_fitted(run, until=after + _ON), after)
 
 
-def _drive(case: str, seed: int, split: str) -> SoilRun:
-    after = _WATCHED if CASES[case].soil is None else 0.0
-    return draw_run(case, seed, split=split, duration=_DURATION + after)
+def _drive(case: str, seed: int, split: str, after: float = AT[-1]) -> SoilRun:
+    watched = _WATCHED if CASES[case].soil is None else 0.0
+    return draw_run(case, seed, split=split, duration=after + _ON + watched)
 
 
 #: Name of the results, and what runs a drive, by method.
@@ -219,12 +224,13 @@ def case_lines(results: Mapping[Key, Mapping[str, Any]]) -> list[CaseLine]:
     return lines
 
 
-def stuck_lines(results: Mapping[Key, Mapping[str, Any]]) -> list[StuckLine]:
+def stuck_lines(results: Mapping[Key, Mapping[str, Any]], after: float = AT[-1]) -> list[StuckLine]:
     """A line for each case whose soils are drawn, from the results by (case, seed, split)."""
     lines = []
     for case in dict.fromkeys(key[0] for key in results if CASES[key[0]].soil is None):
         found = [result for key, result in results.items() if key[0] == case]
-        late = [result for result in found if result["foreseen"] and _FORESEEN < result["stuck"] <= _DURATION]
+        end = after + _ON
+        late = [result for result in found if result["foreseen"] and _FORESEEN < result["stuck"] <= end]
         free = [result for result in found if result["stuck"] == math.inf]
         ahead = [result["stuck"] - result["announced"] >= _AHEAD for result in late]
         lines.append(
@@ -267,6 +273,7 @@ class SoilBelief(Results):
     first_seed: int = 0  #: of every case
     under: tuple[str, ...] = ()  #: these cases
     method: Literal["online", "fitted"] = "online"  #: filter, or fits to the drive so far
+    after: float = AT[-1]  #: driving after which the intervals count, more than 5 [s]
     tuning: bool = False  #: drives on which the settings were chosen
     n_jobs: Jobs = 2  #: local processes
 
@@ -277,25 +284,26 @@ class SoilBelief(Results):
         if self.quick:
             self.seeds, self.case_seeds = 8, 2
         name, unit = _METHODS[self.method]
+        at = (*AT[:-1], self.after)
         results = run_units(
             self.out / f"{name}.jsonl", unit, self._units(), label="soil belief", n_jobs=self.n_jobs
         )
         found = {case: limit_lines(results, case) for case in _DRAWN}
         limits, cases = found[_DRAWN[0]], case_lines(results)
-        risks = stuck_lines(results)
+        risks = stuck_lines(results, self.after)
         for case, lines in found.items():
-            _show_limits(case, lines)
-        _show_cases(cases)
+            _show_limits(case, lines, self.after)
+        _show_cases(cases, self.after)
         if self.method == "online":
             _show_risks(risks)
         if limits:
             self.save_figure(
-                soil_belief_figure(limits, widths_over_time(results), AT, BARS),
+                soil_belief_figure(limits, widths_over_time(results), at, BARS),
                 name,
                 "Left: intervals should hold the truth as often as the grey range demands. Right: how "
                 "they shrink with time.",
             )
-        self.save_numbers({"limits": found, "cases": cases, "stuck": risks, "bars": BARS, "at": AT})
+        self.save_numbers({"limits": found, "cases": cases, "stuck": risks, "bars": BARS, "at": at})
 
     def _drives(self, case: str) -> int:
         """How many drives of a case."""
@@ -309,10 +317,15 @@ class SoilBelief(Results):
             raise InvalidParameter(f"under must name some of {', '.join(CASES)}, got {unknown[0]!r}")
         if min(self.seeds, self.case_seeds) < 1 or self.first_seed < 0:
             raise InvalidParameter("seeds and case_seeds must be 1 or more, first_seed 0 or more")
+        if not AT[1] < self.after <= _LONGEST:
+            raise InvalidParameter(
+                f"after must be above {AT[1]:g} and at most {_LONGEST:g} s, got {self.after:g}"
+            )
         stamp = stamp_of("estimators.experiments.soil_belief", "estimators.experiments.soil_bound")
         split = SPLITS[0 if self.tuning else 1]
+        later = () if self.after == AT[-1] else (self.after,)
         return {
-            (case, seed, split): stamp
+            (case, seed, split, *later): stamp
             for case in self.under
             or tuple(case for case in CASES if split == "test" or case not in TEST_CASES)
             for seed in range(self.first_seed, self.first_seed + self._drives(case))
@@ -341,7 +354,7 @@ def _percent(value: float, digits: int = 0) -> str:
     return "-" if value != value else f"{100.0 * value:.{digits}f}"
 
 
-def _show_limits(case: str, limits: Sequence[LimitLine]) -> None:
+def _show_limits(case: str, limits: Sequence[LimitLine], after: float) -> None:
     """One table of the limits."""
     if not limits:
         return
@@ -358,11 +371,11 @@ def _show_limits(case: str, limits: Sequence[LimitLine]) -> None:
         for line in limits
     ]
     heading = ("limit", "drives", "covers", "error", "half width", "error where used", "drives that used it")
-    title = f"{CASES[case].title}, after 10 s: in per cent of the limit; n: in hundredths"
+    title = f"{CASES[case].title}, after {after:g} s: in per cent of the limit; n: in hundredths"
     console().print(table(title, heading, body))
 
 
-def _show_cases(cases: Sequence[CaseLine]) -> None:
+def _show_cases(cases: Sequence[CaseLine], after: float) -> None:
     """Flags, intervals and widths over their bounds, case by case."""
     rows = [
         (CASES[line.case].title, str(line.runs), _percent(line.flag), _percent(line.outside, 1), line.worst)
@@ -381,6 +394,6 @@ def _show_cases(cases: Sequence[CaseLine]) -> None:
         for what, ratios in zip(("exact", "unknown road"), line.over_bound, strict=True)
         if not math.isnan(ratios[0])
     ]
-    title = f"standard deviation after {AT[-1]:g} s over the bound, by what the bound takes for the model"
+    title = f"standard deviation after {after:g} s over the bound, by what the bound takes for the model"
     console().print(table(title, ("case", "model", *_NAMES), bounds, texts=2))
     say("flag up: of the time in which steering or roughness acts; outside: of the time with the flag up")

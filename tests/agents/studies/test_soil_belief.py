@@ -34,6 +34,25 @@ def test_a_unit_is_a_drive_in_plain_numbers() -> None:
     assert (widths[-1, 1:5] < widths[0, 1:5]).all()
 
 
+def test_a_drive_counts_after_the_time_that_is_asked_for(tmp_path, monkeypatch) -> None:
+    late, soon = run_unit("matched", 0, "tuning", 7.0), run_unit("matched", 0, "tuning", 6.0)
+    assert late["z"][:2] == soon["z"][:2]
+    assert late["z"][2] != soon["z"][2]
+    seen = []
+
+    def run_units(path, unit, units, **_):
+        seen.extend(units)
+        return {("matched", 0, "tuning"): _result(1.0, 0.1, 0.5, 0.0)}
+
+    monkeypatch.setattr(study, "run_units", run_units)
+    for after in (10.0, 60.0):
+        SoilBelief(out=tmp_path, under=("matched",), case_seeds=1, after=after).run()
+    assert seen == [("matched", 0, "test"), ("matched", 0, "test", 60.0)]
+    for after in (5.0, 121.0):
+        with pytest.raises(InvalidParameter, match="after must be above 5 and at most 120"):
+            SoilBelief(out=tmp_path, after=after).run()
+
+
 def test_cases_of_one_seed_differ_in_one_thing() -> None:
     cases = ("matched", "phi_2")
     plain, other = (draw_run(case, 1, split="tuning", duration=1.0).record.plant for case in cases)
