@@ -28,7 +28,9 @@ observation, info = env.reset(seed=0)
 path = env.unwrapped.course.path.nodes
 print(f"n = {info['n']}, standing {1e3 * info['sinkage'][0]:.1f} mm deep in front")
 
-figure, axis = plt.subplots(figsize=(6, 1.4), layout="constrained")
-axis.plot(path[:, 0], path[:, 1])
-axis.set(xlabel="X [m]", ylabel="Y [m]", aspect="equal")
+figure, axis = plt.subplots(figsize=(6, 2.8), layout="constrained")
+axis.plot(path[:, 0], path[:, 1], label="path")
+axis.fill_between(path[:, 0], path[:, 1] - 2.5, path[:, 1] + 2.5, alpha=0.15, label="corridor")
+axis.set(xlabel="X [m]", ylabel="Y [m]")
+axis.legend(frameon=False, ncols=2)
 plt.show()
