@@ -193,8 +193,11 @@ def _pairs(
     return _refitted(fit, [(one.candidates, one.sizes) for one in near.values()], enough)
 
 
-def _larger(scores: ScoreTest, threshold: float, test: HoldOutTest) -> list[FitResult]:
-    """Models that explain more by as much as an effect must: the best, and those as good, best first."""
+def _larger(scores: ScoreTest, threshold: float, test: HoldOutTest, singly: bool = False) -> list[FitResult]:
+    """Models that explain more by as much as an effect must: the best, and those as good, best first.
+
+    ``singly``: a first effect is sought alone, not as one of two.
+    """
     fit = scores.fit
     single = _forward(scores, threshold)
     single = sorted([*single, *_afresh(scores, threshold, single)], key=_order)
@@ -203,6 +206,8 @@ def _larger(scores: ScoreTest, threshold: float, test: HoldOutTest) -> list[FitR
     most = linearised_gain(fit, scores) if fit.candidates else float(np.max(scores.z**2, initial=0.0))
     # A pair must be better by as much as an effect must, or else as good as what is there.
     must = 0.5 * threshold**2
+    if not fit.candidates and singly:
+        return single
     if not fit.candidates:
         pairs = _pairs(scores, threshold, most, single[0].cost - must)
         return pairs if pairs and _replaces(pairs[0], single[0], threshold, test) else single
@@ -326,17 +331,22 @@ def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float) -> _Acc
     beyond = not inside and strongest > score_threshold(last, _BEYOND)
     gains: list[float] = []
     rejected = frozenset[str]()
+    singly = pair_refused = False
     while True:
-        trials = _larger(last, bar, test)
+        trials = _larger(last, bar, test, singly)
         # The first name is the best or none; later ones may be any that explain as much.
         tried = trials if inside else trials[:1]
         accepted = _accepted(test, tried, _Bars(bar, score_threshold(last, _CONFIRMED * rate)))
         gains += accepted.gains
         if accepted.fit is not None:
             return _Accepted(accepted.fit, gains, refused=False, rejected=rejected)
+        if not inside and not singly and trials and len(trials[0].candidates) > 1:
+            # Of two effects that explain most together one may be certain, and the other too small.
+            singly, pair_refused = True, accepted.refused
+            continue
         again = beyond and bool(accepted.gains) and len(gains) < _TESTED
         if not trials or (accepted.gains and not again):
-            return _Accepted(None, gains, refused=accepted.refused or beyond)
+            return _Accepted(None, gains, refused=accepted.refused or pair_refused or beyond)
         # What looked best is not significant once it is fitted; what it was confounded with may be.
         names = {candidate.effect for candidate in inside}
         gone = {candidate.effect for trial in tried for candidate in trial.candidates} - names

@@ -99,3 +99,35 @@ def test_no_more_than_three_explanations_are_tested(monkeypatch):
     found, tried = _search(monkeypatch, 9.0, set("abcde"))
     assert tried == ["a", "b", "c"]
     assert (found.fit, found.refused) == (None, True)
+
+
+@pytest.mark.parametrize(
+    ("refused", "found", "tried"),
+    [({"ab"}, "b", ["ab", "b"]), ({"ab", "b"}, None, ["ab", "b"]), (set(), "ab", ["ab"])],
+)
+def test_of_two_effects_that_are_refused_together_the_stronger_is_tested_alone(
+    monkeypatch, refused: set[str], found: str | None, tried: list[str]
+) -> None:
+    """One may be certain, and the other too small. Null logs have such a score: it is no discrepancy."""
+    names: list[str] = []
+
+    def accepted(test: HoldOutTest, trials: list[Fit], bars: object) -> _Accepted:
+        name = "".join(candidate.effect for candidate in trials[0].candidates)
+        names.append(name)
+        return _Accepted(None if name in refused else trials[0], [5.0], refused=name == "ab")
+
+    def larger(last: SimpleNamespace, bar: float, test: HoldOutTest, singly: bool) -> list[Fit]:
+        return [Fit(None, "", (Candidate(effect="b"),))] if singly else [Fit(None, "", last.candidates)]
+
+    monkeypatch.setattr(stepwise, "refined_places", lambda last, *_: last)
+    monkeypatch.setattr(stepwise, "score_threshold", lambda *_: 4.0)
+    monkeypatch.setattr(stepwise, "_accepted", accepted)
+    monkeypatch.setattr(stepwise, "_larger", larger)
+    nominal = Fit(None, "")
+    both = tuple(Candidate(effect=name) for name in "ab")
+    start = SimpleNamespace(fit=nominal, candidates=both, z=np.array([3.8, 3.9]))
+    result = _onward(HoldOutTest(nominal, []), start, 3.4, 0.06)
+    assert names == tried
+    assert ("".join(one.effect for one in result.fit.candidates) if result.fit else None) == found
+    # What the fitted windows supported remains, where nothing else is found.
+    assert result.refused == (found is None)

@@ -221,7 +221,7 @@ def test_a_search_goes_on_where_its_first_choice_does_not_hold_once_it_is_fitted
     names = ("cg_shift", "steer_gain", "steer_lag")
     found = [SimpleNamespace(candidates=(Candidate(effect=name),)) for name in names]
 
-    def larger(last, bar, test):
+    def larger(last, bar, test, singly):
         return [trial for trial in found if trial.candidates[0] in last.candidates][:1]
 
     def accepted(test, trials, bars):
