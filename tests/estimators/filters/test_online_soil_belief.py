@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from estimators.experiments.soil_belief import BeliefHistory, believe, limit_errors, stuck_at
+from estimators.experiments.soil_belief import BeliefHistory, believe, stuck_at
 from estimators.experiments.unknown_soils import SoilRun, draw_run, sloping
 from estimators.filters.online import Thinned
 from estimators.filters.online_soil_belief import (
@@ -224,16 +224,6 @@ def test_what_is_learnt_in_more_than_ten_seconds_counts_less_since_errors_last()
     shares = known[1] / known[3]
     assert shares[0] == pytest.approx(10.0 / 20.5, rel=0.05)
     assert shares[1:] == pytest.approx((10.0 / 20.5) ** 0.33, rel=0.05)
-
-
-@pytest.mark.study
-def test_intervals_hold_as_often_after_a_minute_as_after_ten_seconds() -> None:
-    """Without `averaging_time` 70 to 78 % of the intervals of n held."""
-    z = []
-    for seed in range(500, 540):
-        run = draw_run("level", seed, split="tuning", duration=60.0)
-        z.append(limit_errors(run, believe(run)).z[-1])
-    assert (np.abs(z) < 1.96).mean(axis=0).min() > 0.85
 
 
 #: An error just below a limit and one just above it, with the limit halved and doubled.
