@@ -10,24 +10,24 @@ RUNS: dict[str, str] = {
     "brake aware own": "seed 0, 440 episodes: 13.33 in training",
     "brake conservative common": "seed 0, 440 episodes: not searched",
     "brake conservative own": "seed 0, 440 episodes: 13.49 in training",
-    "brake nominal common": "seed 0, 440 episodes: 10.53 in training",
+    "brake nominal common": "seed 0, 440 episodes: 10.2 in training",
     "brake nominal own": "seed 0, 440 episodes: 11.46 in training",
-    "brake oracle common": "seed 0, 440 episodes: 10.23 in training",
+    "brake oracle common": "seed 0, 440 episodes: 9.72 in training",
     "brake oracle own": "seed 0, 440 episodes: 9.72 in training",
     "speed aware common": "seed 0, 440 episodes: not searched",
     "speed aware own": "seed 0, 440 episodes: 33.23 in training",
     "speed conservative common": "seed 0, 440 episodes: not searched",
     "speed conservative own": "seed 0, 440 episodes: 43.91 in training",
-    "speed nominal common": "seed 0, 440 episodes: 41.99 in training",
+    "speed nominal common": "seed 0, 440 episodes: 34.86 in training",
     "speed nominal own": "seed 0, 440 episodes: 39.19 in training",
-    "speed oracle common": "seed 0, 440 episodes: 37.84 in training",
+    "speed oracle common": "seed 0, 440 episodes: 31.66 in training",
     "speed oracle own": "seed 0, 440 episodes: 31.66 in training",
 }
 
 #: (task, arm, knobs) -> fields of `agents.controllers.arms.ArmSettings`.
 SETTINGS: dict[tuple[str, str, str], dict[str, float]] = {
     ("brake", "aware", "common"): {
-        "brake_share": 0.4237,
+        "brake_share": 0.5737,
         "z": 1,
     },
     ("brake", "aware", "own"): {
@@ -35,30 +35,30 @@ SETTINGS: dict[tuple[str, str, str], dict[str, float]] = {
         "z": 1.9135,
     },
     ("brake", "conservative", "common"): {
-        "brake_share": 0.4237,
+        "brake_share": 0.5737,
     },
     ("brake", "conservative", "own"): {
         "brake_share": 1.5487,
     },
     ("brake", "nominal", "common"): {
-        "brake_share": 0.4237,
-        "n": 0.5,
+        "brake_share": 0.5737,
+        "n": 0.36,
     },
     ("brake", "nominal", "own"): {
         "brake_share": 0.8737,
         "n": 0.1728,
     },
     ("brake", "oracle", "common"): {
-        "brake_share": 0.4237,
+        "brake_share": 0.5737,
     },
     ("brake", "oracle", "own"): {
         "brake_share": 0.5737,
     },
     ("speed", "aware", "common"): {
-        "margin": 0.3812,
-        "feed_forward": 0.3407,
-        "brake_share": 0.2384,
-        "speed_max": 10.4985,
+        "margin": 0.7249,
+        "feed_forward": 0.9185,
+        "brake_share": 0.3344,
+        "speed_max": 12.9271,
         "z": 1,
     },
     ("speed", "aware", "own"): {
@@ -69,10 +69,10 @@ SETTINGS: dict[tuple[str, str, str], dict[str, float]] = {
         "z": 1.3812,
     },
     ("speed", "conservative", "common"): {
-        "margin": 0.3812,
-        "feed_forward": 0.3407,
-        "brake_share": 0.2384,
-        "speed_max": 10.4985,
+        "margin": 0.7249,
+        "feed_forward": 0.9185,
+        "brake_share": 0.3344,
+        "speed_max": 12.9271,
     },
     ("speed", "conservative", "own"): {
         "margin": 0.7421,
@@ -81,11 +81,11 @@ SETTINGS: dict[tuple[str, str, str], dict[str, float]] = {
         "speed_max": 10.2128,
     },
     ("speed", "nominal", "common"): {
-        "margin": 0.3812,
-        "feed_forward": 0.3407,
-        "brake_share": 0.2384,
-        "speed_max": 10.4985,
-        "n": 0.483,
+        "margin": 0.7249,
+        "feed_forward": 0.9185,
+        "brake_share": 0.3344,
+        "speed_max": 12.9271,
+        "n": 0.26,
     },
     ("speed", "nominal", "own"): {
         "margin": 0.5874,
@@ -95,10 +95,10 @@ SETTINGS: dict[tuple[str, str, str], dict[str, float]] = {
         "n": 0.291,
     },
     ("speed", "oracle", "common"): {
-        "margin": 0.3812,
-        "feed_forward": 0.3407,
-        "brake_share": 0.2384,
-        "speed_max": 10.4985,
+        "margin": 0.7249,
+        "feed_forward": 0.9185,
+        "brake_share": 0.3344,
+        "speed_max": 12.9271,
     },
     ("speed", "oracle", "own"): {
         "margin": 0.7249,
