@@ -145,15 +145,17 @@ def _alone(test: str, factor: float) -> OnlineSoilBelief:
 
 def test_the_flag_goes_down_when_no_soil_explains_the_readings() -> None:
     """Rims at three times the speed and a turn without steering: no soil of the population does that."""
-    belief = _filter()
+    belief = _filter(averaging_time=2.0)
     belief.reset(*population_n(), _START)
     _fed(belief, _STILL, 3.5)
     assert belief.is_valid
+    assert belief._fresh(1) == pytest.approx(2.0 / 3.5, rel=0.02)
     before = belief.soil[1]
     _fed(belief, (0.0, 0.0, 0.0, 0.0, 0.6), 1.5, slip=2.0)
     assert not belief.is_valid
     assert belief.changes > 0
-    # Part of the prior has come back.
+    # Part of the prior has come back, and what is learnt from now on counts in full.
+    assert belief._fresh(1) == 1.0
     assert belief.soil[1][N, N] > 0.8 * before[N, N]
 
 
