@@ -1,9 +1,10 @@
 """Tune the knobs of the natural form: ``python -m agents.benchmark.natural_tune --task speed``.
 
 *Common knobs*: one search for the oracle; the other arms drive with what it finds, nominal at the place in
-the population that is best with these. *Own knobs*: the same search for each arm, its own knobs included. All
-on training episodes. Candidates are a low-discrepancy sample; the better ones drive more episodes. What is in
-`agents.controllers.natural_tuned` already is kept unless it is searched anew.
+the population that is best with these. *Own knobs*: the same search for each arm, its own knobs included.
+*Predictive knobs*: those of model-predictive control, told the truth; then nominal's place and the belief's
+insurance with these. All on training episodes. Candidates are a low-discrepancy sample; the better ones drive
+more episodes. What is in `agents.controllers.natural_tuned` already is kept unless it is searched anew.
 """
 
 from __future__ import annotations
@@ -21,10 +22,19 @@ from agents.benchmark.natural import options_of
 from agents.benchmark.runner import draw_episodes, run_jobs
 from agents.benchmark.tune import COMMON, OWN
 from agents.controllers import natural_tuned
-from agents.controllers.arms import ARMS, ArmSettings
+from agents.controllers.arms import ARMS, Arm, ArmSettings
 from agents.controllers.natural_arms import make_natural_arm
+from agents.controllers.nmpc_arms import PREDICTIVE, make_nmpc
 
-__all__ = ["BOXES", "NaturalTuneArgs", "search", "tune_common", "tune_own"]
+__all__ = [
+    "BOXES",
+    "PREDICTIVE_BOX",
+    "NaturalTuneArgs",
+    "search",
+    "tune_common",
+    "tune_own",
+    "tune_predictive",
+]
 
 Box = Mapping[str, tuple[float, float]]
 
@@ -42,9 +52,19 @@ BOXES: dict[str, Box] = {
     # the weight, at 0.6 by 0.015.
     "climb": {"slip_share": (0.3, 1.0)},
 }
+#: Of model-predictive control. The ranges lie around what some 100 training episodes had shown before.
+PREDICTIVE_BOX: Box = {
+    "margin": (0.6, 0.9),
+    "inside": (0.6, 1.3),
+    "beyond": (0.5, 1.1),
+    "brake_share": (0.25, 0.45),
+    "speed_max": (11.0, 15.0),
+}
 #: Of nominal with common knobs: places in the population.
 _PLACES = (0.02, 0.1, 0.18, 0.26, 0.36, 0.5)
 _PLACE_EPISODES = 40
+#: Of the belief with predictive knobs: standard deviations over which it is insured.
+_INSURANCES = (0.0, 0.4, 0.7, 1.0, 1.5)
 
 
 class Stage(NamedTuple):
@@ -54,12 +74,16 @@ class Stage(NamedTuple):
     episodes: int
 
 
+#: As many episodes as for the arms, but more of them at the end: its failures are rare and cost much.
+_PREDICTIVE_STAGES = (Stage(20, 10), Stage(5, 20), Stage(2, 70))
+
+
 @dataclass(frozen=True, kw_only=True)
 class NaturalTuneArgs:
     """Arguments of the search; the budget is the same for every arm."""
 
     task: str = "speed"
-    knobs: tuple[str, ...] = ("common", "own")
+    knobs: tuple[str, ...] = ("common", "own")  #: or "predictive", of `speed` alone
     arms: tuple[str, ...] = tuple(ARMS)  #: whose own knobs are searched
     seed: int = 0  #: of candidates and training episodes
     n_jobs: int = 1
@@ -78,16 +102,19 @@ class Found(NamedTuple):
     score: float  #: mean of the last stage's training episodes
 
 
+def _made(arm: str, task: str, settings: Mapping[str, float]) -> Arm:
+    if arm in PREDICTIVE:
+        return make_nmpc(arm, scenario=task, natural=True, knobs=settings)
+    return make_natural_arm(arm, scenario=task, settings=ArmSettings(**settings))
+
+
 def search(arm: str, candidates: Sequence[Mapping[str, float]], args: NaturalTuneArgs) -> Found:
     """The best of ``candidates`` for an arm, by successive halving."""
     left, scores = list(candidates), np.zeros(0)
     for stage in args.stages:
         left = left[: stage.candidates]
         draws = draw_episodes(args.task, stage.episodes, args.seed, form="natural", training=True)
-        jobs = {
-            i: make_natural_arm(arm, scenario=args.task, settings=ArmSettings(**settings))
-            for i, settings in enumerate(left)
-        }
+        jobs = {i: _made(arm, args.task, settings) for i, settings in enumerate(left)}
         found = run_jobs(
             args.task, jobs, draws, n_jobs=args.n_jobs, env_options=options_of(args.task, "natural")
         )
@@ -106,13 +133,30 @@ def _sample(box: Box, args: NaturalTuneArgs) -> list[dict[str, float]]:
 def tune_common(args: NaturalTuneArgs) -> dict[str, Found]:
     """Knobs that all arms share, by the oracle; and the place of nominal. ``z`` of aware is 1."""
     oracle = search("oracle", _sample(BOXES[args.task], args), args)
-    each = replace(args, stages=(Stage(len(_PLACES), _PLACE_EPISODES),))
-    places = [{**oracle.settings, "n": place} for place in _PLACES]
     return {
         "oracle": oracle,
-        "nominal": search("nominal", places, each),
+        "nominal": _one_knob("nominal", oracle.settings, "n", _PLACES, args),
         "conservative": Found(oracle.settings, float("nan")),
         "aware": Found({**oracle.settings, "z": 1.0}, float("nan")),
+    }
+
+
+def _one_knob(
+    arm: str, settings: Mapping[str, float], knob: str, values: Sequence[float], args: NaturalTuneArgs
+) -> Found:
+    """The best value of one knob, the others kept."""
+    each = replace(args, stages=(Stage(len(values), _PLACE_EPISODES),))
+    return search(arm, [{**settings, knob: value} for value in values], each)
+
+
+def tune_predictive(args: NaturalTuneArgs) -> dict[str, Found]:
+    """Knobs of model-predictive control, told the truth; then what is nominal's and the belief's alone."""
+    args = replace(args, stages=_PREDICTIVE_STAGES)
+    truth = search("nmpc_truth", _sample(PREDICTIVE_BOX, args), args)
+    return {
+        "nmpc_truth": truth,
+        "nmpc_nominal": _one_knob("nmpc_nominal", truth.settings, "n", _PLACES, args),
+        "nmpc_belief": _one_knob("nmpc_belief", truth.settings, "z", _INSURANCES, args),
     }
 
 
@@ -133,7 +177,7 @@ def write_settings(path: Path, args: NaturalTuneArgs, found: Mapping[tuple[str, 
     lines = [str(natural_tuned.__doc__).join(('"""', '"""')), "", "from __future__ import annotations", ""]
     lines += ['__all__ = ["RUNS", "SETTINGS"]', "", "#: (task arm knobs) -> the search, with its mean score."]
     lines += ["RUNS: dict[str, str] = {", *(f'    "{key}": "{runs[key]}",' for key in sorted(runs)), "}", ""]
-    lines += ["#: (task, arm, knobs) -> fields of `agents.controllers.arms.ArmSettings`."]
+    lines += ['#: (task, arm, knobs) -> fields of `ArmSettings`; of `NmpcSettings` where arm is "nmpc_...".']
     lines += ["SETTINGS: dict[tuple[str, str, str], dict[str, float]] = {"]
     for key in sorted(table):
         lines.append(f'    ("{key[0]}", "{key[1]}", "{key[2]}"): {{')
@@ -147,9 +191,13 @@ def main() -> None:
     import tyro
 
     args = tyro.cli(NaturalTuneArgs, description=__doc__)
-    for knobs, tune in (("common", tune_common), ("own", tune_own)):
+    for knobs, written, tune in (
+        ("common", "common", tune_common),
+        ("own", "own", tune_own),
+        ("predictive", "common", tune_predictive),
+    ):
         if knobs in args.knobs:
-            found = {(arm, knobs): result for arm, result in tune(args).items()}
+            found = {(arm, written): result for arm, result in tune(args).items()}
             write_settings(Path(natural_tuned.__file__), args, found)
 
 

@@ -22,9 +22,12 @@ RUNS: dict[str, str] = {
     "speed nominal own": "seed 0, 440 episodes: 39.19 in training",
     "speed oracle common": "seed 0, 440 episodes: 31.66 in training",
     "speed oracle own": "seed 0, 440 episodes: 31.66 in training",
+    "speed nmpc_belief common": "by hand, on training episodes",
+    "speed nmpc_nominal common": "by hand, on training episodes",
+    "speed nmpc_truth common": "by hand, on training episodes",
 }
 
-#: (task, arm, knobs) -> fields of `agents.controllers.arms.ArmSettings`.
+#: (task, arm, knobs) -> fields of `ArmSettings`; of `NmpcSettings` where arm is "nmpc_...".
 SETTINGS: dict[tuple[str, str, str], dict[str, float]] = {
     ("brake", "aware", "common"): {
         "brake_share": 0.5737,
@@ -105,5 +108,28 @@ SETTINGS: dict[tuple[str, str, str], dict[str, float]] = {
         "feed_forward": 0.9185,
         "brake_share": 0.3344,
         "speed_max": 12.9271,
+    },
+    ("speed", "nmpc_belief", "common"): {
+        "margin": 0.7,
+        "inside": 0.6,
+        "beyond": 0.5,
+        "brake_share": 0.35,
+        "speed_max": 11,
+        "z": 0.7,
+    },
+    ("speed", "nmpc_nominal", "common"): {
+        "margin": 0.7,
+        "inside": 0.6,
+        "beyond": 0.5,
+        "brake_share": 0.35,
+        "speed_max": 11,
+        "n": 0.483,
+    },
+    ("speed", "nmpc_truth", "common"): {
+        "margin": 0.7,
+        "inside": 0.6,
+        "beyond": 0.5,
+        "brake_share": 0.35,
+        "speed_max": 11,
     },
 }
