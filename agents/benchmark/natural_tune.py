@@ -2,7 +2,7 @@
 
 *Common knobs*: one search for the oracle; the other arms drive with what it finds, nominal at the place in
 the population that is best with these. *Own knobs*: the same search for each arm, its own knobs included.
-*Predictive knobs*: those of model-predictive control, told the truth; then nominal's place and the belief's
+*Predictive knobs*: those of model-predictive control by the true limit; then nominal's place and the belief's
 insurance with these. All on training episodes. Candidates are a low-discrepancy sample; the better ones drive
 more episodes. What is in `agents.controllers.natural_tuned` already is kept unless it is searched anew.
 """
@@ -150,7 +150,7 @@ def _one_knob(
 
 
 def tune_predictive(args: NaturalTuneArgs) -> dict[str, Found]:
-    """Knobs of model-predictive control, told the truth; then what is nominal's and the belief's alone."""
+    """Knobs of model-predictive control by the true limit; then nominal's place and the belief's insurance."""
     args = replace(args, stages=_PREDICTIVE_STAGES)
     truth = search("nmpc_truth", _sample(PREDICTIVE_BOX, args), args)
     return {
