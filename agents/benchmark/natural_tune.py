@@ -150,7 +150,7 @@ def _one_knob(
 
 
 def tune_predictive(args: NaturalTuneArgs) -> dict[str, Found]:
-    """Knobs of model-predictive control by the true limit; then nominal's place and the belief's insurance."""
+    """Knobs of model-predictive control by the true limit; nominal's place, the belief's insurance."""
     args = replace(args, stages=_PREDICTIVE_STAGES)
     truth = search("nmpc_truth", _sample(PREDICTIVE_BOX, args), args)
     return {
