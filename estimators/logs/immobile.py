@@ -23,6 +23,9 @@ _LENGTH, _STEP, _SHORTEST = 1.0, 0.5, 3.0
 #: A rim that rolls is as fast as the vehicle within this factor, in this share of the windows with motion and
 #: in so many at least; it is slower by twice that in no more than the last share. So many windows tell it.
 _ROLLS, _SOMETIMES, _TIMES, _SELDOM, _WINDOWS = 1.3, 0.02, 2, 0.1, 10
+#: One factor stands between the vehicle and a rim with another unit or scale, but for slip. Where its outer
+#: deciles are so far apart the rim spins more here than there.
+_UNEVEN, _DECILES = 3.0, (0.1, 0.9)
 
 _RIMS = ("omega_f", "omega_r")
 
@@ -63,9 +66,10 @@ def driven_time(log: Log) -> float:
 
 
 def only_spins(rim: np.ndarray, speed: np.ndarray) -> bool:
-    """Whether a rim differs from the vehicle by its slip alone: here it rolls, and there it spins.
+    """Whether a rim differs from the vehicle by its slip alone: it rolls at times, or spins unevenly.
 
-    A rim with another unit or scale rolls in none, one of another sign in none, and noise is often too slow.
+    A rim with another unit or scale rolls in none and differs by one factor, one of another sign rolls in
+    none, and noise is often too slow.
 
     Parameters
     ----------
@@ -78,6 +82,9 @@ def only_spins(rim: np.ndarray, speed: np.ndarray) -> bool:
     ratio = rim[known] / speed[known]
     rolls = int(np.sum(np.abs(np.log(np.maximum(ratio, 1e-9))) < np.log(_ROLLS)))
     enough = rolls >= max(_TIMES, _SOMETIMES * len(ratio))
+    if not enough:
+        least, most = np.quantile(ratio, _DECILES)
+        enough = most > _UNEVEN * least > 0.0
     return bool(enough and np.mean(ratio < 1.0 / _ROLLS**2) < _SELDOM)
 
 

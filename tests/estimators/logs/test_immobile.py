@@ -99,3 +99,10 @@ def test_a_rim_that_rolls_in_no_window_has_another_unit_and_one_that_is_noise_is
     assert not only_spins(3.0 * speed, speed)
     assert not only_spins(-spins, speed)
     assert not only_spins(5.0 * rng.random(40), speed)
+
+
+@pytest.mark.parametrize(("most", "spins"), [(1.5, False), (2.5, False), (8.0, True)])
+def test_a_rim_that_spins_all_the_time_does_so_unevenly_and_one_with_another_unit_does_not(most, spins):
+    rng = np.random.default_rng(3)
+    speed = rng.uniform(1.0, 3.0, 60)
+    assert only_spins(3.6 * speed * rng.uniform(1.0, most, 60), speed) is spins
