@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from agents.controllers.natural_tuned import SETTINGS
 from agents.controllers.nmpc_arms import make_nmpc
 from agents.controllers.population_limits import believe_limit, coordinate_of
 from estimators.filters.online_soil_belief import BELIEF_VECTOR
@@ -44,7 +45,10 @@ def test_without_a_number_the_middle_of_the_population_stands_in():
     assert found.high - found.low == pytest.approx(2.0 * 8.0 / np.sqrt(12.0))
 
 
-def test_model_predictive_control_is_insured_over_seven_tenths_of_a_deviation():
+def test_model_predictive_control_is_insured_over_what_its_knobs_say(monkeypatch):
     pytest.importorskip("casadi")
+    knobs = {**SETTINGS["speed", "nmpc_belief", "common"], "z": 0.7}
+    monkeypatch.setitem(SETTINGS, ("speed", "nmpc_belief", "common"), knobs)
     controller = make_nmpc("nmpc_belief", natural=True).agent.agent
     assert controller.believe(None, _TABLE, _seen(5.0, 1.0, valid=True)).low == pytest.approx(4.3)
+    assert controller.settings.margin == knobs["margin"]
