@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import runpy
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from agents.benchmark import natural_tune, study
-from agents.benchmark.natural_tune import NaturalTuneArgs, Stage, tune_common, write_settings
+from agents.benchmark.natural_tune import NaturalTuneArgs, Stage, search, tune_common, write_settings
 from agents.controllers import natural_tuned
 from agents.controllers.nmpc import NmpcSettings
 
@@ -24,7 +25,10 @@ def driven(monkeypatch):
 
     def run_jobs(task, jobs, draws, **_):
         kept.append(({arm.name for arm in jobs.values()}, len(jobs), len(draws)))
-        return {i: SimpleNamespace(scores=np.array([arm.cost])) for i, arm in jobs.items()}
+        return {
+            i: SimpleNamespace(scores=np.full(100, arm.cost), success=np.arange(100) >= (arm.cost < 0.01) * 3)
+            for i, arm in jobs.items()
+        }
 
     def made(arm, task, settings):
         aside = settings.get("z", 0.4) - 0.4 + settings.get("n", 0.18) - 0.18
@@ -55,6 +59,15 @@ def test_predictive_control_shares_what_was_searched_for_the_truth(driven):
     # As many episodes as the search of an arm has; what is nominal's and the belief's alone comes on top.
     whole = sum(jobs * draws for _, jobs, draws in driven[:3])
     assert whole == NaturalTuneArgs().budget
+
+
+@pytest.mark.parametrize(("most", "best"), [(0.02, 0.3), (0.04, 0.4), (1.0, 0.4)])
+def test_who_fails_too_often_is_not_the_best_however_fast(driven, most, best):
+    """Three of a hundred fail at a share of 0.4."""
+    args = replace(ARGS, most_failures=most, stages=(Stage(2, 4),))
+    found = search("oracle", [{"brake_share": 0.3}, {"brake_share": 0.4}], args)
+    assert found.settings["brake_share"] == best
+    assert natural_tune._MOST_FAILURES == 0.02
 
 
 def test_what_was_found_is_written_and_the_rest_is_kept(driven, tmp_path):
