@@ -24,6 +24,10 @@ _STATE_STEP, _SIZE_STEP = 0.001, 1e-4
 #: other side of the point, has jumped to another branch of a contact. Residuals are taken for no less than
 #: the last share of the signal.
 _JUMP, _APART, _SHARE = 1.0, 0.25, 0.05
+#: The error of the rough solver must be the same at both ends of a difference. Where it is of use it changes
+#: by less than 1e-5, in squares of the residuals of a window; where it is not, by 0.1 and more. What exceeds
+#: this, and this share of the change itself, is taken for noise.
+_NOISE, _NOISE_SHARE = 1e-3, 1e-2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +36,7 @@ class Linearisation:
 
     Derivatives are of the prediction. The simulations behind them use the rough solver at both ends of a
     difference, or the coarse one where the inputs differ, which change within its steps: its error is nearly
-    the same at both.
+    the same at both. Where it is not, as with wheels that grip and slip in turn, all are accurate.
     """
 
     problem: LeastSquaresProblem
@@ -74,12 +78,36 @@ class Linearisation:
             return self.prediction
         return self.problem.predicted_coarsely(self.setups, self.point.starts, self.point.warm, rough=True)
 
+    @cached_property
+    def _noisy(self) -> bool:
+        """Whether the rough solver's error differs between the ends of a difference, in any window."""
+        problem, point = self.problem, self.point
+        if problem.rough_runs == problem.runs:
+            return False
+        for i, nuisance in enumerate(problem.nuisances):
+            if nuisance.sensors_only or not any(acts(nuisance, run) for run in problem.runs):
+                continue
+            moved = point.nuisances.copy()
+            moved[i] += nuisance.step
+            setups = problem.setups(replace(point, nuisances=moved))
+            if any(new.inputs != own.inputs for new, own in zip(setups, self.setups, strict=True)):
+                continue
+            after = problem.predicted_coarsely(setups, point.starts, point.warm, rough=True)
+            rough = self.difference(self._rough_prediction, after, 1.0)
+            change = self.difference(self.prediction, problem.simulated(point, setups)[1], 1.0)
+            least = np.maximum(_NOISE, _NOISE_SHARE * self._energy(change))
+            return bool(np.any(self._energy(rough - change) > least))
+        return False
+
     def change(self, setups: Sequence[Setup], step: float) -> np.ndarray:
         """Change of the prediction (M,) from this point to other setups, over ``step``."""
         return self._change(setups, self.point.starts, step)
 
     def _change(self, setups: Sequence[Setup], starts: Sequence[np.ndarray], step: float) -> np.ndarray:
         rough = all(new.inputs == own.inputs for new, own in zip(setups, self.setups, strict=True))
+        if rough and self._noisy:
+            there = replace(self.point, starts=tuple(starts))
+            return self.difference(self.prediction, self.problem.simulated(there, setups)[1], step)
         before = self._rough_prediction if rough else self._coarse_prediction
         after = self.problem.predicted_coarsely(setups, starts, self.point.warm, rough=rough)
         return self.difference(before, after, step)

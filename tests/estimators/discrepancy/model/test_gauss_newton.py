@@ -103,6 +103,21 @@ class _Line:
         return self.y - prediction
 
 
+@dataclass
+class _Jittery(_Line):
+    """Its rough solver's error changes with every parameter."""
+
+    jitter: float = 0.0
+    accurate: bool = True
+
+    def rough(self):
+        return replace(self, accurate=False)
+
+    def predict(self, setup, records):
+        error = self.jitter * np.sin(1e6 * (setup.slope + setup.curve + records.states[self.window, 0]))
+        return super().predict(setup, records) + (0.0 if self.accurate else error)
+
+
 def _start(run: _Line, deviation: float = 0.1) -> FitResult:
     problem = LeastSquaresProblem([run])
     first = Linearisation.at(problem, problem.begun(problem.stated()))
@@ -179,6 +194,20 @@ def test_derivatives_of_a_linear_model_are_taken_once_unless_every_step_renews_t
     assert fit.nuisances == pytest.approx([0.3, -0.2], abs=0.05)
     # One derivative by the states and two by nuisances; the coarse model is the same.
     assert (len(run.calls) <= 1 + 3 + 2) is fewer
+
+
+@pytest.mark.parametrize(("jitter", "noisy"), [(0.0054, False), (0.0075, True), (0.3, True)])
+def test_where_the_rough_solver_errs_otherwise_at_the_ends_of_a_difference_all_are_accurate(jitter, noisy):
+    there, exact = (_start(run).linearisation for run in (_Jittery(jitter=jitter), _Line()))
+    assert there._noisy is noisy
+    assert np.array_equal(there.nuisance_columns(), exact.nuisance_columns()) is noisy
+    assert np.array_equal(there.state_columns(), exact.state_columns()) is noisy
+
+
+def test_a_fit_ends_at_the_minimum_although_the_rough_solver_jitters():
+    fit = GaussNewton().descend(_start(_Jittery(jitter=0.3)))
+    assert fit.nuisances == pytest.approx([0.3, -0.2], abs=1e-3)
+    assert not fit.stalled
 
 
 def test_a_descent_into_points_without_a_solution_stays_where_it_is():
