@@ -26,6 +26,7 @@ from agents.controllers.arms import ARMS, Arm, ArmSettings
 from agents.controllers.natural_arms import make_natural_arm
 from agents.controllers.nmpc_arms import PREDICTIVE, make_nmpc
 from agents.learning.checks import merit
+from offroad_env.errors import InvalidParameter
 
 __all__ = [
     "BOXES",
@@ -155,6 +156,8 @@ def _one_knob(
 
 def tune_predictive(args: NaturalTuneArgs) -> dict[str, Found]:
     """Knobs of model-predictive control by the true limit; nominal's place, the belief's insurance."""
+    if args.task != "speed":
+        raise InvalidParameter(f"predictive knobs are searched for 'speed', got {args.task!r}")
     args = replace(args, stages=_PREDICTIVE_STAGES, most_failures=_MOST_FAILURES)
     truth = search("nmpc_truth", _sample(PREDICTIVE_BOX, args), args)
     return {

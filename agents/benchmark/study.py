@@ -21,7 +21,7 @@ from agents.benchmark.runner import ENV_ID, FORMS, OVER_N, draw_episodes, run_ep
 from agents.benchmark.summary import Benchmark, summarise
 from agents.controllers.arms import ARMS
 from agents.controllers.natural_tuned import SETTINGS as NATURAL_SETTINGS
-from agents.controllers.nmpc_arms import PREDICTIVE
+from agents.controllers.nmpc_arms import PREDICTIVE, natural_knobs
 from agents.controllers.protocol import ArmResult, EpisodeResult
 from agents.controllers.tuned import SETTINGS
 from agents.driving.episode import (
@@ -123,10 +123,12 @@ def drive_unit(
 
 def _stamp(task: str, agent: str, form: str) -> str:
     """Stamp of what stands behind an agent's episodes: sources, and its settings, weights or own file."""
-    if is_natural(form) and agent.removesuffix(OWN_KNOBS) in (*ARMS, *PREDICTIVE):
+    if is_natural(form) and agent.removesuffix(OWN_KNOBS) in ARMS:
         knobs = "own" if agent.endswith(OWN_KNOBS) else "common"
         place = (find_scenario(task).task, agent.removesuffix(OWN_KNOBS), knobs)
         own = repr(NATURAL_SETTINGS.get(place)).encode()
+    elif is_natural(form) and agent in PREDICTIVE:
+        own = repr(natural_knobs(find_scenario(task).task, agent)).encode()
     elif ":" in agent:
         own = agent_file(agent).read_bytes()
     elif (trained := trained_name(agent)) is not None:

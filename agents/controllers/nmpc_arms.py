@@ -20,7 +20,7 @@ from agents.controllers.tuned import SETTINGS
 from offroad_env.environment.scenario_descriptions import find_scenario
 from offroad_env.errors import InvalidParameter
 
-__all__ = ["PREDICTIVE", "make_nmpc"]
+__all__ = ["PREDICTIVE", "make_nmpc", "natural_knobs"]
 
 #: Agent -> the arm whose belief it has.
 PREDICTIVE = {"nmpc_nominal": "nominal", "nmpc_belief": "aware", "nmpc_truth": "oracle"}
@@ -69,7 +69,7 @@ def make_nmpc(
     else:
         terrain_info, _, source = ARMS[arm]
     if knobs is None:
-        knobs = _natural_knobs(task, name) if natural else _matched_knobs(task)
+        knobs = natural_knobs(task, name) if natural else _matched_knobs(task)
     belief = source(task, ArmSettings(**{knob: knobs[knob] for knob in _OF_BELIEF if knob in knobs}))
     changed = {knob: value for knob, value in knobs.items() if knob not in _OF_BELIEF}
     settings = replace(_BIASES if natural else NmpcSettings(), **changed)  # type: ignore[arg-type]
@@ -84,6 +84,7 @@ def _matched_knobs(task: str) -> dict[str, float]:
     return {"n": SETTINGS.get((task, "nominal"), {}).get("n", 0.3), "z": _Z}
 
 
-def _natural_knobs(task: str, name: str) -> dict[str, float]:
+def natural_knobs(task: str, name: str) -> dict[str, float]:
+    """What it drives a task with on natural soils: its own knobs, or those of `speed`."""
     found = natural_tuned.SETTINGS
     return found.get((task, name, "common"), found[_SEARCHED, name, "common"])

@@ -14,6 +14,7 @@ from agents.benchmark import natural_tune, study
 from agents.benchmark.natural_tune import NaturalTuneArgs, Stage, search, tune_common, write_settings
 from agents.controllers import natural_tuned
 from agents.controllers.nmpc import NmpcSettings
+from offroad_env.errors import InvalidParameter
 
 ARGS = NaturalTuneArgs(stages=(Stage(8, 4), Stage(2, 6)))
 
@@ -84,8 +85,16 @@ def test_what_was_found_is_written_and_the_rest_is_kept(driven, tmp_path):
     assert written["__doc__"] == natural_tuned.__doc__
 
 
-@pytest.mark.parametrize("agent", ["nmpc_truth", "oracle"])
-def test_episodes_that_were_driven_with_other_knobs_do_not_count(monkeypatch, agent):
-    before = study._stamp("speed", agent, "natural")
+@pytest.mark.parametrize(
+    ("agent", "task"), [("nmpc_truth", "speed"), ("nmpc_truth", "track"), ("oracle", "speed")]
+)
+def test_episodes_that_were_driven_with_other_knobs_do_not_count(monkeypatch, agent, task):
+    """On tasks without knobs of its own, model-predictive control drives with those of `speed`."""
+    before = study._stamp(task, agent, "natural")
     monkeypatch.setitem(natural_tuned.SETTINGS, ("speed", agent, "common"), {"brake_share": 0.123})
-    assert study._stamp("speed", agent, "natural") != before
+    assert study._stamp(task, agent, "natural") != before
+
+
+def test_predictive_knobs_are_searched_for_one_task_alone(driven):
+    with pytest.raises(InvalidParameter, match="speed"):
+        natural_tune.tune_predictive(replace(ARGS, task="brake"))
