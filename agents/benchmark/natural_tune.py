@@ -105,6 +105,7 @@ class Found(NamedTuple):
 
     settings: dict[str, float]
     score: float  #: mean of the last stage's training episodes
+    episodes: int = 0  #: that were driven; none where it was not searched
 
 
 def _made(arm: str, task: str, settings: Mapping[str, float]) -> Arm:
@@ -125,7 +126,7 @@ def search(arm: str, candidates: Sequence[Mapping[str, float]], args: NaturalTun
         )
         merits = [merit(found[i].scores, found[i].success, args.most_failures) for i in jobs]
         left = [left[i] for i in sorted(jobs, key=merits.__getitem__)]
-    return Found(dict(left[0]), min(merits)[1])
+    return Found(dict(left[0]), min(merits)[1], args.budget)
 
 
 def _sample(box: Box, args: NaturalTuneArgs) -> list[dict[str, float]]:
@@ -179,8 +180,10 @@ def write_settings(path: Path, args: NaturalTuneArgs, found: Mapping[tuple[str, 
     runs, table = dict(held["RUNS"]), dict(held["SETTINGS"])
     for (arm, knobs), result in found.items():
         table[args.task, arm, knobs] = result.settings
-        score = "not searched" if np.isnan(result.score) else f"{result.score:.4g} in training"
-        runs[f"{args.task} {arm} {knobs}"] = f"seed {args.seed}, {args.budget} episodes: {score}"
+        score = f"{result.episodes} episodes: {result.score:.4g} in training"
+        runs[f"{args.task} {arm} {knobs}"] = (
+            f"seed {args.seed}, {score}" if result.episodes else "not searched"
+        )
     lines = [str(natural_tuned.__doc__).join(('"""', '"""')), "", "from __future__ import annotations", ""]
     lines += ['__all__ = ["RUNS", "SETTINGS"]', "", "#: (task arm knobs) -> the search, with its mean score."]
     lines += ["RUNS: dict[str, str] = {", *(f'    "{key}": "{runs[key]}",' for key in sorted(runs)), "}", ""]

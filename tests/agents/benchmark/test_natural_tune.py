@@ -74,14 +74,14 @@ def test_who_fails_too_often_is_not_the_best_however_fast(driven, most, best):
 def test_what_was_found_is_written_and_the_rest_is_kept(driven, tmp_path):
     path = tmp_path / "tuned.py"
     path.write_text(Path(natural_tuned.__file__).read_text(encoding="utf-8"), encoding="utf-8")
-    found = {("nmpc_truth", "common"): natural_tune.Found({"margin": 0.5}, 30.0)}
+    found = {("nmpc_truth", "common"): natural_tune.Found({"margin": 0.5}, 30.0, 44)}
     write_settings(path, ARGS, found)
     written = runpy.run_path(str(path))
     assert written["SETTINGS"] == {
         **natural_tuned.SETTINGS,
         ("speed", "nmpc_truth", "common"): {"margin": 0.5},
     }
-    assert written["RUNS"]["speed nmpc_truth common"].endswith("30 in training")
+    assert written["RUNS"]["speed nmpc_truth common"] == "seed 0, 44 episodes: 30 in training"
     assert written["__doc__"] == natural_tuned.__doc__
 
 

@@ -204,6 +204,13 @@ def test_where_the_rough_solver_errs_otherwise_at_the_ends_of_a_difference_all_a
     assert np.array_equal(there.state_columns(), exact.state_columns()) is noisy
 
 
+@pytest.mark.parametrize(("jitter", "noisy"), [(0.55, False), (0.8, True)])
+def test_an_error_that_is_little_beside_the_change_itself_is_none(jitter, noisy):
+    run = _Jittery(jitter=jitter)
+    run.nuisances = tuple(replace(nuisance, step=0.3) for nuisance in run.nuisances)
+    assert _start(run).linearisation._noisy is noisy
+
+
 def test_a_fit_ends_at_the_minimum_although_the_rough_solver_jitters():
     fit = GaussNewton().descend(_start(_Jittery(jitter=0.3)))
     assert fit.nuisances == pytest.approx([0.3, -0.2], abs=1e-3)
