@@ -28,8 +28,8 @@ _QUADRATIC = np.array([200.0, 100.0, 100.0, 10.0])
 #: the duration of the plan times it: at a lower cost the bound would be broken in every plan.
 _FINAL_SPEED = 4.0
 _FAR = float("inf")
-#: Largest rate of the drive [m/s^3].
-_PUSH_RATE = 12.0
+#: Largest rate of the drive [m/s^3], and the share of it with which what a bound excludes now must end.
+_PUSH_RATE, _RETURN = 12.0, 0.9
 
 
 class Limits(NamedTuple):
@@ -179,7 +179,7 @@ class Programme:
         defect[0] -= A[0] @ start
         offset = slips.T - np.einsum("kij,kj->ki", G, states[1:])
         low, high = self._row_bounds(defect, offset, states[1:, _S], limits)
-        lowest, highest = self._bounds(limits)
+        lowest, highest = self._bounds(start, limits)
         found = self._solver(
             h=self._H,
             g=self._g,
@@ -240,14 +240,23 @@ class Programme:
         high[at.bounds[:, 6]] = _speeds(way, limits)
         return low, high
 
-    def _bounds(self, limits: Limits) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of the unknowns."""
+    def _bounds(self, start: np.ndarray, limits: Limits) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of the unknowns.
+
+        What is believed of the soil may change within a decision, the drive may not: where its command in
+        ``start`` is beyond a bound, the bound comes to it as fast as the drive can follow. Else no plan would
+        exist, for as long as the last one drives on.
+        """
         at = self._layout
+        command = start[_PUSH_COMMAND]
+        way_back = _RETURN * _PUSH_RATE * self._horizon.dt * np.arange(1, self._horizon.stages + 1)
+        brake = np.minimum(limits.brake, command + way_back)
+        push = np.maximum(limits.push, command - way_back)
         low, high = (np.full(at.unknowns, end) for end in (-_FAR, _FAR))
         low[at.slacks] = 0.0
         for place, lowest, highest in (
             (at.states[:, _STEER_COMMAND], -limits.steer, limits.steer),
-            (at.states[:, _PUSH_COMMAND], limits.brake, limits.push),
+            (at.states[:, _PUSH_COMMAND], brake, push),
             (at.inputs[:, 0], -limits.steer_rate, limits.steer_rate),
             (at.inputs[:, 1], -_PUSH_RATE, _PUSH_RATE),
         ):

@@ -24,12 +24,21 @@ from offroad_env.errors import SolverFailure
 from offroad_env.physics.records import Vehicle
 from offroad_env.simulation.soil_holds import REFERENCE_SPEED
 
-__all__ = ["COORDINATES", "Coordinate", "PopulationDriver", "believe_limit", "population_limits"]
+__all__ = [
+    "COORDINATES",
+    "Coordinate",
+    "PopulationDriver",
+    "believe_limit",
+    "population_limits",
+    "population_range",
+]
 
 #: Soils of which the table is made, and the seed they are drawn with; not those of any benchmark.
 _SOILS, _SEED = 60, 90210
 #: Places of the table, by quantile: the ends hold what 2 % of the soils exceed.
 _NODES, _ENDS = 13, (0.02, 0.98)
+#: Weaker soils, as shares of the lower end: who knows that a soil holds less drives by what it holds.
+_WEAKER = (0.25, 0.5, 0.75)
 #: Width of the average over neighbouring soils, as a share of the table [-].
 _WIDTH = 0.08
 _LATERAL_ANGLE = np.radians(15.0)
@@ -92,20 +101,37 @@ def population_limits(vehicle: Vehicle, laws: WheelLaws, coordinate: Coordinate)
     """The limits of soils that have a coordinate in common, over that coordinate; cached.
 
     A row is the mean of the soils nearby, weighted by a normal kernel; its side forces, or its braking, are
-    then scaled to the coordinate itself.
+    then scaled to the coordinate itself. Below `population_range` all that the weakest row holds is scaled.
     """
     rows = _rows(vehicle, laws)
     values = np.array([_value(coordinate, row) for row in rows])
-    low, high = np.quantile(values, _ENDS)
-    nodes = np.linspace(low, max(high, low + 0.05), _NODES)
-    width = _WIDTH * (nodes[-1] - nodes[0])
+    low, high = population_range(vehicle, laws, coordinate)
+    nodes = np.linspace(low, high, _NODES)
+    width = _WIDTH * (high - low)
     merged = []
     for node in nodes:
         apart = (values - node) / width
         weights = np.exp(-0.5 * (apart**2 - (apart**2).min()))
         weights /= weights.sum()
         merged.append(_scaled(_mean(rows, weights), coordinate, float(node)))
-    return table_of(nodes, merged)
+    weaker = [_weakened(merged[0], share) for share in _WEAKER]
+    return table_of(np.append(low * np.array(_WEAKER), nodes), [*weaker, *merged])
+
+
+@lru_cache(maxsize=16)
+def population_range(vehicle: Vehicle, laws: WheelLaws, coordinate: Coordinate) -> tuple[float, float]:
+    """(low, high) of a coordinate over the soils of the population but for the extreme ones; cached."""
+    low, high = np.quantile([_value(coordinate, row) for row in _rows(vehicle, laws)], _ENDS)
+    return float(low), max(float(high), float(low) + 0.05)
+
+
+def _weakened(row: SoilRow, share: float) -> SoilRow:
+    """The row of a soil that holds a share of it in every direction and resists as much."""
+    return row._replace(
+        scalars=row.scalars * np.array([share, share, 1.0, 1.0]),
+        bends=row.bends * np.array([share, 1.0])[:, None, None],
+        pull=row.pull * share,
+    )
 
 
 def _mean(rows: Sequence[SoilRow], weights: np.ndarray) -> SoilRow:
@@ -174,8 +200,8 @@ class PopulationDriver:
 
     def reset(self, briefing: Any) -> None:
         """As `Agent`; the range of the coordinate takes the place of that of n."""
-        grid = self._table(briefing).grid
-        self.agent.reset(dataclasses.replace(briefing, n_range=(float(grid[0]), float(grid[-1]))))
+        ends = population_range(briefing.vehicle, self._laws, self._coordinate)
+        self.agent.reset(dataclasses.replace(briefing, n_range=ends))
 
     def act(self, observation: Observation) -> np.ndarray:
         """As `Agent`."""

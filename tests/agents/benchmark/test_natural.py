@@ -18,9 +18,10 @@ from agents.benchmark.natural import (
 from agents.benchmark.runner import ENV_ID, SPLITS, draw_episodes, run_episode
 from agents.controllers.arms import ArmSettings
 from agents.controllers.natural_arms import NATURAL_FORMS, NATURAL_LAWS, make_natural_arm
-from agents.controllers.population_limits import coordinate_of, population_limits
+from agents.controllers.population_limits import coordinate_of, population_limits, population_range
 from agents.controllers.pure_pursuit import PurePursuitAgent
 from estimators.filters.online_soil_belief import BELIEF_VECTOR
+from offroad_env.environment.env import OffroadBekkerEnv
 from offroad_env.environment.scenarios import BUILT_IN
 from offroad_env.environment.soil_draws import MeasuredSoils, surprise
 from offroad_env.errors import InvalidParameter
@@ -166,6 +167,25 @@ def test_tables_over_the_lateral_limit_agree_with_the_limit_of_single_soils():
         plant = make_plant(VEHICLE, soil, flat(), structure=NATURAL_LAWS.structure, tyre=NATURAL_LAWS.tyre)
         lateral = min(max(what_soil_holds(plant).lateral, table.grid[0]), table.grid[-1])
         assert table.lateral_limit(lateral, lateral, np.radians(15.0)) == pytest.approx(lateral, rel=0.1)
+
+
+@pytest.mark.parametrize("task", ["speed", "brake"])
+def test_the_tables_go_on_to_soils_that_hold_half_of_what_the_weakest_fiftieth_does(task):
+    """Who knows of such a soil drives by what it holds; a fixed limit stays a place among all."""
+    coordinate = coordinate_of(task)
+    table = population_limits(VEHICLE, NATURAL_LAWS, coordinate)
+    low, high = population_range(VEHICLE, NATURAL_LAWS, coordinate)
+    assert table.grid[0] < 0.3 * low < table.grid[-1] == pytest.approx(high)
+    for limit in (
+        lambda at: table.lateral_limit(at, at, np.radians(15.0)),
+        lambda at: table.braking_limit(at, at),
+    ):
+        assert limit(0.5 * low) == pytest.approx(0.5 * limit(low), rel=0.03)
+        assert limit(table.grid[0]) < 0.3 * limit(low)
+    env = OffroadBekkerEnv(**options_of(task, "natural"), terrain_info="none")
+    arm = make_natural_arm("conservative", scenario=task).agent
+    arm.reset(env.briefing)
+    assert arm.agent.believe(arm.agent._briefing, table, {}).mean == pytest.approx(low)
 
 
 def test_who_assumes_the_true_limits_crosses_earlier_than_who_assumes_the_lowest():

@@ -179,6 +179,17 @@ def test_a_speed_that_cannot_be_met_does_not_lead_a_plan_out_of_the_corridor(bri
     assert np.abs(states[:, E]).max() < 0.55 * briefing.corridor + 0.1
 
 
+def test_a_drive_beyond_what_the_soil_is_found_to_hold_is_taken_back(briefing, monkeypatch):
+    """A belief falls within a decision, the drive does not: there is a plan all the same, and it lets go."""
+    command = STATES.index("push_command")
+    problem, start, *args, limits = asked_of(briefing, monkeypatch, kappa=0.0, n=0.7, speed=5.0)[-1]
+    for driven, held in ((4.4, limits._replace(push=1.0)), (-4.4, limits._replace(brake=-1.0))):
+        start = start.copy()
+        start[[STATES.index("push"), command]] = driven
+        states, _ = Programme(Horizon()).solve(problem, start, *args, held)
+        assert held.brake - 0.01 < states[4:, command].min() <= states[4:, command].max() < held.push + 0.01
+
+
 @pytest.mark.parametrize("kappa", [0.0, 0.08])
 def test_the_plan_is_the_one_that_another_solver_finds(briefing, monkeypatch, kappa):
     for args in asked_of(briefing, monkeypatch, kappa=kappa, n=0.5, speed=8.0, replans=4)[1:]:
