@@ -18,7 +18,7 @@ RUNS: dict[str, str] = {
     "speed aware own": "seed 0, 440 episodes: 33.23 in training",
     "speed conservative common": "not searched",
     "speed conservative own": "seed 0, 440 episodes: 43.91 in training",
-    "speed nmpc_belief common": "seed 0, 200 episodes: 31.57 in training",
+    "speed nmpc_belief common": "seed 0, 200 episodes: 31.56 in training",
     "speed nmpc_nominal common": "seed 0, 240 episodes: 39.43 in training",
     "speed nmpc_truth common": "seed 0, 440 episodes: 29.38 in training",
     "speed nominal common": "seed 0, 240 episodes: 34.86 in training",
