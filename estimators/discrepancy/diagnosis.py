@@ -45,6 +45,8 @@ __all__ = ["SCREEN_RATE", "diagnose", "overlap_of", "split_runs"]
 SCREEN_RATE = 0.06
 #: The age of the pose, which the sensors determine before any fit: kind of a finding, and its channel.
 _OLD_POSE = ("clock", "yaw")
+#: How often the step of the solver is halved where it is not accurate enough for the scores.
+_HALVINGS = 2
 #: Effects that cannot be distinguished from what a log states as unknown.
 _NOT_JUDGED = {
     "imu.position": ("lever_arm_x", "lever_arm_z"),
@@ -142,6 +144,11 @@ class _Searched(NamedTuple):
     found: SearchResult
     solver_error: float
 
+    @property
+    def accurate(self) -> bool:
+        """Whether the solver is accurate enough for the scores, and the fit has converged."""
+        return self.found.extended.converged and self.solver_error <= solver_limit(self.found)
+
 
 def _searched(
     splits: dict[int, list[RunModel]],
@@ -176,18 +183,23 @@ def _refined(
     white: bool,
     progress: Callable[[str], None],
 ) -> _Searched:
-    """The search again by half the step, where that is needed and helps: a vehicle that crawls is stiff."""
-    if done.solver_error <= solver_limit(done.found) or SEARCH in failed:
-        return done
-    finer = {use: [run.refined() for run in runs] for use, runs in done.splits.items()}
-    try:
-        again = _searched(finer, allowed, failed, white=white, progress=progress)
-    except (SolverFailure, ArithmeticError, np.linalg.LinAlgError):
-        return done
-    if SEARCH in failed or again.solver_error >= done.solver_error:
-        failed.pop(SEARCH, None)
-        return done
-    return again
+    """The search again by half the step, or a quarter, where that is needed and helps.
+
+    A vehicle that crawls, or whose wheels grip and slip in turn, is stiff. Half the step may then err as much
+    in another place, and its search end elsewhere.
+    """
+    best, splits = done, done.splits
+    for _ in range(_HALVINGS):
+        if best.accurate or SEARCH in failed:
+            break
+        splits = {use: [run.refined() for run in runs] for use, runs in splits.items()}
+        try:
+            again = _searched(splits, allowed, failed, white=white, progress=progress)
+        except (SolverFailure, ArithmeticError, np.linalg.LinAlgError):
+            continue
+        if failed.pop(SEARCH, None) is None and (again.accurate or again.solver_error < best.solver_error):
+            best = again
+    return best
 
 
 def _completed(

@@ -1,0 +1,61 @@
+"""A search that its solver spoils is repeated by half the step, then by a quarter."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimators.discrepancy import diagnosis
+from estimators.discrepancy.verdict import SEARCH
+from offroad_env.errors import SolverFailure
+
+
+def searched(error, *, converged=True):
+    """What a search leaves behind, by the error of its solver."""
+    first = SimpleNamespace(z=np.array([2.0, 5.0]))  # a tenth of the largest is below the absolute limit of 1
+    found = SimpleNamespace(extended=SimpleNamespace(converged=converged), first=first)
+    return diagnosis._Searched({}, None, {}, found, error)
+
+
+ACCURATE, ROUGH, ROUGHER = searched(0.9), searched(1.1), searched(2.0)
+LOST = searched(0.1, converged=False)
+FAILS = SolverFailure("the simulation fails")
+
+
+@pytest.mark.parametrize(
+    ("first", "then", "expected"),
+    [
+        (ACCURATE, [], ACCURATE),
+        (ROUGH, [ACCURATE], ACCURATE),
+        (LOST, [ACCURATE], ACCURATE),
+        (ROUGH, [FAILS, ACCURATE], ACCURATE),
+        (ROUGH, [ROUGHER, ACCURATE], ACCURATE),
+        (ROUGH, ["search fails", ACCURATE], ACCURATE),
+        (ROUGHER, [ROUGH, FAILS], ROUGH),
+        (ROUGH, [ROUGHER, FAILS], ROUGH),
+        (ROUGH, [FAILS, FAILS], ROUGH),
+    ],
+)
+def test_the_first_accurate_search_counts_else_the_least_wrong(monkeypatch, first, then, expected):
+    failed, left, steps = {}, list(then), []
+    run = SimpleNamespace(step=1.0)
+    run.refined = lambda: SimpleNamespace(step=0.5, refined=lambda: SimpleNamespace(step=0.25))
+
+    def again(splits, allowed, failed, *, white, progress):
+        steps.append(splits["fit"][0].step)
+        outcome = left.pop(0)
+        if isinstance(outcome, SolverFailure):
+            raise outcome
+        if outcome == "search fails":
+            failed[SEARCH] = "a crash"
+            return ROUGHER
+        return outcome
+
+    monkeypatch.setattr(diagnosis, "_searched", again)
+    done = first._replace(splits={"fit": [run]})
+    found = diagnosis._refined(done, [], failed, white=False, progress=lambda _: None)
+    assert found.found is expected.found
+    assert steps == [0.5, 0.25][: len(then)]
+    assert not failed
