@@ -4,13 +4,16 @@ A pickle names the classes of what it holds, and functions that make them; readi
 any function there is. Here names are taken from a list: arrays and generators of NumPy, spaces of Gymnasium,
 statistics and buffers of stable-baselines3, and classes of the parts of this project that an environment is
 made of. Of these only a few are called, which run no command, import no module by name and open no file; of
-all other classes empty objects are made, whose fields are then set, so that no constructor runs.
+all other classes empty objects are made, whose fields are then set, so that no constructor runs. Neither a
+class is changed, nor does a field stand for a method that reading would call.
 """
 
 from __future__ import annotations
 
+import inspect
 import io
 import pickle
+from collections import deque
 from collections.abc import Callable, Mapping
 from pickle import _Unpickler as PlainUnpickler  # the one written in Python, whose steps can be replaced
 from typing import Any, ClassVar
@@ -102,11 +105,47 @@ class _Reader(PlainUnpickler):
             raise pickle.UnpicklingError("it ends within an array")
         self.append(bytearray(self.read(length)))  # type: ignore[attr-defined]
 
+    def load_build(self) -> None:
+        """Set the fields of an object, none of which stands for a method of it or of its class."""
+        built, state = self.stack[-2:]  # type: ignore[attr-defined]
+        if isinstance(built, type) or inspect.isroutine(built):
+            raise pickle.UnpicklingError("it changes a class or a function")
+        for fields in state if isinstance(state, tuple) else (state,):
+            special = [key for key in fields if str(key).startswith("__")] if isinstance(fields, dict) else []
+            if special:
+                raise pickle.UnpicklingError(f"it sets {special[0]}"[:160])
+        super().load_build()  # type: ignore[misc]
+
+    def load_append(self) -> None:
+        """Put an item into a list."""
+        self._check_filled(self.stack[-2])  # type: ignore[attr-defined]
+        super().load_append()  # type: ignore[misc]
+
+    def load_appends(self) -> None:
+        """Put items into a list."""
+        self._check_filled(self.metastack[-1][-1])  # type: ignore[attr-defined]
+        super().load_appends()  # type: ignore[misc]
+
+    def load_additems(self) -> None:
+        """Put items into a set."""
+        self._check_filled(self.metastack[-1][-1])  # type: ignore[attr-defined]
+        super().load_additems()  # type: ignore[misc]
+
+    @staticmethod
+    def _check_filled(filled: Any) -> None:
+        """In other objects than these a field could stand for the method that takes the items."""
+        if type(filled) not in (list, deque, set):
+            raise pickle.UnpicklingError("it fills what is neither a list nor a set")
+
     def load_refused(self) -> None:
         """What calls a constructor in other ways than a state of a run needs."""
         raise pickle.UnpicklingError("it is written in another way")
 
     dispatch[pickle.REDUCE[0]] = load_reduce
+    dispatch[pickle.BUILD[0]] = load_build
+    dispatch[pickle.APPEND[0]] = load_append
+    dispatch[pickle.APPENDS[0]] = load_appends
+    dispatch[pickle.ADDITEMS[0]] = load_additems
     dispatch[pickle.BYTEARRAY8[0]] = load_bytearray
     for _code in (pickle.INST, pickle.OBJ, pickle.NEWOBJ_EX, pickle.EXT1, pickle.EXT2, pickle.EXT4):
         dispatch[_code[0]] = load_refused

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from offroad_env.physics import state as at
@@ -49,6 +50,7 @@ __all__ = [
     "contact_options",
     "contact_shape",
     "readings_size",
+    "slope_motion",
     "soil_at",
     "soil_under",
     "state_size",
@@ -202,6 +204,16 @@ def soil_under(plant: Plant, readings: FloatArray) -> Soil:
 def contact_options(plant: Plant) -> ContactOptions:
     """How the plant's contacts are computed."""
     return ContactOptions(plant.v_eps, plant.resultant, plant.fine)
+
+
+@inline_kernel
+def slope_motion(motion: AxleMotion, rim_speed: float) -> WheelMotion:
+    """Velocities in the slope of the ground, of a hub that moves horizontally with ``motion``."""
+    g_l, g_c = motion.g_l, motion.g_c
+    q_l = math.sqrt(1.0 + g_l * g_l)
+    v_l = motion.u_l * q_l + g_l * g_c * motion.u_c / q_l
+    v_c = motion.u_c * math.sqrt(q_l * q_l + g_c * g_c) / q_l
+    return WheelMotion(rim_speed, v_l, v_c)
 
 
 @inline_kernel

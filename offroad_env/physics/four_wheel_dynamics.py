@@ -25,6 +25,7 @@ from offroad_env.physics.axle import (
     Velocity,
     axle_motion,
     borne_contact,
+    slope_motion,
     suspension_load,
 )
 from offroad_env.physics.contact import ContactFrame, Support, slope_frame
@@ -48,7 +49,6 @@ from offroad_env.physics.full_dynamics import (
     body_forces,
     body_motion,
     resisting_torque,
-    slope_motion,
     unreacted_arm,
 )
 from offroad_env.physics.hooks import change_load

@@ -16,7 +16,6 @@ from typing import NamedTuple
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
 from offroad_env.physics.axle import (
-    AxleMotion,
     AxleStance,
     Directions,
     Plant,
@@ -24,6 +23,7 @@ from offroad_env.physics.axle import (
     Velocity,
     axle_contact,
     axle_motion,
+    slope_motion,
     static_loads,
     suspension_force,
     suspension_load,
@@ -38,7 +38,6 @@ from offroad_env.physics.records import (
     SpringState,
     Structure,
     Vehicle,
-    WheelMotion,
 )
 from offroad_env.physics.ruts import follow_rut
 
@@ -51,7 +50,6 @@ __all__ = [
     "body_motion",
     "half_car_derivative",
     "resisting_torque",
-    "slope_motion",
     "unreacted_arm",
 ]
 
@@ -78,16 +76,6 @@ class AxlePush(NamedTuple):
     F_s: float  #: of the suspension, relative to static equilibrium, up [N]
     V: float  #: vertical force on the wheels [N]
     arm: float  #: of the horizontal forces, ahead of the CG [m]
-
-
-@inline_kernel
-def slope_motion(motion: AxleMotion, rim_speed: float) -> WheelMotion:
-    """Velocities in the slope of the ground, of a hub that moves horizontally with ``motion``."""
-    g_l, g_c = motion.g_l, motion.g_c
-    q_l = math.sqrt(1.0 + g_l * g_l)
-    v_l = motion.u_l * q_l + g_l * g_c * motion.u_c / q_l
-    v_c = motion.u_c * math.sqrt(q_l * q_l + g_c * g_c) / q_l
-    return WheelMotion(rim_speed, v_l, v_c)
 
 
 @merged_kernel

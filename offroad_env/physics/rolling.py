@@ -7,7 +7,15 @@ from typing import NamedTuple
 
 from offroad_env.physics import state as at
 from offroad_env.physics._jit import inline_kernel, kernel, merged_kernel
-from offroad_env.physics.axle import AxleMotion, AxleReaction, AxleStance, Plant, axle_contact, soil_under
+from offroad_env.physics.axle import (
+    AxleMotion,
+    AxleReaction,
+    AxleStance,
+    Plant,
+    axle_contact,
+    slope_motion,
+    soil_under,
+)
 from offroad_env.physics.contact import Support
 from offroad_env.physics.records import FloatArray, Structure, Wheel, WheelMotion
 from offroad_env.physics.ruts import Place, prefill_track, track_spacing
@@ -24,19 +32,23 @@ class Rolling(NamedTuple):
     N_0: float  #: load [N]
 
 
+@inline_kernel
+def _turning(plant: Plant, motion: AxleMotion, rim: float) -> WheelMotion:
+    """Velocities of a wheel along the ground; the paper's model knows no slopes."""
+    if plant.resultant < 0.5:
+        return WheelMotion(rim, motion.u_l, motion.u_c)
+    return slope_motion(motion, rim)
+
+
 @kernel
 def rest_reaction(
     plant: Plant, axle: Rolling, rim: float, warm: FloatArray, readings: FloatArray
 ) -> AxleReaction:
-    """Reaction of an axle whose wheels turn at the rim speed ``rim`` [m/s].
-
-    The paper's model knows no slopes.
-    """
-    motion = axle.motion
+    """Reaction of an axle whose wheels turn at the rim speed ``rim`` [m/s]."""
+    motion, turning = axle.motion, _turning(plant, axle.motion, rim)
     g_l, g_c = motion.g_l, motion.g_c
     if plant.resultant < 0.5:
         g_l = g_c = 0.0
-    turning = WheelMotion(rim, motion.u_l, motion.u_c)
     stance = AxleStance(motion.x, motion.y, motion.H, g_l, g_c, axle.arm)
     support = Support(axle.N_0, 0.0, plant.vehicle.wheels_per_axle)
     return axle_contact(plant, turning, stance, support, warm, readings)
@@ -48,10 +60,10 @@ def rolling_rim(plant: Plant, axle: Rolling, warm: FloatArray, readings: FloatAr
 
     Regula falsi with halving (Illinois) between 0.5 and 1.5 of the travel speed.
     """
-    u_l = axle.motion.u_l
-    if u_l <= 0.0:
+    v_l = _turning(plant, axle.motion, 0.0).v_l
+    if v_l <= 0.0:
         return 0.0
-    low, high, T_low, T_high = 0.5 * u_l, 1.5 * u_l, math.nan, math.nan
+    low, high, T_low, T_high = 0.5 * v_l, 1.5 * v_l, math.nan, math.nan
     rim, side = low, 0.0
     for _ in range(80):
         T = rest_reaction(plant, axle, rim, warm, readings).torque
@@ -60,7 +72,7 @@ def rolling_rim(plant: Plant, axle: Rolling, warm: FloatArray, readings: FloatAr
             continue
         if math.isnan(T_high):
             T_high = T
-        elif abs(T) < 1e-9 * axle.N_0 or high - low < 1e-12 * u_l:
+        elif abs(T) < 1e-9 * axle.N_0 or high - low < 1e-12 * v_l:
             break
         elif T > 0.0:
             high, T_high = rim, T

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 from fuzz_corpus import checkpoint_file
 
+from agents.controllers.keyboard import KeyboardAgent
 from agents.learning.checkpoint import CHECKPOINT, read_checkpoint
-from agents.learning.policies import learned_folder, load_policy
+from agents.learning.policies import Network, learned_folder, load_policy
 from agents.learning.restricted_pickle import pack, unpack
 from agents.learning.train import TrainArgs, train
 from offroad_env.environment.scenarios import SCENARIOS
@@ -51,6 +52,31 @@ def test_a_payload_runs_in_an_ordinary_pickle_and_not_here(tmp_path):
         with pytest.raises(DataError, match=r"it names|has no attribute"):
             unpack(content, "x", SCENARIOS["speed"])
     assert not marks[1].exists()
+
+
+_OWN_CLASS = b"cagents.controllers.keyboard\nKeyboardAgent\n"
+_OTHER = b"cagents.learning.policies\nNetwork\n"
+_EMPTY = _OWN_CLASS + b")\x81"
+#: Fields that would stand for methods, of an object or of a class: another class is called through them.
+DISGUISED = {
+    "how an object takes its state": _EMPTY + b"}\x8c\x0c__setstate__" + _OTHER + b"sb\x8c\x03abcb.",
+    "the same in slots": _EMPTY + b"N}\x8c\x0c__setstate__" + _OTHER + b"s\x86b\x8c\x03abcb.",
+    "a method of a class": _OWN_CLASS + b"N}\x8c\x03act" + _OTHER + b"s\x86b.",
+    "how a list grows by one": _EMPTY + b"}\x8c\x06append" + _OTHER + b"sb\x8c\x03abca.",
+    "how a list grows": _EMPTY + b"}\x8c\x06extend" + _OTHER + b"sb(\x8c\x03abce.",
+    "how a set grows": _EMPTY + b"}\x8c\x03add" + _OTHER + b"sb(\x8c\x03abc\x90.",
+}
+
+
+@pytest.mark.parametrize("content", DISGUISED.values(), ids=DISGUISED)
+def test_no_field_stands_for_a_method(content, monkeypatch):
+    called = []
+    monkeypatch.setattr(Network, "__init__", lambda self, *given: called.append(given))
+    act = KeyboardAgent.act
+    with pytest.raises(DataError, match=r"it sets __|changes a class|fills what is neither"):
+        unpack(content, "x", SCENARIOS["speed"])
+    assert not called
+    assert KeyboardAgent.act is act
 
 
 GREEDY = {
