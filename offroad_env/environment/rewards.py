@@ -87,7 +87,7 @@ class RewardWeights:
     time: float = 0.2  #: per second
     cross_track: float = 0.2  #: per second at the edge of the corridor, quadratic
     speed_error: float = 0.1  #: per second and (m/s)^2 away from the target speed, saturating
-    smoothness: float = 0.05  #: per unit of squared change of the action
+    smoothness: float = 0.05  #: per second and unit of squared change of the action
     goal: float = 10.0  #: once, on arrival
 
     def failure(self, time_limit: float) -> float:

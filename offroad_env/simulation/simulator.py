@@ -214,7 +214,7 @@ def settled_state(
     Returns
     -------
     tuple of two ndarrays
-        State (15,) and warm start (2, 3); with four wheels (19,) and (4, 3).
+        State (15,) and contact state (2, columns); with four wheels (19,) and (4, columns): `contact_shape`.
 
     Raises
     ------

@@ -204,7 +204,7 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     _many_wheels(soil, wheel, values, by_load, resultant, laws, out, status)
     _require_support(wheel, values, status if errors == "raise" else status[:0])
     out[status >= SUNK] = np.nan
-    if flexible is not None:
+    if flexible is not None and soil.rigid < 0.5:  # hard ground acts on the unloaded circle
         out[:, 3] *= 1.0 - flexible.rolling * out[:, 8] / wheel.r
     return WheelForces(*(out[:, i].reshape(shape) for i in range(_COLUMNS)))
 

@@ -96,7 +96,8 @@ def test_the_base_model_has_no_effects_and_inactive_rows_change_rounding_at_most
     base = _drive(setup)
     rows = np.zeros_like(apply(setup, [("grade", {"slope": 0.1})]).plant.effects)
     idle = Setup(plant=setup.plant._replace(effects=rows), mount=setup.mount)
-    assert np.max(np.abs(_drive(idle) - base)) < 1e-9
+    # Rounding of 1e-16 changes where the contact's iterations end, within their tolerance.
+    assert np.max(np.abs(_drive(idle) - base)) < 1e-6
 
 
 @pytest.mark.parametrize("name", [name for name in _ON_VEHICLES if name not in _RECEIVED])
@@ -133,7 +134,7 @@ def test_effects_act_in_the_papers_model_too(name):
 
 
 def test_one_sided_braking_turns_the_vehicle_as_much_where_the_drive_is_a_force():
-    """A quarter of share, braking force and track, as from a brake torque; driving forces have no side."""
+    """Left brakes give 0.7, right ones 0.3 of it, as from a brake torque; driving forces have no side."""
     setup = apply(_setup("paper"), [("one_sided_brake", {"share": 0.4})])
     state, _ = settled_state(_setup("paper").plant, v_x=4.0)
     vehicle, turn = setup.plant.vehicle, []
@@ -143,7 +144,7 @@ def test_one_sided_braking_turns_the_vehicle_as_much_where_the_drive_is_a_force(
             warm = np.zeros(contact_shape(plant.structure))
             paper_derivative(state, (0.0, force, np.nan), plant, warm, change, readings)
             turn.append(change[at.YAW_RATE])
-    moment = 0.25 * 0.4 * 800.0 * vehicle.track
+    moment = (0.7 - 0.3) * 800.0 * 0.5 * vehicle.track
     assert turn[0] - turn[2] == pytest.approx(moment / vehicle.I_z, rel=1e-6)
     assert turn[1] == pytest.approx(turn[3], abs=1e-12)
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["forward_map_figure", "information_figure", "phase_figure", "roots_figure"]
 
 #: Okabe & Ito.
-_BLUE, _ORANGE, _GREEN, _RED, _PINK = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7"
+_BLUE, _ORANGE, _GREEN, _RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 _TRUE_N = 0.5
 
 

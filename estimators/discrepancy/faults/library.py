@@ -216,7 +216,7 @@ def _uneven_brakes(share: float) -> Faults:
 
     def force(x: np.ndarray, plant: Plant) -> Push:
         v = plant.vehicle
-        more_left = 0.5 * share * x[at.BRAKE] / v.r * min(max(x[at.V_X] / 0.2, -1.0), 1.0)
+        more_left = share * x[at.BRAKE] / v.r * min(max(x[at.V_X] / 0.2, -1.0), 1.0)
         return 0.0, 0.0, 0.5 * v.track * more_left
 
     return body_force(force)
@@ -225,7 +225,8 @@ def _uneven_brakes(share: float) -> Faults:
 def _rut_drag(stress: float) -> Faults:
     def force(axle: np.ndarray, plant: Plant) -> Push:
         rolling = min(max(axle[at.V_L] / 0.2, -1.0), 1.0)
-        return -4.0 * stress * plant.vehicle.r * axle[at.SINKAGE] * rolling, 0.0, 0.0
+        walls = 2.0 * plant.vehicle.wheels_per_axle * plant.vehicle.r * axle[at.SINKAGE]
+        return -stress * walls * rolling, 0.0, 0.0
 
     return wheel_forces(force)
 

@@ -7,10 +7,10 @@ end, in brackets or as a suffix, is taken off. The first rule whose words are al
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from estimators.logs.schema import ALL_COLUMNS, REFERENCE, VEHICLE_INPUTS, nearest, plain_unit
+from estimators.logs.schema import ALL_COLUMNS, VEHICLE_INPUTS, plain_unit
 from estimators.logs.unit_conversion import conversion
 from offroad_env.errors import InvalidParameter
 
@@ -82,7 +82,6 @@ def _rule(column: str, *wanted: str, without: str = "") -> tuple[str, frozenset[
 
 
 _NO_RATE = "rate velocity angular accel gyro speed"
-_ANGULAR = "x y z"
 #: (column, words that must be there, words that must not); the first that fits.
 _RULES = (
     *(_rule(f"q_{axis}", "quaternion", axis) for axis in "wxyz"),
@@ -341,8 +340,3 @@ def _foreign(unit: str | None, column: str) -> str | None:
     except InvalidParameter:
         return None
     return unit if found.factor != 1.0 or found.over_radius else None
-
-
-def misspelt(name: str, known: Mapping[str, object]) -> str | None:
-    """The column that a name resembles so much that it may be a misspelling; references resemble none."""
-    return None if name.startswith(REFERENCE) else nearest(name, known)

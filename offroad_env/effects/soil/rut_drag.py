@@ -19,7 +19,7 @@ _SLOW = 0.2
 @inline_kernel
 def _law(forces: AxleForces, row: FloatArray, motion: WheelMotion, contact: AxleContact) -> AxleForces:
     stress = row[0]
-    area = 4.0 * contact.r * contact.sinkage  # two walls of two ruts, each a wheel radius long
+    area = 2.0 * contact.wheels * contact.r * contact.sinkage  # two walls a rut, each a wheel radius long
     return replace(forces, F_x=forces.F_x - stress * area * math.tanh(motion.v_l / _SLOW))
 
 

@@ -19,7 +19,8 @@ _SLOW = 0.2
 @inline_kernel
 def _law(forces: BodyForces, row: FloatArray, x: FloatArray, vehicle: Vehicle) -> BodyForces:
     share = row[0]
-    moment = 0.5 * share * forces.brake / vehicle.r * 0.5 * vehicle.track * math.tanh(x[at.V_X] / _SLOW)
+    # The left brakes give (1 + share) / 2 of the braking force, the right ones (1 - share) / 2.
+    moment = share * forces.brake / vehicle.r * 0.5 * vehicle.track * math.tanh(x[at.V_X] / _SLOW)
     return replace(forces, M_z=forces.M_z + moment)
 
 
@@ -28,7 +29,7 @@ EFFECT = Effect(
     family="longitudinal",
     hook="body force",
     size=Parameter(name="share", unit="-", low=-1.0, high=1.0),
-    plausible=lambda vehicle: 0.5,
+    plausible=lambda vehicle: 0.25,
     sentence="the left brakes take {size} more than their share",
     source="definition: moment of unequal brake forces at half the track",
     look_alikes=("yaw_moment", "steer_offset"),
