@@ -51,13 +51,13 @@ def settle(
     x[at.X], x[at.Y], x[at.YAW], x[at.V_X] = X, Y, yaw, v_x
     loads, direction = static_loads(v), sin_cos(yaw)
     worst = CONTACT
-    # A pitched body carries its axles ahead of where they are on level ground.
-    for _ in range(_PASSES if plant.half_car > 0.5 else 1):
+    # A pitched body carries its contacts ahead of where they are on level ground; not in the paper's model.
+    carried = plant.half_car > 0.5 and plant.resultant > 0.5
+    for _ in range(_PASSES if carried else 1):
         heights, rates = np.zeros(2), np.zeros(2)
         worst, warm[:] = CONTACT, 0.0
-        forward = v_x
-        lead = 0.0
-        if plant.half_car > 0.5:
+        forward, lead = v_x, 0.0
+        if carried:
             lead = v.h_cg * math.sin(x[at.PITCH])
             forward += v.h_cg * math.cos(x[at.PITCH]) * x[at.PITCH_RATE]
         for i in range(2):

@@ -8,9 +8,11 @@ import pytest
 from offroad_env import SOILS, VEHICLES, make_plant, settled_state
 from offroad_env.physics import state as at
 from offroad_env.physics.full_vehicle import full_derivative
+from offroad_env.physics.paper_vehicle import paper_derivative
 from offroad_env.physics.records import Ground
 
 MODELS = ("half_car", "four_wheel")
+PAPER = "paper"
 
 
 def plane(slope):
@@ -21,6 +23,12 @@ def plane(slope):
 def start(model, slope, n=0.6):
     """State, its derivative and readings of the first instant at 4 m/s."""
     soil = SOILS["dry_sand"]._replace(n=n)
+    if model == PAPER:
+        plant = make_plant(VEHICLES["mrzr"], soil, plane(slope), model=PAPER)
+        x, warm = settled_state(plant, v_x=4.0)
+        change, readings = np.zeros_like(x), np.zeros(at.READINGS_SIZE)
+        paper_derivative(x, (0.0, 0.0, np.nan), plant, warm, change, readings)
+        return x, change, readings
     plant = make_plant(VEHICLES["mrzr"], soil, plane(slope), vehicle_model=model)
     x, warm = settled_state(plant, v_x=4.0)
     change = np.zeros_like(x)
@@ -30,7 +38,7 @@ def start(model, slope, n=0.6):
 
 
 @pytest.mark.parametrize("slope", [-0.3, 0.0, 0.2])
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", [*MODELS, PAPER])
 def test_on_a_slope_the_first_vertical_acceleration_reveals_no_soil(model, slope):
     for n in (0.6, 1.1):
         _, change, _ = start(model, slope, n)
