@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
 
 from estimators.discrepancy.checks.misfit import driving_regimes, driving_states, rows_of_channel
 from estimators.discrepancy.model.autoregressive_noise import white_deviation
@@ -63,7 +62,7 @@ def regime_rests(fit: FitResult) -> tuple[RegimeRest, ...]:
         wide = variance_inflation(cleared, fit.null.white, inside, fit.problem.nuisance_information)
     z = score / np.sqrt(own * wide)
     cosines = _cosines(joint, len(fit.sizes))
-    p_values = np.minimum(2.0 * norm.sf(np.abs(z)) * len(z), 1.0)
+    p_values = np.minimum(fit.tail(z) * len(z), 1.0)
     found = (
         RegimeRest(
             channel=labels[i][0],

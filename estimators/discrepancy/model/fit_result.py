@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student_t
 
 from estimators.discrepancy.model.linearisation import Jacobian, Linearisation
 from estimators.discrepancy.model.normal_equations import (
@@ -40,6 +42,15 @@ class FitResult:
     stalled: bool = False  #: the last descent ended although its equations predicted a lower cost
     converged: bool = False  #: point and noise settled at a minimum
     null: NullSample | None = None  #: residuals of null simulations, on unknown roads
+
+    def tail(self, z: np.ndarray | float) -> np.ndarray:
+        """Two-sided probability of scores as large as ``z`` [standard deviations] without an effect.
+
+        Where the variance of scores is that of K null simulations, its own error makes their law that of
+        Student's t with K degrees; else it is normal.
+        """
+        law = norm if self.null is None else student_t(self.null.white.shape[1])
+        return np.asarray(2.0 * law.sf(np.abs(z)))
 
     # ------------------------------------------------------------------ parts by name
 

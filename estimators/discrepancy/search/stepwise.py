@@ -7,7 +7,6 @@ from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
 
 from estimators.discrepancy.model.fit import fitted_afresh, settled
 from estimators.discrepancy.model.fit_result import FitResult
@@ -474,5 +473,5 @@ def _cause(fit: FitResult, last: ScoreTest, k: int, first: ScoreTest) -> tuple[F
 
 
 def p_value_of_score(first: ScoreTest, strength: float) -> float:
-    """Bound of the share of null logs with so large a score: normal law, all candidates (Bonferroni)."""
-    return float(min(len(first.candidates) * 2.0 * norm.sf(strength), 1.0))
+    """Bound of the share of null logs with so large a score, for all candidates together (Bonferroni)."""
+    return min(len(first.candidates) * float(first.fit.tail(strength)), 1.0)

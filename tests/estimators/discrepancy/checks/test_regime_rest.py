@@ -10,6 +10,7 @@ from estimators.discrepancy.checks.regime_rest import RegimeRest, regime_rests
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
 from estimators.discrepancy.model.fit import fit_runs
+from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT
@@ -98,3 +99,10 @@ def test_the_sentence_says_what_is_not_noise():
     assert verdict_sentence(Verdict.ONE_OF, correlated, [cause]) == (
         "The steering acts late; or a single cause that the library lacks: their sizes are correlated."
     )
+
+
+@pytest.mark.parametrize(("null", "expected"), [(None, 1.97e-9), (48, 2.5e-7), (10, 1.3e-4)])
+def test_few_null_simulations_make_large_scores_less_rare(null, expected):
+    """The variance of a score from K simulations errs itself: its law has the tails of Student's t."""
+    sample = None if null is None else SimpleNamespace(white=np.zeros((5, null)))
+    assert FitResult.tail(SimpleNamespace(null=sample), -6.0) == pytest.approx(expected, rel=0.05)
