@@ -12,7 +12,7 @@ RUNS: dict[str, str] = {
     "brake conservative own": "seed 0, 440 episodes: 13.49 in training",
     "brake nominal common": "seed 0, 240 episodes: 10.2 in training",
     "brake nominal own": "seed 0, 440 episodes: 11.46 in training",
-    "brake oracle common": "seed 0, 440 episodes: 9.72 in training",
+    "brake oracle common": "seed 0, 440 episodes: 9.714 in training",
     "brake oracle own": "seed 0, 440 episodes: 9.72 in training",
     "speed aware common": "not searched",
     "speed aware own": "seed 0, 440 episodes: 33.23 in training",
