@@ -212,7 +212,15 @@ def _own_agent(name: str) -> Agent:
     kind = getattr(module, name.partition(":")[2], None)
     if kind is None:
         raise InvalidParameter(f"no {name.partition(':')[2]!r} in {module.__name__} - module:Class?")
-    agent: Agent = kind()
+    if not isinstance(kind, type):
+        raise InvalidParameter(
+            f"{name} is {'a function' if callable(kind) else 'no class'}: give a class with the methods "
+            "reset(briefing) and act(observation), which is made without arguments"
+        )
+    try:
+        agent: Agent = kind()
+    except TypeError as error:
+        raise InvalidParameter(f"{name} cannot be made without arguments: {error}") from error
     missing = [method for method in ("reset", "act") if not callable(getattr(agent, method, None))]
     if missing:
         raise InvalidParameter(

@@ -135,8 +135,8 @@ def windows_of(log: Log, t: np.ndarray, window: float) -> np.ndarray:
     ]
     if not firsts:
         raise DataError(
-            f"{log.name}: lasts {t[-1] - t[0]:.1f} s without interruption at most; a window of {window:g} s "
-            f"needs {window + LEAD_IN:g} s: choose a shorter one"
+            f"{log.name}: lasts {t[-1] - t[0]:.3g} s without interruption at most; windows of {window:g} s "
+            f"need more than {window + LEAD_IN:g} s: choose a shorter one"
         )
     return np.array(firsts)
 

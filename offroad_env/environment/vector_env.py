@@ -45,6 +45,8 @@ _FAILURES = np.array(["" if ending == "goal" else ending for ending in ENDINGS],
 _TERM_COLUMNS = range(REPORTED_TERMS.start, REPORTED_TERMS.stop)
 #: Fewest episodes that are worth a thread: handing over costs as much as one period or two.
 _FEWEST = 4
+#: More environments than fit into any memory: an environment takes some 10 kB.
+_MOST_ENVS = 1_000_000
 
 
 def make_vec(num_envs: int, **options: Any) -> VectorEnv:
@@ -65,7 +67,8 @@ def make_vec(num_envs: int, **options: Any) -> VectorEnv:
     >>> observations["path"].shape
     (8, 12)
     """
-    require_count("num_envs", num_envs)
+    if require_count("num_envs", num_envs) > _MOST_ENVS:
+        raise InvalidParameter(f"num_envs must be at most {_MOST_ENVS}, got {num_envs}")
     version = options.pop("version", "v0")
     require_choice("version", version, ("v0", "v1"))
     name = f"offroad_env:OffroadBekker-{version}"

@@ -83,9 +83,10 @@ def fitness(log: Log) -> dict[str, str]:
         else "needs torque_f, torque_r or drive_force (a motor current: units.torque_r: 0.3 N m)"
     )
     short = log.duration < _SHORTEST
+    too_short = f"lasts {log.duration:.3g} s, needs {_SHORTEST:g} s" if short else ""
     return {
-        "estimate": no_drive or _estimate(log),
-        "diagnose": f"lasts {log.duration:.1f} s, needs {_SHORTEST:g} s" if short else "",
+        "estimate": no_drive or too_short or _estimate(log),
+        "diagnose": too_short,
         "replay": no_drive or ("" if speeds else "needs a position or a speed"),
     }
 

@@ -19,6 +19,8 @@ __all__ = ["weak_unit_remarks"]
 _NOISE = (43.0, 76.0)
 #: A vehicle that steers turns; by this factor less it does not even on the softest soil.
 _STEERS = 8.0
+#: From this ratio on an angle in degrees, 57.3 times as large, is likelier than that of a steering wheel.
+_DEGREES = 30.0
 
 
 def weak_unit_remarks(
@@ -49,8 +51,15 @@ def weak_unit_remarks(
         )
     ratio = _steered_over_turned(log)
     if ratio > _STEERS and "steer" not in stated:
-        sentence = f"steer would turn the vehicle {ratio:.0f} times as much as it turns: in degrees"
-        remarks.append(_remark(sentence, list(sources("steer")), "deg"))
+        more = f"steer would turn the vehicle {ratio:.0f} times as much as it turns"
+        kind, unit = "in degrees", "deg"
+        # Turns in deg/s, too, would seem 57 times as large.
+        if not remarks and ratio < _DEGREES:
+            kind, unit = (
+                "the angle of a steering wheel? State its ratio to the wheels",
+                f"{1.0 / ratio:.2g} rad",
+            )
+        remarks.append(_remark(f"{more}: {kind}", list(sources("steer")), unit))
     return [remark for remark in remarks if remark.lines]
 
 

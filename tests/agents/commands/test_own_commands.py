@@ -82,7 +82,14 @@ def test_own_scenario_and_world_reach_the_benchmark_and_its_results_are_kept(lan
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("os:system", "part of Python"), ("sys:exit", "part of Python"), ("no_such:Agent", "no module")],
+    [
+        ("os:system", "part of Python"),
+        ("sys:exit", "part of Python"),
+        ("no_such:Agent", "no module"),
+        ("agents.controllers.arms:believe_fixed", "is a function: give a class"),
+        ("agents.controllers.arms:ARMS", "is no class: give a class"),
+        ("agents.controllers.population_limits:PopulationDriver", "cannot be made without arguments"),
+    ],
 )
 def test_a_name_that_cannot_be_an_agent_is_refused_in_a_sentence(name, words, tmp_path, capsys):
     assert offroad("compare", name, "--scenario", "brake", "--out", tmp_path) == 1

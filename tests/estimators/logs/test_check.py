@@ -205,6 +205,17 @@ def test_a_drive_straight_ahead_shows_its_units_by_noise_and_size(tmp_path):
     assert lines["units.yaw_rate"] == lines["units.pitch_rate"] == "deg/s"
 
 
+def test_a_log_of_three_seconds_at_most_is_taken_by_no_command_that_needs_more(tmp_path):
+    def first(channels):
+        early = channels["t"] - channels["t"][0] < 2.95
+        return {name: values[early] for name, values in channels.items()}
+
+    commands = check_log(write(tmp_path, Foreign(names=PLAIN | IMU, change=first))).commands
+    for command in ("estimate", "diagnose"):
+        assert commands[command].startswith("lasts 2.")
+        assert commands[command].endswith("needs 3 s")
+
+
 @pytest.mark.parametrize("missing", ["a_x", "a_y", "a_z", "pitch_rate", "yaw_rate"])
 def test_no_channel_of_the_imu_is_needed_to_estimate(missing, tmp_path):
     names = PLAIN | {name: name for name in IMU if name != missing}
