@@ -25,6 +25,7 @@ VehicleModel = Literal["half_car", "bicycle", "four_wheel"]
 _USUAL = "track"
 _KEYBOARD = "keyboard"  # agent that is a person
 _CONTROL_RATE = 50  # steps a second
+_BEYOND = 2.0  # an action so large is no share in [-1, 1] that misses it by a little
 _LONGEST = 3600.0  # [s]
 _FPS = {".gif": 5, ".mp4": 25}  # pictures a second; few for GIF, which compresses badly
 
@@ -87,6 +88,11 @@ class Drive(Results):
         summary = self._summary(episode)
         rows = [(name, _text(value)) for name, value in summary.items()]
         console().print(table(f"{self.scenario}, seed {self.seed}: {episode.ending}", ("", ""), rows))
+        if episode.largest > _BEYOND:
+            say(
+                f"note: {self.agent} acts by up to {episode.largest:g}: steering and drive are shares from "
+                "-1 to 1, what is beyond is cut off (degrees, or N m?)"
+            )
         for kind, path in (("picture", self.picture), ("video", self.video), ("log", self.log)):
             if path is not None:
                 say(f"{kind}: {path}")

@@ -252,6 +252,7 @@ class Drive:
     ) -> None:
         self.env, self.agent, self.seed, self.options = env, agent, seed, options
         self.stopped = False  #: whether the agent, a person, has ended the drive
+        self.largest = 0.0  #: size of the largest action; beyond 1 the environment cuts it off
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         observation, self.info = self.env.reset(seed=self.seed, options=self.options)
@@ -262,6 +263,7 @@ class Drive:
             action = self.agent.act(observation)
             observation, reward, terminated, truncated, self.info = self.env.step(action)
             self.log.add(action, self.info)
+            self.largest = max(self.largest, float(np.abs(action).max()))
             self.reward += float(reward)
             self.stopped = bool(getattr(self.agent, "stopped", False))
             done = terminated or truncated or self.stopped

@@ -98,6 +98,18 @@ def test_a_name_that_cannot_be_an_agent_is_refused_in_a_sentence(name, words, tm
     assert name in said
 
 
+@pytest.mark.parametrize(("action", "noted"), [((30.0, 500.0), True), ((1.2, -1.5), False)])
+def test_actions_in_degrees_or_newton_metres_are_noted(action, noted, tmp_path, monkeypatch, capsys):
+    name = f"far_{int(action[0])}"
+    lines = f"class Far:\n    def reset(self, b): ...\n    def act(self, o): return np.array({action})\n"
+    (tmp_path / f"{name}.py").write_text(f"import numpy as np\n{lines}")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert offroad("drive", "--agent", f"{name}:Far", "--duration", "0.2", "--out", tmp_path) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert ("acts by up to 500: steering and drive are shares" in said) is noted
+
+
 def test_compare_shows_the_own_agent_against_every_other_one(tmp_path):
     agents = ("pure_pursuit", "conservative")
     args = BenchmarkArgs(tasks=("brake",), agents=agents, forms=("matched",), episodes=2, n_jobs=1)
