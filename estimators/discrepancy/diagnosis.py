@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators.discrepancy.checks.forecast import predictions
 from estimators.discrepancy.checks.holdout_gain import channel_gains, held_out
 from estimators.discrepancy.checks.regime_rest import regime_rests
 from estimators.discrepancy.checks.unmodelled_forces import sizes_with_unknown_inputs, unmodelled_forces
@@ -225,6 +226,8 @@ def _completed(
     if 0 < len(result.stated) < len(result.causes):
         partial = attempt("model of the named causes", lambda: _partial(result, found), None, failed)
         result = replace(result, partial=partial)
+    progress("forecasts")
+    result = attempt("forecasts", lambda: _with_forecasts(result, found, apart), result, failed)
     progress("test data")
     return attempt("test data", lambda: _on_test_data(result, found, apart), result, failed)
 
@@ -359,6 +362,15 @@ def _missing(fit: FitResult, library: Sequence[str]) -> dict[str, str]:
             if not channels & set(group) and EFFECTS[name].searched:
                 found[name] = " or ".join(group)
     return found
+
+
+def _with_forecasts(
+    result: VehicleDiagnosis, found: SearchResult, runs: Sequence[RunModel]
+) -> VehicleDiagnosis:
+    """The result with the forecasts of both models: a cause that makes them worse is not named."""
+    if not result.stated or result.model is None or not runs:
+        return result
+    return replace(result, forecasts=predictions(found.nominal, result.model, runs))
 
 
 def _on_test_data(

@@ -76,7 +76,7 @@ def gather(diagnosis: VehicleDiagnosis, progress: Callable[[str], None] = lambda
     parts = split_runs(diagnosis.logs)
     failed: dict[str, str] = {}
     progress("forecasts")
-    forecasts: tuple[Prediction, ...] = attempt(
+    forecasts: tuple[Prediction, ...] = diagnosis.forecasts or attempt(
         "forecasts", lambda: predictions(nominal, extended, parts[REPORT], seed=SEED), (), failed
     )
     progress("profiles")

@@ -16,11 +16,11 @@ from offroad_env.physics.records import Soil, Vehicle
 __all__ = ["NEVER_NEGATIVE", "at_end", "drive_range", "soil_ranges"]
 
 #: Effects that are absent from the nominal model, so that less than none would be the opposite force: soil
-#: never pulls a wheel along and bears no less the faster it is pressed, friction never drives, and nothing
-#: answers early.
+#: never pulls a wheel along and bears no less the faster it is pressed, friction never drives, and no
+#: actuator runs ahead. A steering that acts before it is logged is one whose stamps are late.
 NEVER_NEGATIVE = (
     "bulldozing", "coulomb_friction", "front_bulldozing", "grouser_thrust", "placed_payload", "pose_delay",
-    "rate_damping", "rut_drag", "slip_sinkage", "steer_delay", "steer_lag",
+    "rate_damping", "rut_drag", "slip_sinkage", "steer_lag",
 )  # fmt: skip
 #: Largest size, in largest believable ones: what is believed is a judgement, so a factor is left to it.
 _MOST = 3.0

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from estimators.discrepancy.checks.forecast import Prediction
 from estimators.discrepancy.checks.holdout_gain import ChannelGain, Held
 from estimators.discrepancy.checks.regime_rest import RegimeRest
 from estimators.discrepancy.checks.unmodelled_forces import JointSizes, UnmodelledForce
@@ -55,6 +56,11 @@ _OWN, _MOST, _SAME, _Z = 0.5, 0.9, 0.5, 1.96
 _SOLVER, _SOLVER_SHARE = 1.0, 0.1
 #: A log can test the library if it would show this share of it at the largest plausible size.
 _TESTABLE = 0.5
+#: A forecast is made worse if its error grows by this factor, and not by chance (95 % interval).
+_MISLED = 1.25
+#: A model predicts nothing if its error of the speed up to so far ahead [s] is larger than this [m/s], and than
+#: that of a speed that stays as it is.
+_AHEAD, _NOTHING = 3.0, 0.5
 #: Share of the excess of the nominal model that may remain if the causes are to count as an explanation.
 #: Repeats on a rig agree far better than any law of soil: more remains than in the log of a vehicle.
 _REMAINING = 1.0 / 3.0
@@ -296,6 +302,27 @@ class VehicleDiagnosis(Diagnosis):
     stand_ins: tuple[str, ...] = ()
     #: Of the whitened residuals with all causes in the model, by channel and regime, largest first.
     rests: tuple[RegimeRest, ...] = ()
+    #: Errors of forecasts of the nominal model and of that with the causes; empty where none would be named.
+    forecasts: tuple[Prediction, ...] = ()
+
+    @property
+    def misled(self) -> tuple[Prediction, ...]:
+        """Forecasts that the causes make worse, although they improve the fit: they stand in for another.
+
+        Or speeds that the model with them does not predict at all.
+        """
+        worse = (one.high < 0.0 and one.extended > _MISLED * one.nominal for one in self.forecasts)
+        nothing = (
+            one.quantity == "speed" and one.horizon <= _AHEAD and one.extended > max(one.kept, _NOTHING)
+            for one in self.forecasts
+        )
+        found = zip(self.forecasts, worse, nothing, strict=True)
+        return tuple(one for one, *refuted in found if any(refuted))
+
+    @property
+    def identifiable(self) -> tuple[bool, ...]:
+        """Of every cause, whether it may be named: as of all logs, and no forecast may become worse."""
+        return (False,) * len(self.causes) if self.misled else super().identifiable
 
     @property
     def significant_rests(self) -> tuple[RegimeRest, ...]:
@@ -335,6 +362,8 @@ class VehicleDiagnosis(Diagnosis):
             return Verdict.OUTSIDE if outside else Verdict.DATA_PROBLEM
         if self.inaccurate:
             return Verdict.NUMERICS
+        if self.misled:
+            return Verdict.UNEXPLAINED
         together = self.overlapping or any(self.inadequate)
         if self.incomplete and not (self.crowded and together):
             return Verdict.NAMED_WITH_REST if self.named else Verdict.UNEXPLAINED

@@ -200,6 +200,8 @@ def _discrepancy_phrase(
         phrase = f"numbers would have to lie beyond any tolerance of theirs ({moved})"
     if unexplained:
         phrase = _largest(unexplained).phrase
+    if isinstance(diagnosis, VehicleDiagnosis) and diagnosis.misled:
+        phrase = _misled_phrase(diagnosis.misled)
     effects = [cause.best.effect for cause in causes if not cause.structural]
     impossible = [
         effect for effect, possible in zip(effects, diagnosis.physical, strict=True) if not possible
@@ -221,6 +223,21 @@ def _discrepancy_phrase(
             f"; {', '.join(mutually)} may be one cause that the library lacks: their sizes are correlated"
         )
     return phrase
+
+
+def _misled_phrase(forecasts: Sequence[Prediction]) -> str:
+    """The forecast by which the causes are refuted most clearly."""
+    worst = max(forecasts, key=lambda one: one.extended / max(one.nominal, 1e-300))
+    if not worst.high < 0.0:
+        return (
+            f"the model predicts the speed after {worst.horizon:.0f} s with an error of {worst.extended:.3g} "
+            f"m/s, with or without effects, where a speed that stays as it is errs by {worst.kept:.3g} m/s: "
+            "are the torques those of the wheels, mass and soil as stated?"
+        )
+    return (
+        f"what improves the fit makes forecasts worse (error of the {worst.quantity} after "
+        f"{worst.horizon:.0f} s: {worst.nominal:.3g} -> {worst.extended:.3g} {worst.unit})"
+    )
 
 
 def _largest(unexplained: Sequence[UnknownInput]) -> UnknownInput:

@@ -244,6 +244,10 @@ def _summary(diagnosis: VehicleDiagnosis, case: Case) -> Numbers:
         "solver": checks.solver if checks else None,
         "regime": max((abs(rest.z) for rest in diagnosis.rests), default=None),
         "adequate": [not wrong for wrong in diagnosis.inadequate],
+        "forecasts": [
+            (one.quantity, one.horizon, one.nominal, one.extended, one.low, one.high, one.kept)
+            for one in diagnosis.forecasts
+        ],
         "failed_sections": dict(diagnosis.failed),
         "overlap": checks.overlap if checks else None,
         "refused": found.refused if found else None,

@@ -33,6 +33,8 @@ _NEAR = 0.15
 _DRAWS = 2000
 #: Quantity -> unit.
 _QUANTITIES = {"position": "m", "speed": "m/s", "heading": "rad"}
+#: What a forecast without any model errs by: the speed stays as it is.
+_KEPT = "kept speed"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +49,8 @@ class Prediction:
     extended: float
     low: float  #: 95 % interval of 1 - extended / nominal; NaN where the forecasts are too few
     high: float
+    #: Of speeds: error if the speed stayed as it was measured at the start; else NaN.
+    kept: float = math.nan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,10 +78,14 @@ def predictions(
         return ()
     rng, found = np.random.default_rng(seed), []
     for quantity, horizon in before:
-        pair = np.column_stack([before[quantity, horizon], after[quantity, horizon]])
-        pair = pair[np.isfinite(pair).all(axis=1)]
-        if len(pair):
-            found.append(_prediction(quantity, horizon, pair, rng))
+        if quantity == _KEPT:
+            continue
+        columns = [before[quantity, horizon], after[quantity, horizon]]
+        columns += [before[_KEPT, horizon]] if quantity == "speed" else []
+        errors = np.column_stack(columns)
+        errors = errors[np.isfinite(errors).all(axis=1)]
+        if len(errors):
+            found.append(_prediction(quantity, horizon, errors, rng))
     return tuple(found)
 
 
@@ -111,14 +119,15 @@ def _errors(fit: FitResult, parts: Sequence[_Forecasts]) -> dict[tuple[str, floa
             # Compared within the report's part alone, wherever the forecast began.
             kept = (ahead <= longest) & (first + ahead >= part.begin)
             reached = states[alone.begin[:-1][kept] + ahead]
-            errors = _compared(run, reached, run.t_0 + run.step * (first[kept] + ahead))
+            start = run.t_0 + run.step * first[kept]
+            errors = _compared(run, reached, start, start + run.step * ahead)
             for quantity, error in errors.items():
                 found.setdefault((quantity, horizon), []).append(error)
     return {key: np.concatenate(errors) for key, errors in found.items()}
 
 
-def _compared(run: RunModel, x: np.ndarray, t: np.ndarray) -> dict[str, np.ndarray]:
-    """Errors of states (F, 15) at ``t`` (F,) against what was measured."""
+def _compared(run: RunModel, x: np.ndarray, start: np.ndarray, t: np.ndarray) -> dict[str, np.ndarray]:
+    """Errors of states (F, 15) at ``t`` (F,) against what was measured, of forecasts from ``start`` (F,)."""
     speed, heading = np.hypot(x[:, at.V_X], x[:, at.V_Y]), x[:, at.YAW]
     if "yaw" in run.log.channels:
         measured = _measured(run, "yaw", t)
@@ -126,10 +135,12 @@ def _compared(run: RunModel, x: np.ndarray, t: np.ndarray) -> dict[str, np.ndarr
         heading = heading + np.arctan2(x[:, at.V_Y], x[:, at.V_X])
         # At a crawl a course is noise.
         measured = np.where(speed > COURSE_SPEED, _measured(run, "course", t), np.nan)
-    own = _measured(run, "speed", t) if "speed" in run.log.channels else _measured(run, "v_x", t)
+    name = "speed" if "speed" in run.log.channels else "v_x"
+    own = _measured(run, name, t)
     return {
         "position": np.hypot(x[:, at.X] - _measured(run, "x", t), x[:, at.Y] - _measured(run, "y", t)),
         "speed": speed - own,
+        _KEPT: _measured(run, name, start) - own,
         "heading": np.remainder(heading - measured + math.pi, 2.0 * math.pi) - math.pi,
     }
 
@@ -144,28 +155,29 @@ def _measured(run: RunModel, name: str, t: np.ndarray) -> np.ndarray:
     return np.where(nearest <= _NEAR, np.interp(t, times, values), np.nan)
 
 
-def _prediction(quantity: str, horizon: float, pair: np.ndarray, rng: np.random.Generator) -> Prediction:
-    """Errors (F, 2) of the nominal and the extended model in one line.
+def _prediction(quantity: str, horizon: float, errors: np.ndarray, rng: np.random.Generator) -> Prediction:
+    """Errors (F, 2 or 3) of the nominal and the extended model, and of no model at all, in one line.
 
     Forecasts of neighbouring starts see the same ground: blocks as long as the horizon are drawn together.
     """
-    squares = pair**2
-    before, after = np.sqrt(squares.mean(axis=0))
+    squares = errors**2
+    before, after, *kept = np.sqrt(squares.mean(axis=0)).tolist()
     size = max(round(horizon / _LEAD), 1)
     low = high = math.nan
-    if len(pair) >= 3 * size:
-        blocks = math.ceil(len(pair) / size)
-        begins = rng.integers(len(pair), size=(_DRAWS, blocks))
-        index = ((begins[:, :, None] + np.arange(size)) % len(pair)).reshape(_DRAWS, -1)
-        drawn = np.sqrt(squares[index].mean(axis=1))
-        low, high = np.quantile(1.0 - drawn[:, 1] / np.maximum(drawn[:, 0], 1e-300), (0.025, 0.975))
+    if len(errors) >= 3 * size:
+        blocks = math.ceil(len(errors) / size)
+        begins = rng.integers(len(errors), size=(_DRAWS, blocks))
+        index = ((begins[:, :, None] + np.arange(size)) % len(errors)).reshape(_DRAWS, -1)
+        drawn = np.maximum(np.sqrt(squares[index].mean(axis=1)), 1e-300)
+        low, high = np.quantile(1.0 - drawn[:, 1] / drawn[:, 0], (0.025, 0.975)).tolist()
     return Prediction(
         quantity=quantity,
         unit=_QUANTITIES[quantity],
         horizon=horizon,
-        count=len(pair),
-        nominal=float(before),
-        extended=float(after),
-        low=float(low),
-        high=float(high),
+        count=len(errors),
+        nominal=before,
+        extended=after,
+        low=low,
+        high=high,
+        kept=kept[0] if kept else math.nan,
     )

@@ -15,7 +15,9 @@ from estimators.discrepancy.model.null_simulations import inflation_along
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.protocol import ForwardModel
 from estimators.discrepancy.physical_ranges import at_end
+from estimators.discrepancy.search.finite_delays import delayed
 from estimators.discrepancy.search.holdout import HoldOutResult, HoldOutTest
+from estimators.discrepancy.search.lower_minimum import begun_again, lower_minimum
 from estimators.discrepancy.search.pair_search import Proposal, linearised_gain, proposed_pairs
 from estimators.discrepancy.search.refitting import refit
 from estimators.discrepancy.search.result import EQUIVALENT, Alternative, Cause, SearchResult, separation
@@ -44,6 +46,8 @@ _CONFIRMED = 0.4
 _BEYOND = 0.01
 #: Standard deviations from a stated number beyond which no tolerance explains what a fit makes of it.
 _IMPOSSIBLE = 6.0
+#: How often a search may begin again from a better minimum.
+_RESTARTS = 2
 #: Models as good as the best that are tested on windows apart.
 _TESTED = 3
 #: Alternatives of the first step: scores that are this share of the best.
@@ -199,7 +203,8 @@ def _larger(scores: ScoreTest, threshold: float, test: HoldOutTest, singly: bool
     """
     fit = scores.fit
     single = _forward(scores, threshold)
-    single = sorted([*single, *_afresh(scores, threshold, single)], key=_order)
+    late = delayed(fit, outside(fit, scores.candidates), threshold)
+    single = sorted([*single, *late, *_afresh(scores, threshold, single)], key=_order)
     if not single and not fit.candidates:
         return []
     most = linearised_gain(fit, scores) if fit.candidates else float(np.max(scores.z**2, initial=0.0))
@@ -355,7 +360,12 @@ def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float) -> _Acc
 
 
 def search(
-    nominal: FitResult, library: Sequence[str], rate: float, apart: Sequence[ForwardModel] = ()
+    nominal: FitResult,
+    library: Sequence[str],
+    rate: float,
+    apart: Sequence[ForwardModel] = (),
+    *,
+    restarts: int = _RESTARTS,
 ) -> SearchResult:
     """Find the effects that are wrong in a drive.
 
@@ -372,6 +382,8 @@ def search(
         Share of null logs in which the first scores may find something.
     apart
         Windows of the hold-out tests; an effect that they reject ends the search.
+    restarts
+        How often it may begin again, where an effect leads to a better minimum of a model without it.
     """
     candidates = candidates_for(nominal, library)
     first = last = score_test(nominal, candidates)
@@ -384,9 +396,19 @@ def search(
         gains += accepted.gains
         if accepted.fit is None:
             break
+        lower = lower_minimum(fit, accepted.fit, bar) if restarts else None
+        if lower is not None and not lower.candidates:
+            return search(lower, library, rate, apart, restarts=restarts - 1)
+        if lower is not None:
+            restarts -= 1
+            last, test = score_test(lower, outside(lower, candidates)), HoldOutTest(lower, apart)
+            fit = last.fit
+            continue
         candidates = [c for c in candidates if c.effect not in accepted.rejected]
-        last = score_test(accepted.fit, outside(accepted.fit, candidates))
-        fit, test = last.fit, test.onward(accepted.fit)
+        larger = begun_again(accepted.fit)
+        last = score_test(larger, outside(larger, candidates))
+        same = larger is accepted.fit
+        fit, test = last.fit, test.onward(larger) if same else HoldOutTest(larger, apart)
         bar = score_threshold(last, rate)
     capped = len(fit.candidates) == MOST and float(np.abs(last.z).max(initial=0.0)) > bar
     causes = []

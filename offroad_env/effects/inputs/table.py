@@ -40,7 +40,7 @@ TABLE = (
         size=Parameter(name="delay", unit="s", low=-0.5, high=2.0),
         plausible=lambda vehicle: 0.3,
         sentence="the steering acts {size} later than logged",
-        source="definition: dead time of the steering actuator",
+        source="definition: dead time of the steering actuator; below zero, stamps that are late",
         look_alikes=("steer_lag", "clock_offset"),
         separated_by="steps of the steering at constant speed",
         change=_of_inputs(lambda inputs, delay: replace(inputs, steer_delay=inputs.steer_delay + delay)),

@@ -1,0 +1,60 @@
+"""Better minima of models that are fitted.
+
+A fit may stand in a poor minimum, and an effect that is added lead out of it while its size comes to nothing:
+what was gained is then the smaller model's own, and no evidence for the effect. And what a large effect has
+done to the numbers of a model without it need not come undone once the model has it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimators.discrepancy.model.fit import fitted_afresh, settled
+from estimators.discrepancy.model.fit_result import FitResult
+from estimators.discrepancy.model.gauss_newton import GaussNewton
+from offroad_env.errors import OffroadError
+
+__all__ = ["begun_again", "lower_minimum"]
+
+#: Standard deviations from a stated number from which a model is fitted again from what is stated.
+_LEFT = 5.0
+
+
+def lower_minimum(fit: FitResult, larger: FitResult, bar: float) -> FitResult | None:
+    """A model with effects of ``fit`` alone at a minimum beside that of a ``larger`` one; None if not lower.
+
+    Parameters
+    ----------
+    larger
+        Has other effects, besides or in their place. Where all of these are significant nothing is tried.
+    bar
+        Least size of a significant effect in standard deviations; the cost must fall by as much as for one.
+    """
+    names = {candidate.effect for candidate in fit.candidates}
+    inside = np.array([candidate.effect in names for candidate in larger.candidates], dtype=bool)
+    strength = np.abs(larger.sizes) / larger.size_deviations()
+    if np.min(strength[~inside], initial=np.inf) > bar:
+        return None
+    kept = [candidate for candidate, own in zip(larger.candidates, inside, strict=True) if own]
+    try:
+        begun = replace(larger.with_effects(kept, larger.sizes[inside]), noise=fit.noise)
+        lower = GaussNewton().descend(begun, fresh=False)
+        if fit.cost - lower.cost <= 0.5 * bar**2:
+            return None
+        return settled(lower, fresh=False)
+    except OffroadError:
+        return None
+
+
+def begun_again(fit: FitResult) -> FitResult:
+    """The model fitted from stated numbers, if the fit has left these and that is better; else as it is."""
+    away = np.abs(fit.nuisances) / fit.problem.nuisance_spread
+    if not np.any(away > _LEFT):
+        return fit
+    try:
+        other = settled(fitted_afresh(fit, fit.candidates, fit.sizes.tolist()), fresh=False)
+    except OffroadError:
+        return fit
+    return min(fit, other, key=lambda one: one.minus_log_likelihood)
