@@ -58,8 +58,8 @@ _SOLVER, _SOLVER_SHARE = 1.0, 0.1
 _TESTABLE = 0.5
 #: A forecast is made worse if its error grows by this factor, and not by chance (95 % interval).
 _MISLED = 1.25
-#: A model predicts nothing if its error of the speed up to so far ahead [s] is larger than this [m/s], and than
-#: that of a speed that stays as it is.
+#: A model predicts nothing if its error of the speed, up to so far ahead [s], is larger than this [m/s] and
+#: than that of a speed that stays as it is.
 _AHEAD, _NOTHING = 3.0, 0.5
 #: Share of the excess of the nominal model that may remain if the causes are to count as an explanation.
 #: Repeats on a rig agree far better than any law of soil: more remains than in the log of a vehicle.

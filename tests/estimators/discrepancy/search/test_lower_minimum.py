@@ -1,0 +1,84 @@
+"""A search leaves a poor minimum, whether an effect leads out of it or the stated numbers do."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.discrepancy.faults.drive import draw_case, simulated_log
+from estimators.discrepancy.faults.library import FAULTS
+from estimators.discrepancy.model.fit import fit_runs
+from estimators.discrepancy.model.parameters import Candidate
+from estimators.discrepancy.model.run_model import RunModel
+from estimators.discrepancy.search import stepwise
+from estimators.discrepancy.search.lower_minimum import begun_again, lower_minimum
+from estimators.discrepancy.search.refitting import refit
+
+_PAYLOAD = [Candidate(effect="payload")]
+
+
+def _fitted(fault=None):
+    case = draw_case(31, road="flat", natural=True, duration=12.0)
+    return fit_runs([RunModel(simulated_log(case, fault))])
+
+
+def _away(fit, name, deviations):
+    """The fit with one number moved, and nothing fitted."""
+    moved = fit.nuisances.copy()
+    place = [nuisance.name for nuisance in fit.problem.nuisances].index(name)
+    moved[place] += deviations * fit.problem.nuisance_spread[place]
+    return fit.moved(replace(fit.point, nuisances=moved))
+
+
+@pytest.fixture(scope="module")
+def sound():
+    """A fit to a drive without a fault, and the model with a load that comes to nothing."""
+    fit = _fitted()
+    return fit, refit(fit, _PAYLOAD, [0.0])
+
+
+def test_a_gain_without_a_size_is_the_smaller_model_s_own(sound):
+    fit, larger = sound
+    poor = _away(fit, "mass", 3.0)
+    assert poor.cost > fit.cost + 10.0
+    lower = lower_minimum(poor, larger, 3.4)
+    assert lower.candidates == ()
+    assert lower.minus_log_likelihood == pytest.approx(fit.minus_log_likelihood, abs=1.0)
+
+
+def test_a_minimum_that_is_none_the_lower_is_left_alone(sound):
+    assert lower_minimum(*sound, 3.4) is None
+
+
+def test_a_significant_size_is_evidence():
+    fit = _fitted(FAULTS["payload"](0.5))
+    larger = refit(fit, _PAYLOAD, [0.5])
+    assert larger.sizes[0] / larger.size_deviations()[0] > 3.4
+    assert lower_minimum(_away(fit, "mass", 3.0), larger, 3.4) is None
+
+
+def test_a_model_that_has_left_the_stated_numbers_is_begun_again(sound):
+    fit, _ = sound
+    assert begun_again(fit) is fit
+    assert begun_again(_away(fit, "mass", 2.0)).nuisances == pytest.approx(_away(fit, "mass", 2.0).nuisances)
+    again = begun_again(_away(fit, "mass", 6.0))
+    assert np.all(np.abs(again.nuisances) < 5.0 * fit.problem.nuisance_spread)
+    assert again.minus_log_likelihood == pytest.approx(fit.minus_log_likelihood, abs=2.0)
+
+
+def test_a_search_begins_again_from_the_better_minimum(sound, monkeypatch):
+    """An effect leads out of a poor minimum, and is then no cause."""
+    fit, larger = sound
+    begun, onward = [], stepwise._onward
+
+    def first_accepted(test, last, bar, rate):
+        begun.append(last.fit)
+        if len(begun) == 1:
+            return stepwise._Accepted(larger, [1.0], refused=False)
+        return onward(test, last, bar, rate)
+
+    monkeypatch.setattr(stepwise, "_onward", first_accepted)
+    found = stepwise.search(_away(fit, "mass", 3.0), ("payload", "torque_scale"), 0.06)
+    assert len(begun) == 2
+    assert found.causes == ()
+    assert found.nominal.minus_log_likelihood == pytest.approx(fit.minus_log_likelihood, abs=1.0)
