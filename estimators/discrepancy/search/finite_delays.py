@@ -52,6 +52,7 @@ def delayed(fit: FitResult, candidates: Sequence[Candidate], threshold: float) -
         reach = EFFECTS[one.effect].plausible(vehicle)
         trials = [(_gain(base, known, one, share * reach), share * reach) for share in _SHARES]
         gain, size = max(trials)
+        # A first look; what is fitted must gain as much.
         if gain > 0.5 * threshold**2:
             try:
                 begun = fit.with_effects([*fit.candidates, one], [*fit.sizes, size])

@@ -52,7 +52,9 @@ def test_a_delay_is_found_that_no_score_points_to(nervous):
     assert delayed(nervous, [Candidate(effect="payload")], 3.4) == []
 
 
-def test_what_explains_less_than_an_effect_must_is_no_model(nervous):
+def test_what_explains_less_than_an_effect_must_is_no_model(nervous, monkeypatch):
+    assert delayed(nervous, _STEERING, 1e3) == []
+    monkeypatch.setattr(finite_delays, "_gain", lambda *_: 1e9)
     assert delayed(nervous, _STEERING, 1e3) == []
 
 
