@@ -32,6 +32,9 @@ _RESISTED = 40.0
 _SPINS, _EVEN = 20.0, 1.6
 #: Speeds below which a course, or a rate of turn from an acceleration, means nothing [m/s].
 _SLOW = 1.0
+#: Slip angle of front wheels on soft soil over the lateral acceleration [rad s^2/m]; slip up to which a wheel
+#: rolls; angle from which a vehicle is steered [rad]; share of the windows that counts as most.
+_SLIDE, _ROLLS, _STEERED, _MOSTLY = 0.12, 0.25, 0.02, 0.75
 #: Share of a torque below which an axle is not driven, or not braked.
 _SHARE = 0.1
 #: From the first two correlations routes confirm each other; below the last a route does not follow.
@@ -106,7 +109,9 @@ def suspects_of(log: Log, untrusted: frozenset[str] = frozenset()) -> tuple[list
             suspect, decided = _judged(log, windows, route, others, MOTIONS[name])
             if decided and not (name == "push" and _of(route, _WHEELS)):
                 judged |= set(route.channels)
-            if suspect is not None and not _mounted(windows, suspect, route, others, agreed):
+            if suspect is None or _mounted(windows, suspect, route, others, agreed):
+                continue
+            if not _slides(windows, suspect, route, others, agreed):
                 found.append(suspect)
     return found, judged
 
@@ -283,9 +288,19 @@ def _judged(
     ):
         return None, True
     found, decided = _contradiction(route, reference, names, motion)
-    if found is not None and _excused(found, route, (reference, others), motion):
+    if found is not None and _excused(found, _unbraked(windows, route), (reference, others), motion):
         return None, True
     return found, decided
+
+
+def _unbraked(windows: Windows, route: Route) -> Route:
+    """The route without windows in which its axle is braked: a wheel that locks shows no speed."""
+    if not _of(route, _WHEELS):
+        return route
+    torque = windows.mean(route.channels[0].replace("omega", "torque"))
+    if torque is None:
+        return route
+    return Route(route.channels, np.where(np.nan_to_num(torque) < 0.0, math.nan, route.values))
 
 
 def _of_body(route: Route, motion: Motion) -> bool:
@@ -347,6 +362,29 @@ def _shows_without(
         leaks = leaks_into_push(windows, route.channels)
     rest = without_leaks(route.values, reference.values, leaks, centred=motion.centred)
     return rest is not None and _confirms(Route(route.channels, rest), reference, motion)
+
+
+def _slides(
+    windows: Windows, suspect: Suspect, route: Route, others: Sequence[Route], speed: np.ndarray | None
+) -> bool:
+    """Whether a vehicle turns less than it is steered by what its front wheels slide, where they roll."""
+    motion, steer = suspect.motion, windows.mean("steer")
+    scale = suspect.kind == "scale" and suspect.factor > 1.0 and route.channels == ("steer",)
+    if not scale or motion is not MOTIONS["turn"] or speed is None or steer is None:
+        return False
+    vehicle, turn = windows.log.vehicle, median_of(witnesses_of(others, motion) or others)
+    rim = windows.mean("omega_f")
+    rolls = np.ones(len(turn), dtype=bool)
+    if rim is not None:
+        rolls = np.abs(vehicle.r * rim - speed) < _ROLLS * np.abs(speed)
+    known = rolls & np.isfinite(steer) & np.isfinite(turn) & (np.abs(speed) > _SLOW)
+    known &= np.abs(np.nan_to_num(steer)) > _STEERED
+    if known.sum() < _ENOUGH:
+        return False
+    v, turn = speed[known], np.abs(turn[known])
+    pure = np.arctan((vehicle.l_f + vehicle.l_r) * turn / np.abs(v))
+    most = motion.spread * pure + _SLIDE * turn * np.abs(v)
+    return float(np.mean(np.abs(steer[known]) < most)) > _MOSTLY
 
 
 def _always(ratio: np.ndarray, motion: Motion) -> bool:
