@@ -10,7 +10,7 @@ from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
 from estimators.discrepancy.summarise import summarise
 from estimators.discrepancy.verdict import Verdict
-from estimators.logs import quality, read_log
+from estimators.logs import agreement, quality, read_log
 from estimators.logs.channel_checks import OUTSIDE
 from estimators.logs.corruptions import CORRUPTIONS, corrupted, corruptible
 from estimators.logs.log import Log
@@ -88,6 +88,33 @@ def test_a_mounting_excuses_no_wrong_unit():
 def test_wheels_that_spin_up_are_no_problem_of_the_data():
     folder = measured_data("scm_drives")
     assert not quality(read_log(folder / "train_29_steps_flat_steps.parquet")).problems
+
+
+def test_a_wheel_that_locks_under_its_brake_shows_no_speed():
+    """And one that is as slow while it is driven is noise, or another quantity."""
+    log = simulated_log(draw_case(43, gnss=True, duration=30.0))
+    braked = log.times % 6.0 > 3.0
+    slow = np.where(braked, 0.15, 1.3) * log.channels["omega_f"]
+    locked = {"omega_f": slow, "torque_f": np.where(braked, -900.0, log.channels["torque_f"])}
+    assert "omega_f" not in _named(replace(log, channels={**log.channels, **locked}))
+    driven = {"omega_f": slow, "torque_f": np.abs(log.channels["torque_f"])}
+    assert "omega_f" in _named(replace(log, channels={**log.channels, **driven}))
+
+
+def test_front_wheels_that_slide_on_soft_soil_are_no_wrong_steering(monkeypatch):
+    log = simulated_log(draw_case(43, gnss=True, duration=30.0))
+    v = np.interp(log.times, *log.samples("speed"))
+    turn = np.convolve(np.interp(log.times, *log.samples("yaw_rate")), np.full(25, 0.04), "same")
+    pure = np.arctan((log.vehicle.l_f + log.vehicle.l_r) * turn / v)
+
+    def blamed(slide):
+        steer = np.where(np.isnan(log.channels["steer"]), np.nan, 2.0 * pure + slide * turn * v)
+        return "steer" in _named(replace(log, channels={**log.channels, "steer": steer}))
+
+    assert not blamed(0.11)
+    assert blamed(0.22)
+    monkeypatch.setattr(agreement, "_SLIDE", 0.06)
+    assert blamed(0.11)
 
 
 def test_where_one_channel_is_wrong_only_that_one_is_blamed(drive):
