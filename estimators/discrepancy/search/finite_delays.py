@@ -1,7 +1,7 @@
 """Delays too long for a score: those of commands that change faster than they are late.
 
-A score tells how the residuals change with the first moment of a delay. Under a steering that is corrected
-many times a second that says nothing of a tenth of a second, since there the motion is another one.
+A score is the derivative of the likelihood by the delay, at none. Under a steering that is corrected many
+times per second it does not reach as far as a tenth of a second, where the motion is another one.
 """
 
 from __future__ import annotations

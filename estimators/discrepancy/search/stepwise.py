@@ -388,8 +388,7 @@ def search(
     candidates = candidates_for(nominal, library)
     first = last = score_test(nominal, candidates)
     threshold = bar = score_threshold(first, rate)
-    fit, test, refused = first.fit, HoldOutTest(nominal, apart), False
-    gains: list[float] = []
+    fit, test, refused, gains = first.fit, HoldOutTest(nominal, apart), False, list[float]()
     while len(fit.candidates) < MOST:
         accepted = _onward(test, last, bar, rate)
         refused = accepted.refused

@@ -406,6 +406,41 @@ def test_the_policy_that_does_best_on_validation_episodes_is_saved(tmp_path, mon
     assert not tests & {draw.seed for draw in seen[0][1]}
 
 
+def test_the_mean_of_the_weights_is_driven_and_kept_while_the_last_go_on(tmp_path, monkeypatch):
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+
+    from agents.learning import keep_best
+
+    last, driven = [], []
+
+    class Watched(keep_best.KeepBest):
+        def _learn(self):
+            last.append(self.model.policy.action_net.bias.detach().clone())
+            super()._learn()
+
+    def scores(*_args, **_options):
+        driven.append(model.policy.action_net.bias.detach().clone())
+        return np.full(4, 50.0), np.ones(4, dtype=bool)
+
+    monkeypatch.setattr(keep_best, "scores_together", scores)
+    scaler = VecNormalize(VecMonitor(episodes_with_edge()))
+    model = PPO("MultiInputPolicy", scaler, n_steps=4, batch_size=4, n_epochs=1, device="cpu")
+    out = str(tmp_path / "kept")
+    best = Watched(scaler, "speed", out, every=4, episodes=4, env={}, average=0.75)
+    model.learn(8, callback=best)
+    first, second, third = last
+    expected = 0.75 * first + 0.25 * second
+    assert driven[0].tolist() == pytest.approx(expected.tolist())
+    assert driven[1].tolist() == pytest.approx((0.75 * expected + 0.25 * third).tolist())
+    assert driven[0].tolist() != second.tolist()
+    assert model.policy.action_net.bias.tolist() == third.tolist()
+    kept = PPO.load(out, device="cpu").policy.action_net.bias.tolist()
+    assert kept == pytest.approx(driven[0].tolist())
+    with pytest.raises(InvalidParameter, match="average must be in"):
+        keep_best.KeepBest(scaler, "speed", out, every=4, episodes=4, env={}, average=1.0)
+
+
 def test_a_run_that_is_to_fail_little_chooses_on_validation_soils(tmp_path, monkeypatch):
     from agents.learning import train as module
 
