@@ -57,7 +57,7 @@ _SOLVER, _SOLVER_SHARE = 1.0, 0.1
 #: A log can test the library if it would show this share of it at the largest plausible size.
 _TESTABLE = 0.5
 #: A forecast is made worse if its error grows by this factor, and its 95 % interval excludes no change.
-_MISLED = 1.25
+_MISLED = 2.0
 #: A model predicts nothing if its error of the speed, up to so far ahead [s], is larger than this [m/s] and
 #: than that of a speed that stays as it is.
 _AHEAD, _NOTHING = 3.0, 0.5

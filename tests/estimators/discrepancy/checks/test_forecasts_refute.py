@@ -49,9 +49,9 @@ def test_a_steering_that_is_stamped_late_is_named_as_one_that_acts_early(late):
 @pytest.mark.parametrize(
     ("one", "refuted"),
     [
-        (forecast(extended=1.3), True),
-        (forecast(extended=1.2), False),
-        (forecast(extended=1.3, high=0.01), False),
+        (forecast(extended=2.1), True),
+        (forecast(extended=1.9), False),
+        (forecast(extended=2.1, high=0.01), False),
         (forecast("speed", extended=0.55, kept=0.54, high=0.5), True),
         (forecast("speed", extended=0.55, kept=0.56, high=0.5), False),
         (forecast("speed", extended=0.45, kept=0.1, high=0.5), False),
