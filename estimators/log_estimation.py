@@ -176,9 +176,7 @@ def _even_stamps(log: Log, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, float
         )
     dt = float(np.median(np.diff(stamps)))
     if not _RATES[0] - 1e-6 <= 1.0 / dt <= _RATES[1]:
-        raise DataError(
-            f"{log.name}: the IMU has {1.0 / dt:.3g} Hz, a filter needs 50 to 1000 Hz{_MENDED}"
-        )
+        raise DataError(f"{log.name}: the IMU has {1.0 / dt:.3g} Hz, a filter needs 50 to 1000 Hz{_MENDED}")
     # The steps' mean, not their median, so that stamps rounded to milliseconds do not drift off.
     steps = np.round(np.diff(stamps) / dt)
     dt = float((stamps[-1] - stamps[0]) / steps.sum())

@@ -39,6 +39,11 @@ class Report:
         """The result in plain words."""
         belief, n = self.belief, self.belief.marginal(N)
         share = f"{100.0 * belief.valid_share:.0f} % of the drive"
+        if belief.at_ends:
+            return (
+                f"{' and '.join(belief.at_ends)} would have to lie beyond what is possible: do not use these "
+                "numbers. Are the torques those of the wheels, and mass and moduli of the soil as stated?"
+            )
         if not belief.valid:
             return f"No structure that was tried predicts this drive ({share}): do not use these numbers."
         interval = f"{n.mean:.2f} (95 %: {n.low:.2f} to {n.high:.2f})"

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimators.belief.fit import Fit, fit_unknowns, searched
 from estimators.belief.structure_choice import structure_weights
-from estimators.belief.unknowns import MODULUS, PHI, C, K, N, Tolerances, Unknowns, unknowns_of
+from estimators.belief.unknowns import MODULUS, PHI, UNKNOWN_NAMES, C, K, N, Tolerances, Unknowns, unknowns_of
 from estimators.belief.windows import LogWindows, cut
 from estimators.logs.log import Log
 from estimators.replay.structures import Case, plant_for
@@ -40,6 +40,8 @@ DISCREPANCY = (0.05, 0.08)
 ADEQUATE = 1.0
 #: Share of the windows that a valid model predicts.
 _PREDICTED = 0.5
+#: Share of a range next to an end that counts as this end.
+_AT_END = 0.005
 #: Width of the 95 % interval of n up to which an estimate is an answer [-].
 _ANSWER = 0.3
 _LEVEL = 0.95
@@ -90,9 +92,18 @@ class SoilBelief:
         return min(float(sum(shares)), 1.0)  # the weights add up to one but for rounding
 
     @property
+    def at_ends(self) -> tuple[str, ...]:
+        """Unknowns that the likeliest structure has at an end of their range: something else is wrong."""
+        values = self.parts[0].fit.values
+        low, high = self.unknowns.bounds
+        near = _AT_END * (high - low)
+        ended = (values < low + near) | (values > high - near)
+        return tuple(name for name, one in zip(UNKNOWN_NAMES, ended, strict=True) if one)
+
+    @property
     def valid(self) -> bool:
-        """Whether some structure predicts most of the drive."""
-        return self.valid_share >= _PREDICTED
+        """Whether some structure predicts most of the drive, with unknowns within their ranges."""
+        return self.valid_share >= _PREDICTED and not self.at_ends
 
     @property
     def answered(self) -> bool:
@@ -104,7 +115,9 @@ class SoilBelief:
         """What is known of the unknown in this column of `UNKNOWN_NAMES`."""
         means = np.array([part.fit.values[place] for part in self.parts])
         sds = np.sqrt([part.covariance[place, place] for part in self.parts])
-        return mixture([part.weight for part in self.parts], means, sds)
+        found = mixture([part.weight for part in self.parts], means, sds)
+        low, high = (float(end[place]) for end in self.unknowns.bounds)
+        return replace(found, low=max(found.low, low), high=min(found.high, high))
 
     def soil(self) -> dict[str, Marginal]:
         """n, phi and the stated parameters as they come out of the drive."""

@@ -35,7 +35,9 @@ __all__ = [
 STRUCTURAL_CAUSES: Mapping[str, str] = MappingProxyType(
     {
         "pressure_direction": "pressure acts along the ground's normal, so that compaction loads the torque",
-        "pressure_distribution": "contact ends where the soil's own sinkage ends it, not at the angles of Wong and Reece",
+        "pressure_distribution": (
+            "contact ends where the soil's own sinkage ends it, not at the angles of Wong and Reece"
+        ),
         "soil_frame_shear": "shear grows along the path of the wheel in the soil",
         "ruts": "rear wheels run in ruts that the front wheels have compacted and sheared",
         "effective_width": "pressure follows the width of the whole contact patch",

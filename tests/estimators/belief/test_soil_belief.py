@@ -201,6 +201,23 @@ def test_the_flag_goes_down_where_no_structure_predicts_the_drive():
     assert not fake_belief((fake_fit(1.4 * limit), 1.0)).valid
 
 
+def test_an_unknown_at_an_end_of_its_range_takes_the_flag_down():
+    """Torques of a motor, say, before its gears: no soil explains the drive, though a fit may follow it."""
+    for place, value, name in ((PHI, 0.899, "phi"), (N, 0.055, "n"), (MODULUS, -0.699, "modulus")):
+        fit = fake_fit(0.3)
+        fit.values[place] = value
+        ended = fake_belief((fit, 1.0))
+        assert ended.at_ends == (name,)
+        assert not ended.valid
+        fit.values[place] += 0.03 * (1.0 if value < 0.5 else -1.0)
+        assert fake_belief((fit, 1.0)).valid
+
+
+def test_an_interval_ends_where_the_range_does():
+    wide = fake_belief((fake_fit(0.3, sd=1.0), 1.0)).marginal(PHI)
+    assert (wide.low, wide.high) == (0.03, 0.9)
+
+
 def test_a_window_counts_as_predicted_up_to_its_scale():
     """Moved by a factor of two either way, the limit would count other windows."""
     halves = np.repeat([0.7, 1.4], 6)
