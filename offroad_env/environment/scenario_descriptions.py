@@ -122,6 +122,24 @@ def weights_mapping(weights: RewardWeights) -> dict[str, Any]:
     return asdict(weights)
 
 
+def _checked(scenario: Scenario) -> Scenario:
+    """A scenario that was made as an object, its numbers within the ranges of a description."""
+    for name, allowed in _SCENARIO_RANGES.items():
+        value = getattr(scenario, name)
+        if not (name == "shake_limit" and value == math.inf):
+            allowed.check(f"scenario {scenario.name}: {name}", value)
+    for name, one in asdict(scenario.weights).items():
+        _WEIGHT.check(f"scenario {scenario.name}: weights.{name}", one)
+    for name, known in (("measure", tuple(MEASURES)), ("like", ("", *BUILT_IN))):
+        value = getattr(scenario, name)
+        if value not in known:
+            listed = ", ".join(filter(None, known))
+            raise InvalidParameter(
+                f"scenario {scenario.name}: {name} must be one of {listed}, got {shown(value)}"
+            )
+    return scenario
+
+
 def find_scenario(given: Scenario | Description) -> Scenario:
     """A scenario from its name in `SCENARIOS`, an object, a mapping or YAML.
 
@@ -131,7 +149,7 @@ def find_scenario(given: Scenario | Description) -> Scenario:
         With what is wrong, and where.
     """
     if isinstance(given, Scenario):
-        return given
+        return _checked(given)
     if isinstance(given, str) and is_name(given):
         if given in SCENARIOS:
             return SCENARIOS[given]

@@ -307,3 +307,20 @@ def test_the_prior_of_n_does_not_tell_the_n_of_ones_own_soil_but_holds_it():
     stiff = make_soil("dry_sand", n=1.25)
     assert high < 1.25
     assert _ns(soil=stiff) == ({1.25}, (low, 1.25))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"corridor": -1.0}, r"scenario mine: corridor must be in \[0.2, 100\] m, got -1"),
+        ({"time_limit": float("nan")}, "time_limit must be in"),
+        ({"start_speed": "3"}, "start_speed must be a number"),
+        ({"weights": RewardWeights(progress=-3.0)}, r"weights.progress must be in \[0, 1000\], got -3"),
+        ({"measure": "speed"}, "measure must be one of time, cross_track, shortfall, got 'speed'"),
+        ({"like": "rally"}, "like must be one of track, speed"),
+        ({"n_range": (1.0, 0.5)}, "n_range must be"),
+    ],
+)
+def test_a_scenario_object_is_checked_like_a_description(changes, message):
+    with pytest.raises(InvalidParameter, match=message):
+        begun(scenario=Scenario(name="mine", draw=CourseRecipe(), **changes))
