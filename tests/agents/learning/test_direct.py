@@ -406,39 +406,29 @@ def test_the_policy_that_does_best_on_validation_episodes_is_saved(tmp_path, mon
     assert not tests & {draw.seed for draw in seen[0][1]}
 
 
-def test_the_mean_of_the_weights_is_driven_and_kept_while_the_last_go_on(tmp_path, monkeypatch):
+def test_noise_that_is_held_at_first_is_drawn_anew_from_a_share_on():
     from stable_baselines3 import PPO
+    from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
-    from agents.learning import keep_best
+    from agents.learning.keep_best import FreshNoise
 
-    last, driven = [], []
+    held = []
 
-    class Watched(keep_best.KeepBest):
-        def _learn(self):
-            last.append(self.model.policy.action_net.bias.detach().clone())
-            super()._learn()
+    class Watch(BaseCallback):
+        def _on_step(self):
+            held.append((self.num_timesteps, self.model.sde_sample_freq))
+            return True
 
-    def scores(*_args, **_options):
-        driven.append(model.policy.action_net.bias.detach().clone())
-        return np.full(4, 50.0), np.ones(4, dtype=bool)
-
-    monkeypatch.setattr(keep_best, "scores_together", scores)
     scaler = VecNormalize(VecMonitor(episodes_with_edge()))
-    model = PPO("MultiInputPolicy", scaler, n_steps=4, batch_size=4, n_epochs=1, device="cpu")
-    out = str(tmp_path / "kept")
-    best = Watched(scaler, "speed", out, every=4, episodes=4, env={}, average=0.75)
-    model.learn(8, callback=best)
-    first, second, third = last
-    expected = 0.75 * first + 0.25 * second
-    assert driven[0].tolist() == pytest.approx(expected.tolist())
-    assert driven[1].tolist() == pytest.approx((0.75 * expected + 0.25 * third).tolist())
-    assert driven[0].tolist() != second.tolist()
-    assert model.policy.action_net.bias.tolist() == third.tolist()
-    kept = PPO.load(out, device="cpu").policy.action_net.bias.tolist()
-    assert kept == pytest.approx(driven[0].tolist())
-    with pytest.raises(InvalidParameter, match="average must be in"):
-        keep_best.KeepBest(scaler, "speed", out, every=4, episodes=4, env={}, average=1.0)
+    settings = {"n_steps": 4, "batch_size": 4, "n_epochs": 1, "use_sde": True, "sde_sample_freq": 6}
+    model = PPO("MultiInputPolicy", scaler, device="cpu", **settings)
+    model.learn(40, callback=[FreshNoise(0.5), Watch()])
+    changed = [steps for steps, frequency in held if frequency == 1]
+    assert min(steps for steps, _ in held) < 20 < min(changed) <= 20 + 4 * scaler.num_envs
+    assert {frequency for steps, frequency in held if steps <= 20} == {6}
+    with pytest.raises(InvalidParameter, match="after must be in"):
+        FreshNoise(40.0)
 
 
 def test_a_run_that_is_to_fail_little_chooses_on_validation_soils(tmp_path, monkeypatch):
