@@ -1,8 +1,8 @@
 """Callbacks of a training run: noise that is drawn anew, and the best policy by episodes apart.
 
 The best policy is that of episodes that are in neither training nor test. A policy gets better and worse
-again while it learns: between two checks a hundred updates apart the share of failures changes by a factor of five.
-Needs the extra ``rl``.
+again while it learns: between two checks a hundred updates apart the share of failures changes by a factor
+of five. Needs the extra ``rl``.
 """
 
 from __future__ import annotations
