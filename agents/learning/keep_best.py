@@ -45,13 +45,16 @@ class FreshNoise(BaseCallback):
         super().__init__()
         if not 0.0 <= after <= 1.0:
             raise InvalidParameter(f"after must be in [0, 1], got {after:g}")
-        self._after = after
+        self._after, self._begin = after, 0.0
+
+    def _on_training_start(self) -> None:
+        self._begin = self._after * self.locals["total_timesteps"]
 
     def _on_step(self) -> bool:
         return True
 
     def _on_rollout_start(self) -> None:
-        if self.num_timesteps >= self._after * self.model._total_timesteps:
+        if self.num_timesteps >= self._begin:
             self.model.sde_sample_freq = 1
 
 
