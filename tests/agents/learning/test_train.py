@@ -135,7 +135,8 @@ def test_episodes_side_by_side_are_driven_without_the_noise_of_sac(tmp_path):
     env.close()
     twice = {key: np.stack([row, row]) for key, row in observation.items()}
     first, second = load_policy(tmp_path).decide_all(twice, np.ones(2, np.bool_))
-    assert first.tolist() == second.tolist()
+    # Rounding of a matrix product may differ from call to call; noise is a thousand times larger.
+    assert first.tolist() == pytest.approx(second.tolist(), rel=1e-5)
 
 
 def test_another_seed_is_another_configuration_and_another_folder_is_not():
