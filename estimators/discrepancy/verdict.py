@@ -306,18 +306,20 @@ class VehicleDiagnosis(Diagnosis):
     forecasts: tuple[Prediction, ...] = ()
 
     @property
-    def misled(self) -> tuple[Prediction, ...]:
-        """Forecasts that the causes make worse, although they improve the fit: they stand in for another.
+    def worsened(self) -> tuple[Prediction, ...]:
+        """Forecasts that the causes make worse, although they improve the fit: they stand in for another."""
+        return tuple(one for one in self.forecasts if one.high < 0.0 and one.extended > _MISLED * one.nominal)
 
-        Or speeds that the model with them does not predict at all.
-        """
-        worse = (one.high < 0.0 and one.extended > _MISLED * one.nominal for one in self.forecasts)
-        nothing = (
-            one.quantity == "speed" and one.horizon <= _AHEAD and one.extended > max(one.kept, _NOTHING)
-            for one in self.forecasts
-        )
-        found = zip(self.forecasts, worse, nothing, strict=True)
-        return tuple(one for one, *refuted in found if any(refuted))
+    @property
+    def unpredicted(self) -> tuple[Prediction, ...]:
+        """Forecasts of the speed in which the model with the causes is worse than none."""
+        speeds = (one for one in self.forecasts if one.quantity == "speed" and one.horizon <= _AHEAD)
+        return tuple(one for one in speeds if one.extended > max(one.kept, _NOTHING))
+
+    @property
+    def misled(self) -> bool:
+        """Whether forecasts refute the causes."""
+        return bool(self.worsened or self.unpredicted)
 
     @property
     def identifiable(self) -> tuple[bool, ...]:

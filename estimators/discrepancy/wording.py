@@ -201,7 +201,7 @@ def _discrepancy_phrase(
     if unexplained:
         phrase = _largest(unexplained).phrase
     if isinstance(diagnosis, VehicleDiagnosis) and diagnosis.misled:
-        phrase = _misled_phrase(diagnosis.misled)
+        phrase = _misled_phrase(diagnosis)
     effects = [cause.best.effect for cause in causes if not cause.structural]
     impossible = [
         effect for effect, possible in zip(effects, diagnosis.physical, strict=True) if not possible
@@ -225,18 +225,19 @@ def _discrepancy_phrase(
     return phrase
 
 
-def _misled_phrase(forecasts: Sequence[Prediction]) -> str:
+def _misled_phrase(diagnosis: VehicleDiagnosis) -> str:
     """The forecast by which the causes are refuted most clearly."""
-    worst = max(forecasts, key=lambda one: one.extended / max(one.nominal, 1e-300))
-    if not worst.high < 0.0:
+    if diagnosis.worsened:
+        worst = max(diagnosis.worsened, key=lambda one: one.extended / max(one.nominal, 1e-300))
         return (
-            f"the model predicts the speed after {worst.horizon:.0f} s with an error of {worst.extended:.3g} "
-            f"m/s, with or without effects, where a speed that stays as it is errs by {worst.kept:.3g} m/s: "
-            "are the torques those of the wheels, mass and soil as stated?"
+            f"what improves the fit makes forecasts worse (error of the {worst.quantity} after "
+            f"{worst.horizon:.0f} s: {worst.nominal:.3g} -> {worst.extended:.3g} {worst.unit})"
         )
+    worst = diagnosis.unpredicted[-1]
     return (
-        f"what improves the fit makes forecasts worse (error of the {worst.quantity} after "
-        f"{worst.horizon:.0f} s: {worst.nominal:.3g} -> {worst.extended:.3g} {worst.unit})"
+        f"the model predicts the speed after {worst.horizon:.0f} s with an error of {worst.extended:.3g} m/s, "
+        f"with or without effects, where a speed that stays as it is errs by {worst.kept:.3g} m/s: are the "
+        "torques those of the wheels, mass and soil as stated?"
     )
 
 

@@ -19,7 +19,7 @@ from offroad_env.errors import OffroadError
 
 __all__ = ["delayed"]
 
-#: Effects that delay commands, and the channel that shows whether a score is blind to them.
+#: Effects that delay commands.
 _DELAYS = ("steer_delay", "clock_offset")
 #: Delays that are tried, in plausible ones.
 _SHARES = (-1.0, -0.66, -0.33, 0.33, 0.66, 1.0)

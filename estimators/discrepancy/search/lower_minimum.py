@@ -16,10 +16,15 @@ from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from offroad_env.errors import OffroadError
 
-__all__ = ["begun_again", "lower_minimum"]
+__all__ = ["LEFT", "begun_again", "deviations_off", "lower_minimum"]
 
 #: Standard deviations from a stated number from which a model is fitted again from what is stated.
-_LEFT = 5.0
+LEFT = 5.0
+
+
+def deviations_off(fit: FitResult) -> np.ndarray:
+    """(N,) distance of every number from what is stated [its standard deviations]."""
+    return np.asarray(np.abs(fit.nuisances) / fit.problem.nuisance_spread)
 
 
 def lower_minimum(fit: FitResult, larger: FitResult, bar: float) -> FitResult | None:
@@ -50,8 +55,7 @@ def lower_minimum(fit: FitResult, larger: FitResult, bar: float) -> FitResult | 
 
 def begun_again(fit: FitResult) -> FitResult:
     """The model fitted from stated numbers, if the fit has left these and that is better; else as it is."""
-    away = np.abs(fit.nuisances) / fit.problem.nuisance_spread
-    if not np.any(away > _LEFT):
+    if not np.any(deviations_off(fit) > LEFT):
         return fit
     try:
         other = settled(fitted_afresh(fit, fit.candidates, fit.sizes.tolist()), fresh=False)

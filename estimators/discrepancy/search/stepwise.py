@@ -17,7 +17,7 @@ from estimators.discrepancy.model.protocol import ForwardModel
 from estimators.discrepancy.physical_ranges import at_end
 from estimators.discrepancy.search.finite_delays import delayed
 from estimators.discrepancy.search.holdout import HoldOutResult, HoldOutTest
-from estimators.discrepancy.search.lower_minimum import begun_again, lower_minimum
+from estimators.discrepancy.search.lower_minimum import LEFT, begun_again, deviations_off, lower_minimum
 from estimators.discrepancy.search.pair_search import Proposal, linearised_gain, proposed_pairs
 from estimators.discrepancy.search.refitting import refit
 from estimators.discrepancy.search.result import EQUIVALENT, Alternative, Cause, SearchResult, separation
@@ -54,9 +54,9 @@ _TESTED = 3
 _NEAR_BEST = 0.8
 #: Effects whose scores exceed so many thresholds, which noise does not, are sought closely along the route.
 _LARGE = 2.0
-#: Standard deviations from a stated number from which its effect is fitted afresh, for so many numbers, the
-#: furthest off, from this share of a plausible size.
-_LEFT, _FRESH, _BEGINS = 5.0, 2, 0.5
+#: Effects of so many numbers, those furthest from what is stated, are fitted afresh, from this share of a
+#: plausible size.
+_FRESH, _BEGINS = 2, 0.5
 
 
 class _Bars(NamedTuple):
@@ -117,8 +117,8 @@ def _afresh(scores: ScoreTest, threshold: float, others: Sequence[FitResult]) ->
         enough = min(enough, others[0].cost + 0.5 * EQUIVALENT)
     vehicle = fit.runs[0].setup.plant.vehicle
     by_effect = {scores.candidates[i].effect: i for i in _best_by_effect(np.abs(scores.z), scores.candidates)}
-    away = np.abs(fit.nuisances) / fit.problem.nuisance_spread
-    numbers = [fit.problem.nuisances[i] for i in np.argsort(-away) if away[i] > _LEFT]
+    away = deviations_off(fit)
+    numbers = [fit.problem.nuisances[i] for i in np.argsort(-away) if away[i] > LEFT]
     names = dict.fromkeys(number.effect for number in numbers if number.effect in by_effect)
     for name in list(names)[:_FRESH]:
         i = by_effect[name]
@@ -152,7 +152,7 @@ def _refitted(
 
 def strayed(fit: FitResult, deviations: float) -> list[str]:
     """Stated numbers of vehicle and soil that a fit has moved by more than so many standard deviations."""
-    away = np.abs(fit.nuisances) / fit.problem.nuisance_spread > deviations
+    away = deviations_off(fit) > deviations
     pairs = zip(fit.problem.nuisances, away, strict=True)
     return [nuisance.name for nuisance, far in pairs if far and nuisance.tolerated]
 
@@ -395,7 +395,8 @@ def search(
         gains += accepted.gains
         if accepted.fit is None:
             break
-        lower = lower_minimum(fit, accepted.fit, bar) if restarts else None
+        larger = begun_again(accepted.fit)
+        lower = lower_minimum(fit, larger, bar) if restarts else None
         if lower is not None and not lower.candidates:
             return search(lower, library, rate, apart, restarts=restarts - 1)
         if lower is not None:
@@ -404,7 +405,6 @@ def search(
             fit = last.fit
             continue
         candidates = [c for c in candidates if c.effect not in accepted.rejected]
-        larger = begun_again(accepted.fit)
         last = score_test(larger, outside(larger, candidates))
         same = larger is accepted.fit
         fit, test = last.fit, test.onward(larger) if same else HoldOutTest(larger, apart)
