@@ -236,8 +236,8 @@ def _misled_phrase(diagnosis: VehicleDiagnosis) -> str:
     worst = diagnosis.unpredicted[-1]
     return (
         f"the model predicts the speed after {worst.horizon:.0f} s with an error of {worst.extended:.3g} "
-        f"m/s, with or without effects, where a speed that stays as it is errs by {worst.kept:.3g} m/s: are the "
-        "torques those of the wheels, mass and soil as stated?"
+        "m/s, with or without effects, where a speed that stays as it is errs by "
+        f"{worst.kept:.3g} m/s: are the torques those of the wheels, mass and soil as stated?"
     )
 
 
