@@ -46,8 +46,9 @@ class UnderstoodError(Exception):
     """The arguments were parsed; nothing is run."""
 
 
-@pytest.mark.check
-def test_every_command_of_the_pages_is_understood(monkeypatch, capsys):
+@pytest.fixture
+def only_parsed(monkeypatch):
+    """Commands end when their arguments are understood."""
     parse = tyro.cli
 
     def only_parse(*arguments, **options):
@@ -55,6 +56,11 @@ def test_every_command_of_the_pages_is_understood(monkeypatch, capsys):
         raise UnderstoodError
 
     monkeypatch.setattr(tyro, "cli", only_parse)
+
+
+@pytest.mark.check
+@pytest.mark.usefixtures("only_parsed")
+def test_every_command_of_the_pages_is_understood(capsys):
     refused = []
     commands = {name: page for name, page in shown().items() if name.startswith("offroad ")}
     assert len(commands) > 100
@@ -79,6 +85,15 @@ def short() -> list[str]:
 
 def test_few_commands_are_left_to_be_run_here():
     assert 20 < len(short()) < 60
+
+
+@pytest.mark.usefixtures("only_parsed")
+def test_commands_that_are_run_here_lack_no_argument():
+    # Where a page means a name, it has one word, or is listed: told here in seconds, and not by the run below.
+    for command in short():
+        if command.startswith("offroad "):
+            with pytest.raises(UnderstoodError):
+                main(words(command)[1:])
 
 
 @pytest.fixture(scope="module")
