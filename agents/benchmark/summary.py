@@ -79,11 +79,6 @@ class Benchmark:
         return next((d.score for d in self.against if d.name == "oracle"), None)
 
     @property
-    def oracle_wins(self) -> Interval | None:
-        """Share of the episodes in which oracle scores better than that arm."""
-        return next((d.wins for d in self.against if d.name == "oracle"), None)
-
-    @property
     def episodes(self) -> int:
         """Number of paired episodes."""
         return len(self.arms[0].episodes)

@@ -15,7 +15,6 @@ __all__ = [
     "WRONG",
     "Score",
     "failed_score",
-    "late_rmse",
     "mean_square_error",
     "score",
     "time_to_5pct",
@@ -142,12 +141,6 @@ def failed_score(truth: np.ndarray, channels: int) -> Score:
 def mean_square_error(n: np.ndarray, truth: np.ndarray | float) -> float:
     """Mean square error of n over the run [-]: the number in the paper's table."""
     return float(np.mean((n - truth) ** 2))
-
-
-def late_rmse(t: np.ndarray, n: np.ndarray, truth: np.ndarray | float) -> float:
-    """Root mean square error from 20 s on [-]; NaN for shorter runs."""
-    late = t >= SETTLED
-    return float(np.sqrt(np.mean(np.square(n - truth)[late]))) if late.any() else math.nan
 
 
 def time_to_5pct(t: np.ndarray, n: np.ndarray, truth: np.ndarray | float) -> float:

@@ -19,6 +19,7 @@ from offroad_env.physics import state as at
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.axle import Plant, readings_size
 from offroad_env.physics.contact import SUNK
+from offroad_env.physics.full_dynamics import SHORTEST_LAG
 from offroad_env.physics.full_vehicle import WORK_ROWS, full_continue, full_derivative
 from offroad_env.physics.numerics import copy_into
 from offroad_env.physics.record_operations import replace
@@ -27,8 +28,6 @@ from offroad_env.simulation.simulator import settled_state
 
 __all__ = ["Predicted", "predict_windows"]
 
-#: Shortest time constant with which the model carries out a lag [s], see `full_dynamics.actuators`.
-_SHORTEST_LAG = 0.005
 #: Columns of what a lead-in sets: x, y, yaw, v_x, v_y, yaw rate, mean wheel speeds.
 (_X, _Y, _YAW, _V_X, _V_Y, _YAW_RATE, _OMEGA_F, _OMEGA_R) = range(8)
 
@@ -116,9 +115,9 @@ def _run(
     """All windows, one after the other, into ``out``, which holds NaN."""
     dt, steps, lead = stepping
     lags = plant.vehicle.steer_lag, plant.vehicle.torque_lag
-    exact = lags[0] < _SHORTEST_LAG, lags[1] < _SHORTEST_LAG
+    exact = lags[0] < SHORTEST_LAG, lags[1] < SHORTEST_LAG
     # Heun's method, by which the solver integrates the actuators, makes this share of the way in a step.
-    gain = dt / _SHORTEST_LAG - 0.5 * (dt / _SHORTEST_LAG) ** 2
+    gain = dt / SHORTEST_LAG - 0.5 * (dt / SHORTEST_LAG) ** 2
     work, seen = np.empty((WORK_ROWS, readings_size(plant))), np.empty(readings_size(plant))
     last = lead + out.a_y.shape[1] - 1
     for w in range(starts.first.shape[0]):

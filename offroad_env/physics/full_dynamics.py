@@ -55,7 +55,7 @@ __all__ = [
 
 
 #: Shortest time constant of an actuator: one step of the model, which integrates the lags explicitly [s].
-_SHORTEST_LAG = 0.005
+SHORTEST_LAG = 0.005
 
 
 class AxleTorques(NamedTuple):
@@ -176,12 +176,12 @@ def axle_torques(vehicle: Vehicle, x: FloatArray) -> AxleTorques:
 def actuators(vehicle: Vehicle, x: FloatArray, command: tuple[float, float, float], d: FloatArray) -> None:
     """First-order lags into ``d``; the steering rate saturates smoothly at ``steer_rate``.
 
-    ``command`` as `equations.full_derivative` takes it. A lag of zero is carried out as `_SHORTEST_LAG`.
+    ``command`` as `equations.full_derivative` takes it. A lag of zero is carried out as `SHORTEST_LAG`.
     """
     steer, drive, brake = command
-    reach = max(vehicle.steer_lag, _SHORTEST_LAG) * vehicle.steer_rate
+    reach = max(vehicle.steer_lag, SHORTEST_LAG) * vehicle.steer_rate
     d[at.STEER] = vehicle.steer_rate * math.tanh((steer - x[at.STEER]) / reach)
-    lag = max(vehicle.torque_lag, _SHORTEST_LAG)
+    lag = max(vehicle.torque_lag, SHORTEST_LAG)
     d[at.DRIVE] = (drive - x[at.DRIVE]) / lag
     d[at.BRAKE] = (brake - x[at.BRAKE]) / lag
 

@@ -9,11 +9,12 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.stats import norm
 
+from agents.benchmark.statistics import wilson_interval
 from agents.studies.fault_detection.one_log import Numbers
 from agents.studies.runner import Key
 from estimators.discrepancy.search.score_test import DETECTABLE
 
-__all__ = ["MIMICRY", "MULTIPLES", "QUIET", "counted", "share_of", "wilson"]
+__all__ = ["MIMICRY", "MULTIPLES", "QUIET", "counted", "share_of"]
 
 #: Sizes of the faults, in multiples of the smallest detectable one.
 MULTIPLES = (0.5, 1.0, 2.0, 4.0)
@@ -25,16 +26,6 @@ MIMICRY = 0.9
 QUIET = ("NO EFFECT", "NOT TESTABLE")
 #: Verdicts that claim to be complete.
 _CONFIDENT = ("NAMED", "ONE OF")
-
-
-def wilson(hits: int, count: int, z: float = 1.959964) -> tuple[float, float]:
-    """95 % interval of a share (Wilson, JASA 22, 1927)."""
-    if count == 0:
-        return 0.0, 1.0
-    p, centre = hits / count, hits / count + z * z / (2.0 * count)
-    half = z * math.sqrt(p * (1.0 - p) / count + z * z / (4.0 * count * count))
-    scale = 1.0 + z * z / count
-    return max((centre - half) / scale, 0.0), min((centre + half) / scale, 1.0)
 
 
 def counted(results: Mapping[Key, Numbers]) -> Numbers:
@@ -102,8 +93,9 @@ def _quantile(values: Sequence[float], share: float) -> float | None:
 
 
 def share_of(hits: int, count: int) -> Numbers:
-    """A share with its 95 % interval."""
-    low, high = wilson(hits, count)
+    """A share with its 95 % interval; of no log at all, anything."""
+    interval = wilson_interval(hits, count) if count else None
+    low, high = (interval.low, interval.high) if interval else (0.0, 1.0)
     return {"hits": hits, "count": count, "share": hits / max(count, 1), "low": low, "high": high}
 
 

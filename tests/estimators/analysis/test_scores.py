@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from estimators.analysis.scores import late_rmse, mean_square_error, time_to_5pct
+from estimators.analysis.scores import mean_square_error, time_to_5pct
 
 T = np.linspace(0.0, 40.0, 401)
 
@@ -15,15 +15,12 @@ T = np.linspace(0.0, 40.0, 401)
 def test_a_constant_error_has_its_square_as_mean():
     n = np.full(T.shape, 0.52)
     assert mean_square_error(n, 0.5) == pytest.approx(4e-4)
-    assert late_rmse(T, n, 0.5) == pytest.approx(0.02)
     assert time_to_5pct(T, n, 0.5) == 0.0
 
 
-def test_the_start_does_not_count_late():
+def test_time_to_5pct_is_where_the_error_of_the_start_ends():
     n = np.where(T < 19.95, 1.0, 0.5)
-    assert late_rmse(T, n, 0.5) == 0.0
     assert time_to_5pct(T, n, 0.5) == pytest.approx(20.0)
-    assert math.isnan(late_rmse(T[:50], n[:50], 0.5))
 
 
 def test_an_error_that_comes_back_is_not_settled():
