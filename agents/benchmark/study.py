@@ -27,12 +27,12 @@ from agents.controllers.tuned import SETTINGS
 from agents.driving.episode import (
     AGENTS,
     OWN_KNOBS,
-    agent_file,
     agent_list,
     find_agent,
     is_agent,
     trained_name,
 )
+from agents.driving.own_agents import own_content
 from agents.learning.policies import LEARNED, WEIGHTS, learned_folder, shipped_seeds
 from agents.studies.runner import Key, run_units, stamp_of
 from offroad_env.environment.scenario_descriptions import find_scenario, scenario_mapping
@@ -130,7 +130,7 @@ def _stamp(task: str, agent: str, form: str) -> str:
     elif is_natural(form) and agent in PREDICTIVE:
         own = repr(natural_knobs(find_scenario(task).task, agent)).encode()
     elif ":" in agent:
-        own = agent_file(agent).read_bytes()
+        own = own_content(agent)
     elif (trained := trained_name(agent)) is not None:
         own = (learned_folder(find_scenario(task).task, *trained) / WEIGHTS).read_bytes()
     else:
@@ -138,6 +138,13 @@ def _stamp(task: str, agent: str, form: str) -> str:
     if task not in BUILT_IN:
         own += repr(scenario_mapping(find_scenario(task))).encode()
     return f"{stamp_of(*_SOURCES)}-{hashlib.sha256(own).hexdigest()[:10]}"
+
+
+def _stamps(keys: Sequence[Key]) -> dict[Key, str]:
+    """Key -> stamp; what stands behind an agent is looked at once for all its episodes."""
+    agents = {key: (key[0], key[2], key[1]) for key in keys}
+    found = {agent: _stamp(*agent) for agent in dict.fromkeys(agents.values())}
+    return {key: found[agent] for key, agent in agents.items()}
 
 
 def _key(args: BenchmarkArgs, unit: tuple[str, str, str, int], terrain_info: str | None) -> Key:
@@ -171,8 +178,7 @@ def run_study(
         for agent in args.agents
         for episode in range(args.episodes)
     ]
-    stamps = {key: _stamp(key[0], key[2], key[1]) for key in keys}
-    done = run_units(out / EPISODES, drive_unit, stamps, label="episodes", n_jobs=args.n_jobs)
+    done = run_units(out / EPISODES, drive_unit, _stamps(keys), label="episodes", n_jobs=args.n_jobs)
     results = {}
     for task, form in args.cells:
         arms = tuple(
@@ -195,8 +201,7 @@ def run_learned(args: BenchmarkArgs, out: Path) -> dict[tuple[str, str], list[Le
     ]
     if not keys:
         return {}
-    stamps = {key: _stamp(key[0], key[2], key[1]) for key in keys}
-    done = run_units(out / EPISODES, drive_unit, stamps, label="policies", n_jobs=args.n_jobs)
+    done = run_units(out / EPISODES, drive_unit, _stamps(keys), label="policies", n_jobs=args.n_jobs)
     found: dict[tuple[str, str], list[LearnedArm]] = {}
     for task, form, arm in dict.fromkeys((key[0], key[1], key[2].rpartition("_")[0]) for key in keys):
         episodes = {}

@@ -43,7 +43,8 @@ class Compare:
     """Compare an agent of your own with the arms of the benchmark, on the same episodes.
 
     The agent is a class with reset(briefing) and act(observation), called without arguments, in a module
-    that Python finds from here. Episodes that --out already holds are not driven again.
+    that Python finds from here. Episodes that --out already holds are driven again only if the agent's
+    modules, or files that it reads while it is made, have changed since.
     """
 
     agent: Positional[str]  #: module:Class

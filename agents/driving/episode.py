@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
-import os
-import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -25,6 +20,7 @@ from agents.controllers.nmpc_arms import PREDICTIVE, make_nmpc
 from agents.controllers.protocol import Agent
 from agents.controllers.pure_pursuit import PurePursuitAgent
 from agents.controllers.stanley import StanleyAgent
+from agents.driving.own_agents import make_own_agent
 from agents.driving.recording import EpisodeLog
 from agents.driving.unwrapped import bekker_env
 from agents.learning.policies import DIRECT, LEARNED, learned_folder, load_policy, shipped_seeds
@@ -36,7 +32,6 @@ __all__ = [
     "OWN_KNOBS",
     "Drive",
     "HalfWayPicture",
-    "agent_file",
     "agent_list",
     "agents_of",
     "find_agent",
@@ -113,7 +108,7 @@ def find_agent(
         For an unknown name, or a ``terrain_info`` that starves the agent.
     """
     if ":" in name:
-        return _own_agent(name), terrain_info or "none"
+        return make_own_agent(name), terrain_info or "none"
     task = find_scenario(scenario).task
     if name in _TRACKERS:
         return _TRACKERS[name](), terrain_info or "none"
@@ -170,63 +165,6 @@ def _checked_info(name: str, needs: str, terrain_info: str | None) -> str:
             f'terrain_info must be "{needs}" for the agent {name!r}, got {terrain_info!r} - leave it out?'
         )
     return terrain_info or needs
-
-
-def _importable(name: str) -> str:
-    """The module of ``module:Class``, which may lie in the working directory."""
-    if os.getcwd() not in sys.path:
-        sys.path.insert(0, os.getcwd())
-    return name.partition(":")[0]
-
-
-def agent_file(name: str) -> Path:
-    """The file that holds an agent of your own, ``module:Class``.
-
-    Raises
-    ------
-    InvalidParameter
-        If there is no such module, or it has no file: a part of Python itself is no agent.
-    """
-    module = _importable(name)
-    try:
-        found = importlib.util.find_spec(module)
-    except (ImportError, ValueError):
-        found = None
-    if found is None or found.origin is None:
-        raise InvalidParameter(
-            f"no module {module!r} in {os.getcwd()} or among the installed packages, asked for by {name!r} - "
-            "module:Class names an agent of your own"
-        )
-    file = Path(found.origin)
-    if not file.is_file():
-        raise InvalidParameter(
-            f"module {module!r} is a part of Python and has no file, asked for by {name!r} - "
-            "module:Class names an agent of your own"
-        )
-    return file
-
-
-def _own_agent(name: str) -> Agent:
-    agent_file(name)
-    module = importlib.import_module(_importable(name))
-    kind = getattr(module, name.partition(":")[2], None)
-    if kind is None:
-        raise InvalidParameter(f"no {name.partition(':')[2]!r} in {module.__name__} - module:Class?")
-    if not isinstance(kind, type):
-        raise InvalidParameter(
-            f"{name} is {'a function' if callable(kind) else 'no class'}: give a class with the methods "
-            "reset(briefing) and act(observation), which is made without arguments"
-        )
-    try:
-        agent: Agent = kind()
-    except TypeError as error:
-        raise InvalidParameter(f"{name} cannot be made without arguments: {error}") from error
-    missing = [method for method in ("reset", "act") if not callable(getattr(agent, method, None))]
-    if missing:
-        raise InvalidParameter(
-            f"{name} has no method {' and no '.join(missing)} (`agents.controllers.protocol.Agent`)"
-        )
-    return agent
 
 
 class Drive:
