@@ -19,11 +19,11 @@ from agents.benchmark.learned import LearnedArm, summarise_learned
 from agents.benchmark.natural import NATURAL_TASKS, is_natural, options_of
 from agents.benchmark.runner import ENV_ID, FORMS, OVER_N, draw_episodes, run_episode
 from agents.benchmark.summary import Benchmark, summarise
-from agents.controllers.arms import ARMS
+from agents.controllers.arms import ARMS, COMMON_KNOBS
 from agents.controllers.natural_tuned import SETTINGS as NATURAL_SETTINGS
 from agents.controllers.nmpc_arms import PREDICTIVE, natural_knobs
 from agents.controllers.protocol import ArmResult, EpisodeResult
-from agents.controllers.tuned import SETTINGS
+from agents.controllers.tuned import COMMON_PLACES, SETTINGS
 from agents.driving.episode import (
     AGENTS,
     OWN_KNOBS,
@@ -58,7 +58,7 @@ class BenchmarkArgs:
     seed: int = 0  #: of the episodes; never those of the tuning
     n_jobs: int = 2  #: local processes; the results do not depend on it
     world: str = ""  #: further arguments of ``gym.make`` for all, as JSON
-    knobs: str = "common"  #: of the arms in natural forms: "common" or "own"
+    knobs: str | None = None  #: of the arms, "common" or "own"; None: common in natural forms, else own
 
     @property
     def cells(self) -> list[tuple[str, str]]:
@@ -71,8 +71,9 @@ class BenchmarkArgs:
         ]
 
     def driver(self, agent: str, form: str) -> str:
-        """The name of an agent among the units: own knobs make another one of an arm."""
-        return f"{agent}{OWN_KNOBS}" if is_natural(form) and self.knobs == "own" and agent in ARMS else agent
+        """The name of an agent among the units: other knobs than the form's usual ones make another one."""
+        usual, other = ("common", OWN_KNOBS) if is_natural(form) else ("own", COMMON_KNOBS)
+        return f"{agent}{other}" if agent in ARMS and self.knobs not in (None, usual) else agent
 
     def check(self) -> None:
         """Refuse what cannot be run, by name.
@@ -133,6 +134,9 @@ def _stamp(task: str, agent: str, form: str) -> str:
         own = own_content(agent)
     elif (trained := trained_name(agent)) is not None:
         own = (learned_folder(find_scenario(task).task, *trained) / WEIGHTS).read_bytes()
+    elif agent.endswith(COMMON_KNOBS):
+        shared = find_scenario(task).task
+        own = repr((SETTINGS.get((shared, "oracle")), COMMON_PLACES.get(shared))).encode()
     else:
         own = repr(SETTINGS.get((find_scenario(task).task, agent.removeprefix("lqr_")))).encode()
     if task not in BUILT_IN:

@@ -5,7 +5,8 @@ middle of the box of its knobs, the find of the search before and a low-discrepa
 in which the best survive, change a little, and drive more episodes. In the final every arm drives the
 best knobs that any arm has found (with its own n or z), and its own from the search before, so that no
 arm is better or worse by the luck of its search. The lowest mean score wins (`agents.benchmark.runner`).
-The result is the module `agents.controllers.tuned`.
+The result is the module `agents.controllers.tuned`. ``--knobs common`` searches nothing but where in the
+prior nominal does best with the knobs that the oracle has there.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import runpy
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.stats import qmc
@@ -22,18 +23,20 @@ from scipy.stats import qmc
 from agents.benchmark.runner import draw_episodes, run_jobs
 from agents.controllers import tuned as shipped
 from agents.controllers.arms import ARMS, ArmSettings, make_arm
-from agents.controllers.tuned import SETTINGS
+from agents.controllers.tuned import COMMON_PLACES, SETTINGS
 
 __all__ = [
     "COMMON",
     "HERE",
     "OWN",
+    "PLACES",
     "Round",
     "TuneArgs",
     "Tuned",
     "knobs",
     "own_knobs",
     "search_arm",
+    "tune_place",
     "tune_scenario",
     "write_settings",
 ]
@@ -55,6 +58,9 @@ COMMON: dict[str, dict[str, tuple[float, float]]] = {
 #: Knobs that only one arm has. ``n`` is a place in the prior. ``z`` starts above 0: an arm that ignores the
 #: standard deviation is not the aware arm.
 OWN: dict[str, dict[str, tuple[float, float]]] = {"nominal": {"n": (0.0, 1.0)}, "aware": {"z": (0.25, 2.0)}}
+
+#: Places in the prior, 0 the lowest n, of which nominal gets the best where the other knobs are the oracle's.
+PLACES = np.linspace(0.0, 1.0, 9)
 
 #: The same where a task asks for other ones: at the given speed of `track` there is nothing to insure.
 HERE: dict[tuple[str, str], dict[str, tuple[float, float]]] = {("track", "aware"): {}}
@@ -84,6 +90,7 @@ class TuneArgs:
     """Arguments of the search; the budget is the same for every arm."""
 
     scenario: str = "speed"  #: scenario to tune for
+    knobs: Literal["own", "common"] = "own"  #: a search for each arm, or the oracle's knobs for all
     seed: int = 0  #: of the candidates and the training episodes
     n_jobs: int = 2  #: local processes
     rounds: tuple[Round, ...] = (Round(0, 10, 6), Round(3, 2, 10))  #: the search of each arm
@@ -187,30 +194,60 @@ def tune_scenario(
     return tuned
 
 
-def write_settings(path: Path, args: TuneArgs, tuned: dict[str, Tuned]) -> None:
-    """Write the module of tuned settings; other scenarios in it are kept."""
+def tune_place(
+    args: TuneArgs, *, progress: Callable[[str, int, int], None] | None = None
+) -> tuple[float, float]:
+    """Place in the prior where nominal scores best with the knobs of the oracle, and its mean score there."""
+    common = SETTINGS[args.scenario, "oracle"]
+    candidates = [ArmSettings(**common, n=float(place)) for place in PLACES]
+    scores = _scores("nominal", candidates, args, args.final_episodes, progress)
+    best = int(np.argmin(scores))
+    return float(PLACES[best]), float(scores[best])
+
+
+def write_settings(
+    path: Path, args: TuneArgs, tuned: dict[str, Tuned], place: tuple[float, float] | None = None
+) -> None:
+    """Write the module of tuned settings; other scenarios in it are kept, and what was not searched."""
     # Read anew: another search may have written since this one began.
     held = runpy.run_path(str(path)) if path.exists() else vars(shipped)
-    runs = dict(held["RUNS"])
-    table = {key: dict(value) for key, value in held["SETTINGS"].items() if key[0] != args.scenario}
+    runs, places = dict(held["RUNS"]), dict(held.get("COMMON_PLACES", COMMON_PLACES))
+    if place is not None:
+        places[args.scenario] = place[0]
+        driven = f"{len(PLACES)} x {args.final_episodes} episodes"
+        runs[f"{args.scenario} common"] = f"seed {args.seed}, {driven}: nominal {place[1]:.3g}"
+    table = {key: dict(value) for key, value in held["SETTINGS"].items()}
     for name, result in tuned.items():
         own = set(knobs(args.scenario, name))
         table[args.scenario, name] = {
             key: value for key, value in asdict(result.settings).items() if key in own
         }
-    budget = next(iter(tuned.values())).episodes
-    scores = ", ".join(f"{name} {result.score:.3g}" for name, result in tuned.items())
-    runs[args.scenario] = f"seed {args.seed}, {budget} episodes an arm: {scores}"
+    if tuned:
+        budget = next(iter(tuned.values())).episodes
+        scores = ", ".join(f"{name} {result.score:.3g}" for name, result in tuned.items())
+        runs[args.scenario] = f"seed {args.seed}, {budget} episodes an arm: {scores}"
+    path.write_text(_module(runs, table, places), encoding="utf-8")
+
+
+def _module(
+    runs: dict[str, str], table: dict[tuple[str, str], dict[str, float]], places: dict[str, float]
+) -> str:
+    """Text of the module."""
     lines = [
         '"""Tuned knobs of the arms. Written by ``python -m agents.benchmark.tune``; do not edit by hand."""',
         "",
         "from __future__ import annotations",
         "",
-        '__all__ = ["RUNS", "SETTINGS"]',
+        '__all__ = ["COMMON_PLACES", "RUNS", "SETTINGS"]',
         "",
         "#: Scenario -> the search that its settings come from, with the mean scores in training.",
         "RUNS: dict[str, str] = {",
         *(f'    "{key}": "{value}",' for key, value in sorted(runs.items())),
+        "}",
+        "",
+        "#: Scenario -> place in the prior where nominal does best with the knobs of the oracle.",
+        "COMMON_PLACES: dict[str, float] = {",
+        *(f'    "{key}": {value:g},' for key, value in sorted(places.items())),
         "}",
         "",
         "#: (scenario, arm) -> fields of `agents.controllers.arms.ArmSettings`.",
@@ -218,7 +255,7 @@ def write_settings(path: Path, args: TuneArgs, tuned: dict[str, Tuned]) -> None:
         *(line for key, value in sorted(table.items()) for line in _literal(key, value)),
         "}",
     ]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return "\n".join(lines) + "\n"
 
 
 def _literal(key: tuple[str, str], values: dict[str, float]) -> list[str]:
@@ -238,8 +275,9 @@ def main() -> None:
         def report(name: str, done: int, total: int) -> None:
             bar.update(task, description=f"tuning {name}", completed=done, total=total)
 
-        tuned = tune_scenario(args, progress=report)
-    write_settings(Path(str(shipped.__file__)), args, tuned)
+        place = tune_place(args, progress=report) if args.knobs == "common" else None
+        tuned = tune_scenario(args, progress=report) if args.knobs == "own" else {}
+    write_settings(Path(str(shipped.__file__)), args, tuned, place)
 
 
 if __name__ == "__main__":

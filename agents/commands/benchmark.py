@@ -55,7 +55,8 @@ class BenchmarkRun:
     agents: tuple[str, ...] = ("pure_pursuit", "nominal", "conservative", "aware", "oracle")  #: who drives
     policies: bool = True  #: leave out the shipped policies, which are trained with several seeds each
     forms: Forms = ("matched", "mismatch")  #: vehicle as modelled, unlike it, or on whole measured soils
-    knobs: Literal["common", "own"] = "common"  #: natural forms: arms drive with one set, or with their own
+    #: arms drive with one set of knobs, or with their own; by default common in natural forms, else own
+    knobs: Literal["common", "own"] | None = None
     episodes: int = 100  #: paired episodes of each agent
     seed: int = 0  #: of the episodes
     n_jobs: Jobs = 2  #: local processes; the results do not depend on it
@@ -73,7 +74,7 @@ class BenchmarkRun:
         seconds = time.perf_counter() - start
         command = (
             f"offroad benchmark --agents {' '.join(self.agents)}{'' if self.policies else ' --no-policies'}"
-            f"{self.world.words()}"
+            f"{'' if self.knobs is None else f' --knobs {self.knobs}'}{self.world.words()}"
         )
         write_results(results, args, self.out, self.json, command=command, trained=trained, seconds=seconds)
         if self.quick:

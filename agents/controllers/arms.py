@@ -7,7 +7,8 @@ aware         mean and standard deviation of the online filter (``terrain_info="
 nominal       one fixed n, the one that scores best over the prior on training seeds
 conservative  the n of the prior that is worst for the task (`WORST`)
 
-Each arm's knobs are tuned with the same budget (`agents.benchmark.tune`); the outcome is
+Each arm's *own knobs* are tuned with the same budget (`agents.benchmark.tune`), *common knobs* are those of
+the oracle for all, so that arms differ by what they know alone; the outcome is
 `agents.controllers.tuned`.
 """
 
@@ -33,6 +34,7 @@ from offroad_env.errors import InvalidParameter
 
 __all__ = [
     "ARMS",
+    "COMMON_KNOBS",
     "CONTROLLERS",
     "WORST",
     "Arm",
@@ -163,6 +165,9 @@ def _follow(believe: BeliefSource, gains: PlannerGains, settings: ArmSettings) -
     return PathController(believe, gains, weights=weights)
 
 
+#: Ending of an arm's name that drives with common knobs where the others drive with their own.
+COMMON_KNOBS = "_common"
+
 #: Task -> its controller; the others are driven by `SoilTracker`.
 CONTROLLERS: dict[str, Callable[[BeliefSource, PlannerGains, ArmSettings], Agent]] = {
     "track": _follow,
@@ -179,11 +184,27 @@ def is_tuned(name: str, task: str) -> bool:
     return (task, name) in SETTINGS
 
 
+def _tuned(name: str, task: str, knobs: str) -> ArmSettings:
+    # Here and not above: who asks what sources stand behind a result adds the settings of its arm.
+    from agents.controllers.tuned import COMMON_PLACES, SETTINGS
+
+    if (task, name) not in SETTINGS or (knobs == "common" and task not in COMMON_PLACES):
+        tuned = ", ".join(sorted({key[0] for key in SETTINGS}))
+        raise InvalidParameter(
+            f"no tuned settings for scenario {task!r}; tuned: {tuned}; made by agents.benchmark.tune"
+        )
+    if knobs == "common":
+        # The insurance of aware is no outcome of a search: one standard deviation.
+        return ArmSettings(**SETTINGS[task, "oracle"], n=COMMON_PLACES[task])
+    return ArmSettings(**SETTINGS[task, name])
+
+
 def make_arm(
     name: str,
     *,
     scenario: str = "speed",
     settings: ArmSettings | None = None,
+    knobs: str = "own",
     tracker: Callable[[BeliefSource, PlannerGains], Agent] | None = None,
 ) -> Arm:
     """An arm with its tuned settings for a scenario.
@@ -195,28 +216,24 @@ def make_arm(
         Whose tuned settings to take; for one of your own, those of the task that it is most like.
     settings : ArmSettings, optional
         Instead of the tuned ones.
+    knobs : {"own", "common"}
+        Which tuned ones.
     tracker : callable, optional
         Makes another controller from belief and gains than the task's own.
 
     Raises
     ------
     InvalidParameter
-        For an unknown name, or a scenario that has not been tuned.
+        For an unknown name or kind of knobs, or a scenario that has not been tuned.
     """
     if name not in ARMS:
         raise InvalidParameter(f"arm must be one of {', '.join(ARMS)}, got {name!r}")
+    if knobs not in ("own", "common"):
+        raise InvalidParameter(f"knobs must be own or common, got {knobs!r}")
     driven = find_scenario(scenario)
     scenario = driven.task
     if settings is None:
-        # Here and not above: who asks what sources stand behind a result adds the settings of its arm.
-        from agents.controllers.tuned import SETTINGS
-
-        if (scenario, name) not in SETTINGS:
-            tuned = ", ".join(sorted({key[0] for key in SETTINGS}))
-            raise InvalidParameter(
-                f"no tuned settings for scenario {scenario!r}; tuned: {tuned}; made by agents.benchmark.tune"
-            )
-        settings = ArmSettings(**SETTINGS[scenario, name])
+        settings = _tuned(name, scenario, knobs)
     terrain_info, informed, belief = ARMS[name]
     # An integral learns a bend's drive, which is wrong on another soil: a feed-forward takes its place.
     changing = driven.changing

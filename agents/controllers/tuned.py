@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
-__all__ = ["RUNS", "SETTINGS"]
+__all__ = ["COMMON_PLACES", "RUNS", "SETTINGS"]
 
 #: Scenario -> the search that its settings come from, with the mean scores in training.
 RUNS: dict[str, str] = {
     "brake": "seed 0, 136 episodes an arm: nominal 9.197, conservative 9.37, aware 9.052, oracle 9.053",
+    "brake common": "seed 0, 9 x 40 episodes: nominal 9.63",
     "climb": "seed 0, 136 episodes an arm: nominal 74.42, conservative 72.65, aware 70.82, oracle 70.79",
+    "climb common": "seed 0, 9 x 40 episodes: nominal 72.1",
     "patches": "seed 3, 1536 episodes an arm: nominal 47.2, conservative 45.8, aware 43.4, oracle 41.8",
+    "patches common": "seed 0, 9 x 40 episodes: nominal 48.8",
     "ride": "seed 0, 136 episodes an arm: nominal 46.92, conservative 48.46, aware 48.61, oracle 48.69",
+    "ride common": "seed 0, 9 x 40 episodes: nominal 48.1",
     "speed": "seed 0, 432 episodes an arm: nominal 48.6, conservative 45.4, aware 42.4, oracle 42.8",
+    "speed common": "seed 0, 9 x 40 episodes: nominal 48.3",
     "track": "seed 0, 354 episodes an arm: nominal 0.0177, conservative 0.0177, aware 0.0176, oracle 0.0176",
+    "track common": "seed 0, 9 x 40 episodes: nominal 0.0174",
+}
+
+#: Scenario -> place in the prior where nominal does best with the knobs of the oracle.
+COMMON_PLACES: dict[str, float] = {
+    "brake": 0.125,
+    "climb": 0.875,
+    "patches": 0,
+    "ride": 0.625,
+    "speed": 0.25,
+    "track": 0.125,
 }
 
 #: (scenario, arm) -> fields of `agents.controllers.arms.ArmSettings`.

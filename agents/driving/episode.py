@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.controllers.arms import (
     ARMS,
+    COMMON_KNOBS,
     CONTROLLERS,
     is_tuned,
     make_arm,
@@ -100,7 +101,8 @@ def find_agent(
         None for what the agent needs, which is "none" for those that do not look at it.
     form
         Form of the benchmark; in natural ones the arms know what the soil holds instead of n, and
-        ``aware_own`` drives with knobs that were searched for it alone.
+        ``aware_own`` drives with knobs that were searched for it alone. In the other forms all do, and
+        ``aware_common`` drives with those of the oracle.
 
     Raises
     ------
@@ -128,9 +130,10 @@ def find_agent(
             raise InvalidParameter(f"{name} steers only, and {scenario!r} asks for more: an arm can do it")
         arm = make_arm(_STEERED[name], scenario=scenario, tracker=LqrTracker)
         return arm.agent, _checked_info(name, arm.terrain_info, terrain_info)
-    if name not in ARMS:
+    kind = name.removesuffix(COMMON_KNOBS)
+    if kind not in ARMS:
         raise InvalidParameter(f"agent must be one of {agent_list(scenario)}, or module:Class, got {name!r}")
-    arm = make_arm(name, scenario=scenario)
+    arm = make_arm(kind, scenario=scenario, knobs="own" if kind == name else "common")
     return arm.agent, _checked_info(name, arm.terrain_info, terrain_info)
 
 

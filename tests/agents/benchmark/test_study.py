@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import textwrap
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -18,7 +19,9 @@ from agents.benchmark.runner import ENV_ID, MISMATCH, draw_episodes
 from agents.benchmark.statistics import effect_size, recovered_share
 from agents.benchmark.study import EPISODES, BenchmarkArgs, run_study
 from agents.benchmark.summary import summarise
+from agents.controllers.arms import ARMS, make_arm
 from agents.controllers.protocol import ArmResult, EpisodeResult
+from agents.controllers.tuned import COMMON_PLACES
 from agents.driving.episode import find_agent
 from agents.reports.page import Picture, render_page
 from offroad_env.errors import InvalidParameter
@@ -85,6 +88,43 @@ def test_a_mismatch_reaches_the_plant_and_nothing_that_anybody_believes():
     assert env.estimator.plant.vehicle == nominal.vehicle
     with pytest.raises(InvalidParameter, match="mass must be in"):
         env.reset(options={"mismatch": (-1.0, 1.0, 1.0)})
+
+
+# ---------------------------------------------------------------------- knobs
+
+
+@pytest.mark.parametrize(
+    ("knobs", "form", "driver"),
+    [
+        (None, "matched", "aware"),
+        ("own", "mismatch", "aware"),
+        ("common", "matched", "aware_common"),
+        (None, "natural", "aware"),
+        ("common", "natural", "aware"),
+        ("own", "natural", "aware_own"),
+    ],
+)
+def test_arms_drive_with_the_usual_knobs_of_the_form_unless_others_are_asked_for(knobs, form, driver):
+    args = replace(SMALL, knobs=knobs)
+    assert args.driver("aware", form) == driver
+    assert args.driver("pure_pursuit", form) == "pure_pursuit"
+
+
+@pytest.mark.parametrize("task", sorted(COMMON_PLACES))
+def test_with_common_knobs_arms_differ_by_nothing_but_what_they_believe(task):
+    gains = {name: make_arm(name, scenario=task, knobs="common").agent.gains for name in ARMS}
+    assert all(gain == gains["oracle"] for gain in gains.values())
+    assert gains["oracle"] == make_arm("oracle", scenario=task).agent.gains
+    with pytest.raises(InvalidParameter, match="knobs must be own or common"):
+        make_arm("oracle", scenario=task, knobs="others")
+
+
+def test_episodes_with_common_knobs_are_kept_apart(tmp_path):
+    own = run_study(SMALL, tmp_path)["brake", "matched"]
+    common = run_study(replace(SMALL, knobs="common"), tmp_path)["brake", "matched"]
+    assert (common.arm("oracle").scores == own.arm("oracle").scores).all()
+    assert (common.arm("conservative").scores != own.arm("conservative").scores).all()
+    assert len((tmp_path / EPISODES).read_text(encoding="utf-8").splitlines()) == 8
 
 
 # ---------------------------------------------------------------------- an agent of one's own
