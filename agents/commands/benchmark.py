@@ -55,8 +55,7 @@ class BenchmarkRun:
     agents: tuple[str, ...] = ("pure_pursuit", "nominal", "conservative", "aware", "oracle")  #: who drives
     policies: bool = True  #: leave out the shipped policies, which are trained with several seeds each
     forms: Forms = ("matched", "mismatch")  #: vehicle as modelled, unlike it, or on whole measured soils
-    #: arms drive with one set of knobs, or with their own; by default common in natural forms, else own
-    knobs: Literal["common", "own"] | None = None
+    knobs: Literal["common", "own"] | None = None  #: of the arms; default: common in natural forms, else own
     episodes: int = 100  #: paired episodes of each agent
     seed: int = 0  #: of the episodes
     n_jobs: Jobs = 2  #: local processes; the results do not depend on it
