@@ -43,12 +43,12 @@ from estimators.discrepancy.faults.library import FAULTS, ONE_SIDED
 from estimators.discrepancy.faults.other_forms import OTHER_FORMS
 from estimators.logs import write_log
 
-SIZES = {  # several times what such logs show, below what is visible without a diagnosis
+SIZES = {  # several times what such logs show, and 1.5 times that is less than `physical_ranges` end at
     "steer_delay": 0.04, "steer_lag": 0.04, "steer_offset": 0.015, "payload": 0.06,
-    "rolling_resistance": 0.02, "aero_drag": 6.0, "slip_exponent": 0.3, "n_step": 0.02,
+    "rolling_resistance": 0.02, "aero_drag": 3.5, "slip_exponent": 0.3, "n_step": 0.02,
     "gyro_bias_yaw": 0.015, "accel_bias_y": 0.5,
 }
-OTHER_SIZES = {"steer_lag": 0.06, "payload": 0.1, "rolling_resistance": 0.03, "aero_drag": 8.0}
+OTHER_SIZES = {"steer_lag": 0.06, "payload": 0.1, "rolling_resistance": 0.03, "aero_drag": 5.0}
 rng = np.random.default_rng()
 form = str(rng.choice(["library", "other"]))
 sizes, faults = (SIZES, FAULTS) if form == "library" else (OTHER_SIZES, OTHER_FORMS)
