@@ -23,7 +23,7 @@ from scipy.stats import qmc
 from agents.benchmark.runner import draw_episodes, run_jobs
 from agents.controllers import tuned as shipped
 from agents.controllers.arms import ARMS, ArmSettings, make_arm
-from agents.controllers.tuned import COMMON_PLACES, SETTINGS
+from agents.controllers.tuned import SETTINGS
 
 __all__ = [
     "COMMON",
@@ -211,7 +211,7 @@ def write_settings(
     """Write the module of tuned settings; other scenarios in it are kept, and what was not searched."""
     # Read anew: another search may have written since this one began.
     held = runpy.run_path(str(path)) if path.exists() else vars(shipped)
-    runs, places = dict(held["RUNS"]), dict(held.get("COMMON_PLACES", COMMON_PLACES))
+    runs, places = dict(held["RUNS"]), dict(held["COMMON_PLACES"])
     if place is not None:
         places[args.scenario] = place[0]
         driven = f"{len(PLACES)} x {args.final_episodes} episodes"

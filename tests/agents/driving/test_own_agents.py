@@ -56,13 +56,6 @@ def test_a_change_of_any_of_it_makes_another_agent(pusher, changed, tmp_path):
     assert own_content(pusher) != before
 
 
-def test_files_that_nobody_watches_for_are_not_noted(pusher, tmp_path):
-    made_from(pusher)
-    with (tmp_path / "later.txt").open("w", encoding="utf-8") as file:
-        file.write("later")
-    assert "later.txt" not in {path.name for path in made_from(pusher)}
-
-
 def test_an_agent_with_new_weights_is_driven_again(pusher, tmp_path):
     args = BenchmarkArgs(
         tasks=("brake",), agents=(pusher, "oracle"), forms=("matched",), episodes=2, n_jobs=1
