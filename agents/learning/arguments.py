@@ -13,8 +13,10 @@ import tyro
 
 from agents.benchmark.natural import is_natural, natural_scenario, options_of
 from agents.driving.world_options import WorldOptions
+from agents.learning.policies import SCALING, WEIGHTS
 from offroad_env.environment.scenario_descriptions import find_scenario, scenario_mapping
 from offroad_env.environment.scenarios import BUILT_IN, Scenario
+from offroad_env.world.files import MOST_ARRAYS, read_file
 
 __all__ = [
     "TrainArgs",
@@ -28,7 +30,7 @@ __all__ = [
 ]
 
 #: Arguments that do not decide what is learnt.
-_INDIFFERENT = {"out", "resume", "checkpoint_steps", "tensorboard", "threads", "world"}
+_INDIFFERENT = {"out", "resume", "checkpoint_steps", "tensorboard", "threads", "world", "start"}
 
 
 #: Arguments that are younger than shipped policies, with what holds where they are not named.
@@ -45,6 +47,7 @@ _ADDED: dict[str, Any] = {
     "centre": 0.0,
     "last_log_std": None,
     "gradient_steps": 1,
+    "critic_steps": 0,
 }
 #: With the option's former spelling.
 ActionInterfaceName = Annotated[str, tyro.conf.arg(aliases=["--guide"])]  # alias
@@ -92,6 +95,8 @@ class TrainArgs:
     clip_reward: float = 10.0  #: largest reward that is learnt from [standard deviations of their sums]
     first_drive: float = 0.0  #: drive that an untrained policy asks for (not SAC)
     hidden: tuple[int, ...] = (64, 64)  #: layers of policy and value network
+    start: Path | None = None  #: folder of a policy to go on from, with its scaling of observations (PPO)
+    critic_steps: int = 0  #: steps at first in which only the value network learns, which no policy keeps
     check_steps: int = 7_500  #: steps between two drives of the tuning episodes; the best policy is kept
     check_from: int = 0  #: steps before the first of them; policies that arrive nowhere drive the longest
     check_episodes: int = 16  #: of such a drive; 0 = none, the last policy is kept
@@ -117,9 +122,17 @@ def decisive(args: TrainArgs) -> dict[str, Any]:
     for name, usual in _ADDED.items():
         if found[name] == usual:
             del found[name]
+    if args.start is not None:
+        found["start"] = _digest(args.start)
     if args.scenario not in BUILT_IN:
         found["course"] = scenario_mapping(find_scenario(args.scenario))
     return {**found, "world": args.world.env_options()} if args.world.digest() else found
+
+
+def _digest(folder: Path) -> str:
+    """Of what a policy is continued from."""
+    content = b"".join(read_file(folder / name, most=MOST_ARRAYS) for name in (WEIGHTS, SCALING))
+    return hashlib.sha256(content).hexdigest()[:16]
 
 
 def failure_charge(args: TrainArgs, steps: int) -> float:

@@ -40,6 +40,8 @@ __all__ = [
     "load_policy",
     "packed_arrays",
     "policy_kind",
+    "policy_layers",
+    "read_scaling",
     "scaled",
     "scaling_of",
     "shipped_seeds",
@@ -61,6 +63,7 @@ DIRECT = {
     "direct_memory": "none",
     "direct_belief": "belief",
     "direct_oracle": "limits",
+    "direct_oracle_refined": "limits",
 }
 #: Files of a policy's folder.
 WEIGHTS, ZIP, SCALING, KIND = "weights.npz", "policy.zip", "scaling.npz", "policy.json"
@@ -97,11 +100,10 @@ class Network:
     @classmethod
     def of(cls, model: Any) -> Network:
         """The policy network of a PPO model of stable-baselines3."""
-        linear = [part for part in model.policy.mlp_extractor.policy_net if hasattr(part, "weight")]
         return cls(
             [
                 (part.weight.detach().numpy().copy(), part.bias.detach().numpy().copy())
-                for part in (*linear, model.policy.action_net)
+                for part in policy_layers(model)
             ]
         )
 
@@ -138,6 +140,12 @@ class Network:
         if width != _ACTIONS:
             raise DataError(f"{path}: the network has {max(width, 0)} outputs; an action has {_ACTIONS}")
         return cls(layers)
+
+
+def policy_layers(model: Any) -> list[Any]:
+    """The linear layers of a PPO model of stable-baselines3 that lead from its observation to its action."""
+    linear = [part for part in model.policy.mlp_extractor.policy_net if hasattr(part, "weight")]
+    return [*linear, model.policy.action_net]
 
 
 class PolicyAgent:
@@ -271,7 +279,7 @@ def load_policy(folder: Path) -> PolicyAgent:
         If ``folder`` holds no policy, or its files are damaged or do not fit each other.
     """
     kind = policy_kind(folder)
-    scaling = _read_scaling(folder / SCALING)
+    scaling = read_scaling(folder / SCALING)
     widths = {key: kind["frames"] * len(mean) for key, (mean, _) in scaling.items()}
     if kind["algorithm"] == "ppo":
         model: Any = Network.read(folder / WEIGHTS)
@@ -310,8 +318,14 @@ def policy_kind(folder: Path) -> dict[str, Any]:
     return kind
 
 
-def _read_scaling(path: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Key of the observation -> (mean, standard deviation)."""
+def read_scaling(path: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Key of the observation -> (mean, standard deviation), each (W,).
+
+    Raises
+    ------
+    DataError
+        If the file holds no scaling, or a damaged one.
+    """
     table = read_arrays(path)
     scaling = {}
     for key in sorted({name.partition(".")[0] for name in table}):

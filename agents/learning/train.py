@@ -44,7 +44,14 @@ from agents.learning.checkpoint import (
     write_checkpoint,
 )
 from agents.learning.checks import drive_each, merit, scores_together
-from agents.learning.models import bound_noise, make_model, policy_settings, start_rolling
+from agents.learning.models import (
+    bound_noise,
+    continue_policy,
+    learn_values_only,
+    make_model,
+    policy_settings,
+    start_rolling,
+)
 from agents.learning.policies import (
     CLIP,
     KIND,
@@ -159,6 +166,8 @@ def _make_model(args: TrainArgs, envs: Environments, held: dict[str, Any] | None
     model = make_model(args.algorithm, envs.seen, seed=seed, settings=_settings(args))
     if held is not None:
         restore_model(model, held, str(args.out / CHECKPOINT))
+    elif args.start is not None:
+        continue_policy(model, envs.scaler, args.start)
     elif args.first_drive:
         start_rolling(model, args.first_drive)
     if args.tensorboard:
@@ -259,6 +268,8 @@ class _Watch:
         if args.held_noise < 1.0 and steps >= args.held_noise * args.total_steps:
             model.sde_sample_freq = 1
         bound_noise(model, noise_bound(args, steps))
+        if args.critic_steps:
+            learn_values_only(model, steps < args.critic_steps)
         checked = args.check_episodes > 0 and steps >= args.check_from
         if checked and (steps == 0 or self._due("check", steps, args.check_steps)):
             self.check(model)
@@ -369,9 +380,13 @@ def train(args: TrainArgs, *, progress: Callable[[int, float], None] | None = No
     MissingExtraError
         Without stable-baselines3.
     InvalidParameter
-        For an emulated belief where none is to be observed.
+        For an emulated belief where none is to be observed, or an algorithm that cannot go on from a policy.
+    DataError
+        For a policy to go on from that is damaged or does not fit.
     """
     find_learner(args.algorithm)
+    if args.algorithm != "ppo" and (args.start is not None or args.critic_steps):
+        raise InvalidParameter(f'start and critic_steps need algorithm="ppo", got {args.algorithm!r}')
     if args.emulated and args.terrain_info != "belief":
         raise InvalidParameter(f'emulated needs terrain_info="belief", got {args.terrain_info!r}')
     with only_writer(args.out / CHECKPOINT):

@@ -3,7 +3,9 @@
 No planner and no tracker is inside: ten times a second a policy gives steering and drive. Four arms learn by
 one recipe (`agents/recipes/direct.yaml`) and differ in what they see of the soil: nothing, nothing but the
 last second of all observations, the belief (emulated in training, itself in the test), or the true limits.
-For comparison a fifth, ``direct_sac``, learns with the true limits by SAC, from the same rewards.
+For comparison a fifth, ``direct_sac``, learns with the true limits by SAC, from the same rewards. And
+``direct_oracle_refined`` goes on from the shipped policy that observes the true limits, with dearer failures
+and less noise (`agents/recipes/direct_refined.yaml`).
 
 Every policy also drives validation episodes. By these, not by the test, one training of each arm is chosen to
 be shipped.
@@ -37,7 +39,7 @@ from agents.driving.episode import find_agent
 from agents.driving.world_options import WorldOptions
 from agents.learning.arguments import TrainArgs, configuration_hash
 from agents.learning.checks import drive_each, merit, scores_together
-from agents.learning.policies import DIRECT, PolicyAgent, load_policy
+from agents.learning.policies import DIRECT, PolicyAgent, learned_folder, load_policy, shipped_seeds
 from agents.reports.output import Results, console, say, table
 from agents.studies.learning.study import SOURCES, copy_policy, train_one
 from agents.studies.runner import Key, Result, run_units, stamp_of
@@ -48,6 +50,10 @@ __all__ = ["FORM", "DirectPolicies", "arguments", "run_unit", "shipped_seed"]
 FORM = "natural"
 #: The arm that learns off policy; what else differs in it is in `agents/recipes/direct_sac.yaml`.
 _SAC = "direct_sac"
+#: The arm that goes on from a shipped policy, and the arm of that.
+_REFINED, _UNREFINED = "direct_oracle_refined", "direct_oracle"
+#: The arms that are compared.
+_ARMS = tuple(arm for arm in DIRECT if arm != _REFINED)
 #: Arm -> what it observes of the soil.
 _SHOWN = {**DIRECT, _SAC: "limits"}
 #: Observations that the arm with memory sees side by side: one second.
@@ -70,8 +76,8 @@ def _recipe_file(name: str) -> dict[str, Any]:
 
 
 def arguments(task: str, arm: str, seed: int, out: Path) -> TrainArgs:
-    """What a policy is trained with; arms of PPO differ in what they see and in nothing else."""
-    recipe = {**recipes()[task], **(_recipe_file("direct_sac.yaml") if arm == _SAC else {})}
+    """What a policy is trained with; the four arms of PPO differ in what they see and in nothing else."""
+    recipe = {**recipes()[task], **_departures(task, arm)}
     weights = yaml.safe_dump(recipe.pop("weights"), default_flow_style=True).strip()
     return TrainArgs(
         scenario=task,
@@ -89,6 +95,18 @@ def arguments(task: str, arm: str, seed: int, out: Path) -> TrainArgs:
         out=out / "policies" / task / arm / str(seed),
         **recipe,
     )
+
+
+def _departures(task: str, arm: str) -> dict[str, Any]:
+    """What an arm has instead of the common recipe."""
+    if arm == _SAC:
+        return _recipe_file("direct_sac.yaml")
+    if arm != _REFINED:
+        return {}
+    recipe = _recipe_file("direct_refined.yaml")
+    if task not in recipe:
+        raise InvalidParameter(f"{_REFINED} has a recipe for {', '.join(recipe)}, not for {task}")
+    return {**recipe[task], "start": learned_folder(task, _UNREFINED, shipped_seeds(task, _UNREFINED)[0])}
 
 
 def run_unit(task: str, arm: str, seed: int, episodes: int, test_seed: int, *, out: Path) -> Result:
@@ -151,7 +169,7 @@ class DirectPolicies(Results):
     """
 
     tasks: Scenarios = ("speed",)  #: of agents/recipes/direct.yaml
-    arms: tuple[str, ...] = tuple(DIRECT)  #: what is seen of the soil; direct_sac: the limits, by SAC
+    arms: tuple[str, ...] = _ARMS  #: what is seen of the soil; also direct_sac and direct_oracle_refined
     seeds: int = 5  #: trainings of each
     episodes: int = 200  #: test episodes of each policy
     test_seed: int = 11  #: of these episodes
