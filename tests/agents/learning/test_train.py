@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -12,9 +13,9 @@ import numpy as np
 import pytest
 
 from agents.benchmark.runner import ENV_ID, draw_episodes, run_episode
-from agents.learning.policies import MissingExtraError, Network, load_policy
+from agents.learning.policies import MissingExtraError, Network, learned_folder, load_policy
 from agents.learning.train import TrainArgs, configuration_hash, train
-from offroad_env.errors import InvalidParameter
+from offroad_env.errors import DataError, InvalidParameter
 
 
 def test_learning_without_the_extra_names_what_to_install(monkeypatch, tmp_path):
@@ -204,6 +205,61 @@ def test_a_run_that_goes_on_learns_what_an_unbroken_one_does(tmp_path):
         assert np.array_equal(one[0], other[0])
     with pytest.raises(InvalidParameter, match="belongs to another configuration"):
         train(replace(broken, resume=True, seed=1))
+
+
+def _layers(folder):
+    return Network.read(folder / "weights.npz").layers
+
+
+def test_a_policy_that_is_continued_stays_as_it_is_while_values_are_learnt_and_then_learns(tmp_path):
+    pytest.importorskip("stable_baselines3")
+    train(TrainArgs(**SMALL, out=tmp_path / "first"))
+    begun = TrainArgs(**SMALL, seed=1, start=tmp_path / "first", critic_steps=128, out=tmp_path / "kept")
+    train(begun)
+    for one, other in zip(_layers(tmp_path / "first"), _layers(tmp_path / "kept"), strict=True):
+        assert np.array_equal(one[0], other[0])
+        assert np.array_equal(one[1], other[1])
+    with (
+        np.load(tmp_path / "first" / "scaling.npz") as old,
+        np.load(tmp_path / "kept" / "scaling.npz") as new,
+    ):
+        assert set(old) == set(new)
+        for key in old:
+            assert new[key] == pytest.approx(old[key], rel=1e-3, abs=1e-3)
+    # With fewer such steps the policy learns afterwards.
+    train(replace(begun, critic_steps=32, out=tmp_path / "moved"))
+    assert not np.array_equal(_layers(tmp_path / "first")[0][0], _layers(tmp_path / "moved")[0][0])
+
+
+def test_what_a_run_is_continued_from_decides_what_it_learns_wherever_it_lies(tmp_path):
+    home = learned_folder("speed", "ppo_oblivious", 0)
+    copy = tmp_path / "copy"
+    shutil.copytree(home, copy)
+    one, other = TrainArgs(start=home), TrainArgs(start=copy)
+    assert configuration_hash(one) == configuration_hash(other) != configuration_hash(TrainArgs())
+    assert configuration_hash(one) != configuration_hash(TrainArgs(start=home.parent / "1"))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"hidden": (4,)}, "layers of other sizes or sees other frames"),
+        ({"terrain_info": "estimate"}, "here .*terrain.* are observed"),
+        ({"start": Path("nowhere")}, "nowhere"),
+    ],
+)
+def test_a_policy_that_does_not_fit_is_not_continued(tmp_path, change, words):
+    pytest.importorskip("stable_baselines3")
+    train(TrainArgs(**SMALL | {"total_steps": 32}, out=tmp_path / "first"))
+    settings = SMALL | {"start": tmp_path / "first"} | change
+    with pytest.raises(DataError, match=words):
+        train(TrainArgs(**settings, out=tmp_path / "second"))
+
+
+def test_only_ppo_goes_on_from_a_policy(tmp_path):
+    pytest.importorskip("stable_baselines3")
+    with pytest.raises(InvalidParameter, match="need algorithm=\"ppo\", got 'sac'"):
+        train(TrainArgs(algorithm="sac", start=tmp_path, out=tmp_path / "second"))
 
 
 def test_a_log_for_tensorboard_is_written_or_its_package_named(tmp_path):

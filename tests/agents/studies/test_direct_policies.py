@@ -8,8 +8,9 @@ import pytest
 from agents.benchmark.runner import draw_episodes
 from agents.learning.action_interface import Direct, find_interface
 from agents.learning.arguments import configuration_hash
-from agents.learning.policies import DIRECT
+from agents.learning.policies import DIRECT, learned_folder, load_policy, shipped_seeds
 from agents.studies.direct_policies.study import (
+    _ARMS,
     _VALIDATION_SEED,
     FORM,
     DirectPolicies,
@@ -22,7 +23,7 @@ from offroad_env.errors import InvalidParameter
 
 @pytest.mark.parametrize("task", sorted(recipes()))
 def test_arms_differ_in_what_they_see_of_the_soil_and_in_nothing_else(task, tmp_path):
-    each = {arm: arguments(task, arm, 3, tmp_path) for arm in DIRECT}
+    each = {arm: arguments(task, arm, 3, tmp_path) for arm in _ARMS}
     blind = each["direct_oblivious"]
     for arm, args in each.items():
         differing = {name for name in vars(args) if getattr(args, name) != getattr(blind, name)}
@@ -30,7 +31,7 @@ def test_arms_differ_in_what_they_see_of_the_soil_and_in_nothing_else(task, tmp_
         assert args.form == "natural"
         # Neither a planner nor a tracker inside.
         assert issubclass(find_interface(args.action_interface), Direct)
-    assert len({configuration_hash(args) for args in each.values()}) == len(DIRECT)
+    assert len({configuration_hash(args) for args in each.values()}) == len(_ARMS)
 
 
 def test_the_arm_off_policy_learns_the_same_from_the_same_rewards(tmp_path):
@@ -38,6 +39,22 @@ def test_the_arm_off_policy_learns_the_same_from_the_same_rewards(tmp_path):
     differing = {name for name in vars(sac) if getattr(sac, name) != getattr(ppo, name)}
     assert differing == {"algorithm", "batch_size", "gradient_steps", "first_drive", "out"}
     assert sac.algorithm == "sac"
+
+
+def test_the_refined_arm_goes_on_from_the_shipped_policy_that_observes_the_same(tmp_path):
+    first, refined = (
+        arguments("speed", arm, 3, tmp_path) for arm in ("direct_oracle", "direct_oracle_refined")
+    )
+    assert refined.start == learned_folder(
+        "speed", "direct_oracle", shipped_seeds("speed", "direct_oracle")[0]
+    )
+    same = ("terrain_info", "action_interface", "hidden", "frames", "world", "gamma", "idle", "centre")
+    assert [getattr(first, name) for name in same] == [getattr(refined, name) for name in same]
+    assert refined.edge[0] > first.edge[1]  # failures are dearer from the start
+    load_policy(refined.start)
+    assert DIRECT["direct_oracle_refined"] == DIRECT["direct_oracle"]
+    with pytest.raises(InvalidParameter, match="has a recipe for speed, not for brake"):
+        arguments("brake", "direct_oracle_refined", 0, tmp_path)
 
 
 def test_the_weights_of_the_recipe_reach_the_environment(tmp_path):
