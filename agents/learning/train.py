@@ -44,14 +44,8 @@ from agents.learning.checkpoint import (
     write_checkpoint,
 )
 from agents.learning.checks import drive_each, merit, scores_together
-from agents.learning.models import (
-    bound_noise,
-    continue_policy,
-    learn_values_only,
-    make_model,
-    policy_settings,
-    start_rolling,
-)
+from agents.learning.continued import continue_policy, learn_values_only
+from agents.learning.models import bound_noise, make_model, policy_settings, start_rolling
 from agents.learning.policies import (
     CLIP,
     KIND,
