@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -24,6 +25,12 @@ if data_root().is_dir():
 # The same examples in every run. No deadline: the first call of a kernel compiles it.
 settings.register_profile("offroad", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("offroad")
+
+
+def pytest_collection_finish() -> None:
+    """What collecting has made lives until the end: no garbage collection of a test needs to look at it."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import gc
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -43,11 +44,24 @@ def modules(folders: tuple[str, ...] = PACKAGES) -> list[tuple[str, ast.Module]]
     ]
 
 
-def functions(folders: tuple[str, ...] = PACKAGES) -> Iterator[tuple[str, ast.FunctionDef]]:
-    for name, tree in modules(folders):
-        for node in ast.walk(tree):
-            if isinstance(node, ast.FunctionDef):
-                yield name, node
+@cache
+def functions(folders: tuple[str, ...] = PACKAGES) -> list[tuple[str, ast.FunctionDef]]:
+    return [
+        (name, node)
+        for name, tree in modules(folders)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef)
+    ]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def trees_live_as_long_as_this_module() -> Iterator[None]:
+    """A million nodes: each garbage collection beside them costs seconds, in all tests that follow."""
+    gc.disable()
+    yield
+    gc.enable()
+    functions.cache_clear()
+    modules.cache_clear()
 
 
 def arguments_of(function: ast.FunctionDef) -> list[ast.arg]:
