@@ -14,6 +14,8 @@ BIN = $(VENV)/bin
 export OPENBLAS_NUM_THREADS = 1
 export OMP_NUM_THREADS = 1
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
+# Python translates what is imported when it is; all modules of torch and scipy would take half a minute.
+export PIP_COMPILE = 0
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:

@@ -31,7 +31,7 @@ class DemoSettings:
     n_jobs: int = 2  #: local processes of the arms
     learning_time: float = 10.0  #: wall time of learning [s]
     test_episodes: int = 3  #: episodes that the trained policy drives
-    log_duration: float = 60.0  #: drive in which something is hidden [s]
+    log_duration: float = 40.0  #: drive in which something is hidden [s]
 
     def quick(self) -> DemoSettings:
         """The same in a fraction of the time, to see that it works."""
