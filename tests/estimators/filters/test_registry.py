@@ -65,20 +65,9 @@ def test_a_kind_is_kept_under_its_id():
 
 
 _APART = ("parameter_ukf_known_state", *SOIL_FILTERS)
-#: Kernels of their own, for offline use: compiling them takes minutes.
-_COMPILED_LONG = (
-    "augmented_ekf_bank", "map_ekf", "map_joint_ukf", "map_particle_filter", "map_smoother", "map_ukf_bank"
-)  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[pytest.mark.check] if name in _COMPILED_LONG else [])
-        for name in FILTERS
-        if name not in _APART
-    ],
-)
+@pytest.mark.parametrize("name", [name for name in FILTERS if name not in _APART])
 def test_every_filter_runs_on_the_same_description_of_a_run(name):
     drive = simulate_row(ROWS[6], 101, JointSettings(), duration=0.3)
     history = run_filter(name, row_run(drive, sensors="imu+wheels+gnss"))
