@@ -14,7 +14,7 @@ BIN = $(VENV)/bin
 export OPENBLAS_NUM_THREADS = 1
 export OMP_NUM_THREADS = 1
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
-# Python translates what is imported when it is; all modules of torch and scipy would take half a minute.
+# Python compiles a module to bytecode when it is first imported; to compile all of torch takes pip half a minute.
 export PIP_COMPILE = 0
 
 .DEFAULT_GOAL := help
