@@ -15,7 +15,9 @@ export OPENBLAS_NUM_THREADS = 1
 export OMP_NUM_THREADS = 1
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 # Python compiles a module to bytecode when it is first imported; to compile all of torch takes pip half a minute.
+# Where it may not keep what it compiled, each of a hundred processes would compile anew what it imports.
 export PIP_COMPILE = 0
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -45,7 +47,7 @@ test: lint  ## set up, check style and floors, run the tests
 
 check: $(VENV)/.installed-test  ## slower checks: the built package in an empty environment, the site, long fuzz
 	@echo "== running the slower checks"
-	$(BIN)/python -m pytest -m check $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -m check --numprocesses auto --dist loadfile $(PYTEST_ARGS)
 
 lint: $(VENV)/.installed-test  ## check style, format, the floors of imports and types
 	@echo "== checking style, the floors of imports and types"

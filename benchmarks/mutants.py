@@ -79,7 +79,8 @@ def read_mutants() -> list[Mutant]:
 
 def run_tests(tests: tuple[str, ...], tree: Path) -> subprocess.CompletedProcess[str]:
     """The tests in a copy of the tree, up to the first that fails."""
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
+    options = ["-q", "-x", "-p", "no:cacheprovider", "-m", "not study"]  # those of `make check` too
+    command = [sys.executable, "-m", "pytest", *options, *tests]
     environment = {**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
     return subprocess.run(
         command, cwd=tree, env=environment, capture_output=True, text=True, timeout=LONGEST, check=False

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -40,10 +41,42 @@ COURSE = offroad_env.SCENARIOS["speed"].draw(np.random.default_rng(0))
 Calls = dict[str, tuple[Callable[..., Any], Mapping[str, Any]]]
 
 
-def calls_of_environments() -> Calls:
-    """Name -> (what is called, arguments by which the call is right)."""
+# What needs a simulation waits for the first test that calls it: every worker collects all tests.
+@cache
+def begun() -> offroad_env.OffroadBekkerEnv:
+    """An environment in an episode."""
     env = offroad_env.OffroadBekkerEnv()
     env.reset(seed=0)
+    return env
+
+
+@cache
+def begun_in_parallel() -> offroad_env.OffroadBekkerVectorEnv:
+    """Two of them."""
+    envs = offroad_env.make_vec(2, threads=1)
+    envs.reset(seed=0)
+    return envs
+
+
+@cache
+def settled() -> tuple[Any, Any]:
+    """State and warm start of a plant at 3 m/s."""
+    return offroad_env.settled_state(plant(), v_x=3.0)
+
+
+class Late(NamedTuple):
+    """An argument that is made when it is needed."""
+
+    make: Callable[[], Any]
+
+
+def made(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments of a call, with those that come late."""
+    return {name: value.make() if isinstance(value, Late) else value for name, value in arguments.items()}
+
+
+def calls_of_environments() -> Calls:
+    """Name -> (what is called, arguments by which the call is right)."""
     whole = {"scenario": "speed", "terrain_info": "none", "model": "full", "vehicle_model": "half_car"}
     chosen = {"estimator": None, "n_range": (0.5, 0.9), "soil": "clay", "vehicle": "mrzr", "weights": None}
     more = {"sensors": "paper", "structure": None, "tyre": None, "natural_soil": False, "randomise": None}
@@ -58,16 +91,18 @@ def calls_of_environments() -> Calls:
     return {
         "OffroadBekkerEnv": (offroad_env.OffroadBekkerEnv, {**whole, **chosen, **more, "render_mode": None}),
         "make_vec": (offroad_env.make_vec, many),
-        "reset": (env.reset, {"seed": 0, "options": {}}),
+        "reset": (lambda **arguments: begun().reset(**arguments), {"seed": 0, "options": {}}),
         "reset options": (
-            lambda **options: env.reset(seed=0, options=options),
+            lambda **options: begun().reset(seed=0, options=options),
             {"n": 0.7, "mismatch": (1.0, 1.0, 1.0), "context": {}},
         ),
         "reset context": (
-            lambda **keys: env.reset(options={"context": {k.replace("__", "."): v for k, v in keys.items()}}),
+            lambda **keys: begun().reset(
+                options={"context": {k.replace("__", "."): v for k, v in keys.items()}}
+            ),
             contexts,
         ),
-        "step": (env.step, {"action": np.zeros(2)}),
+        "step": (lambda action: begun().step(action), {"action": np.zeros(2)}),
         "register_scenario": (
             offroad_env.register_scenario,
             {"scenario": {"base": "speed"}, "name": "own_of_calls"},
@@ -96,18 +131,22 @@ def calls_of_environments() -> Calls:
 
 def calls_of_vector_environments() -> Calls:
     """As `calls_of_environments`."""
-    envs = offroad_env.make_vec(2, threads=1)
-    envs.reset(seed=0)
     options = {"n": 0.7, "reset_mask": np.array([True, True]), "context": {}}
     return {
-        "vector reset": (envs.reset, {"seed": 0, "options": {}}),
-        "vector reset options": (lambda **options: envs.reset(seed=0, options=options), options),
+        "vector reset": (
+            lambda **arguments: begun_in_parallel().reset(**arguments),
+            {"seed": 0, "options": {}},
+        ),
+        "vector reset options": (
+            lambda **options: begun_in_parallel().reset(seed=0, options=options),
+            options,
+        ),
         "make_sb3_vec": (offroad_env.make_sb3_vec, {"num_envs": 1, "seed": 0, "threads": 1}),
         "OffroadBekkerVectorEnv": (
             offroad_env.OffroadBekkerVectorEnv,
             {"num_envs": 1, "max_episode_steps": 10, "autoreset_mode": "NextStep", "threads": 1},
         ),
-        "vector step": (envs.step, {"actions": np.zeros((2, 2))}),
+        "vector step": (lambda actions: begun_in_parallel().step(actions), {"actions": np.zeros((2, 2))}),
     }
 
 
@@ -148,9 +187,8 @@ def calls_that_describe() -> Calls:
 def calls_of_the_simulator() -> Calls:
     """As `calls_of_environments`."""
     truth = plant()
-    state, warm = offroad_env.settled_state(truth, v_x=3.0)
     soil, wheel = offroad_env.SOILS["clay"], offroad_env.make_wheel(r=0.3, b=0.2)
-    begin = {"plant": truth, "state": state, "warm": warm}
+    begin = {"plant": truth, "state": Late(lambda: settled()[0]), "warm": Late(lambda: settled()[1])}
     kinds = {"model": "full", "vehicle_model": "half_car", "slip": 0.0, "structure": None, "tyre": None}
     place = {"x": 0.0, "y": 0.0, "yaw": 0.0, "v_x": 1.0}
     still = {"commands": np.tile([0.0, 100.0, 0.0], (2, 1)), "interval": 0.02, "dt": 0.005}
@@ -200,17 +238,18 @@ def own_register(monkeypatch):
 @pytest.mark.parametrize("name", CALLS)
 def test_the_calls_are_right_before_an_argument_is_replaced(name):
     function, arguments = CALLS[name]
-    function(**arguments)
+    function(**made(arguments))
 
 
 @pytest.mark.parametrize(("name", "argument"), CASES)
 def test_a_wrong_argument_is_refused_in_a_sentence(name, argument):
     function, arguments = CALLS[name]
+    right = made(arguments)
     wrong = []
     for label, value in WRONG.items():
         try:
             with np.errstate(all="ignore"):
-                function(**{**arguments, argument: value})
+                function(**{**right, argument: value})
         except (OffroadError, gym.error.Error) as error:
             if len(str(error)) > 1000:
                 wrong.append(f"{label}: a sentence of {len(str(error))} characters")

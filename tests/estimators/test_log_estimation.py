@@ -89,7 +89,14 @@ def test_what_a_vehicle_carries_finds_n_in_the_log_of_a_drive(name, full):
     assert 0.0 < shares[-1] < 1.0
 
 
-@pytest.mark.parametrize("name", ["joint", *LOG_MAP_FILTERS])
+#: A bank and an extended Kalman filter are compiled for longer than what they test here.
+_LONG = ("map_ukf_bank", "map_ekf")
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["joint", *(pytest.param(name, marks=[pytest.mark.check] * (name in _LONG)) for name in LOG_MAP_FILTERS)],
+)
 def test_the_papers_filters_work_on_the_log_of_its_vehicle(name, paper):
     result = estimate_log(paper, name, sd=0.1)
     assert abs(result.stated.n[-1] - 0.5) < 0.05

@@ -173,3 +173,14 @@ def test_an_environment_that_works_is_kept(tmp_path):
     assert done.returncode == 0, done.stderr
     assert f"keeping {tmp_path / 'venv'} (Python 3.12)" in done.stdout
     assert inside.exists()
+
+
+@NEEDS_MAKE
+def test_python_may_keep_its_bytecode_whatever_the_surroundings_say(tmp_path, monkeypatch):
+    """Pip leaves that to Python here: else each process of the tests would translate torch anew."""
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    python, seen = tmp_path / "python", tmp_path / "seen"
+    python.write_text(f'#!/bin/sh\necho "${{PYTHONDONTWRITEBYTECODE-nothing}}" > "{seen}"\nexit 127\n')
+    python.chmod(0o755)
+    make_environment(tmp_path / "venv", f"PYTHON={python}")
+    assert seen.read_text() == "nothing\n"

@@ -19,6 +19,7 @@ PAGES = [
 ]
 
 
+@pytest.mark.check
 def test_the_example_is_short_and_runs():
     (example,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
     assert len(example.strip().splitlines()) <= 15

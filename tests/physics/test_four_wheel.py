@@ -282,6 +282,7 @@ def test_a_bump_stop_ends_the_travel():
     assert -0.07 < lowest[1] < -0.03
 
 
+@pytest.mark.check
 def test_with_soft_soil_under_its_left_tyres_a_vehicle_leans_to_the_left():
     """Four tyres on natural soil: each wheel has the soil of its place, and its tyre deflects by its load."""
     firm, soft = SOILS["lete_sand"], make_soil("lete_sand", k_c=0.0, k_phi=0.2 * SOILS["lete_sand"].k_phi)

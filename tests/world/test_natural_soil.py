@@ -143,7 +143,10 @@ def drive(field, seconds=4.0, **kinds):
     return plant, simulate_commands(plant, state, warm, commands)
 
 
-@pytest.mark.parametrize("kinds", [{}, {"structure": "grid", "vehicle_model": "four_wheel"}])
+@pytest.mark.parametrize(
+    "kinds",
+    [{}, pytest.param({"structure": "grid", "vehicle_model": "four_wheel"}, marks=pytest.mark.check)],
+)
 def test_a_vehicle_meets_at_each_wheel_the_soil_of_that_place(kinds):
     field = natural_soil(BASE, 11, correlation_length=2.0, patches=[(12.0, 0.0, 3.0, SOILS["clay"])])
     _, run = drive(field, **kinds)

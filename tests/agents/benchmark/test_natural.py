@@ -129,6 +129,7 @@ def test_the_belief_is_a_function_of_command_and_measurements_alone():
     assert not np.array_equal(shown[0], np.zeros(len(BELIEF_VECTOR)))
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     ("task", "form"),
     [*((task, "matched") for task in BUILT_IN), *((task, "natural") for task in NATURAL_TASKS)],

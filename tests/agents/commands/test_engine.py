@@ -26,6 +26,7 @@ def driven(n_jobs=2):
     }
 
 
+@pytest.mark.check
 @pytest.mark.filterwarnings("default")
 def test_a_local_cluster_of_dask_gives_the_results_of_local_processes():
     pytest.importorskip("dask.distributed")

@@ -101,6 +101,7 @@ def test_what_could_not_be_reached_is_made_up_for_in_the_next_bend_by_an_integra
     assert (agent.act(bend)[1] < 0.0) == (integral == 0.0)
 
 
+@pytest.mark.check
 def test_where_soil_changes_who_knows_what_drive_a_bend_takes_needs_no_integral():
     def plain(believe, gains):
         return SoilTracker(believe, replace(gains, turning=False, speed=SpeedGains(k_i=0.0)))
@@ -115,6 +116,7 @@ def test_where_soil_changes_who_knows_what_drive_a_bend_takes_needs_no_integral(
     assert results["knows"].scores.mean() < 0.985 * results["plain"].scores.mean()
 
 
+@pytest.mark.check
 def test_on_soil_that_changes_the_estimate_is_worth_time():
     draws = draw_episodes("patches", 5, 7, training=True)
     arms = {name: make_arm(name, scenario="patches") for name in ("aware", "conservative")}

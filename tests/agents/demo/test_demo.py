@@ -29,6 +29,8 @@ from agents.reports.page import Section, frame_png, render_page
 from estimators.experiments.buzhardt_tallapragada import forward_comparison
 from offroad_env.errors import DataError, InvalidParameter
 
+pytestmark = pytest.mark.check
+
 
 def no_download(name):
     raise DataError(f"{name} could not be downloaded: no connection to example.org")

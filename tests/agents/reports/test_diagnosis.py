@@ -223,6 +223,7 @@ def test_effects_that_cannot_be_tested_say_why(found):
     assert reasons["rolling_resistance"] == ""
 
 
+@pytest.mark.check
 def test_data_that_are_not_informative_still_make_a_page():
     log = simulated_log(draw_case(5, drive="steady", road="flat", gnss=False, duration=24.0))
     channels = {name: values for name, values in log.channels.items() if not name.startswith("omega")}

@@ -44,6 +44,7 @@ def test_a_delay_counts_from_the_edge_to_an_estimate_near_the_new_soil():
     assert delays_of(np.full(10, 0.5), np.full(10, 0.5)) == []
 
 
+@pytest.mark.check
 def test_a_delay_costs_time_and_a_filter_that_expects_changes_answers_sooner():
     keys = [("late", 0.0), ("late", 2.0), ("filter", "constant n"), ("filter", "changing n")]
     results = {(*key, i, 4, 0): run_unit(*key, i, 4, 0) for key in keys for i in range(2)}

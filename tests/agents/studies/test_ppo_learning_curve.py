@@ -52,6 +52,7 @@ def test_the_charge_grows_by_equal_factors_from_the_first_to_the_last():
     assert failure_charge(TrainArgs(charge=0.3), 7) == 0.3
 
 
+@pytest.mark.check
 def test_five_thousand_words_to_a_tracker_keep_more_of_the_episodes_in_the_corridor(tmp_path):
     pytest.importorskip("stable_baselines3")
     args = TrainArgs(

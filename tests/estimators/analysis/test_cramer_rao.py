@@ -25,6 +25,7 @@ def _linear_problem():
     return F, H, np.array([0.0, 0.0, 0.02, 0.01]), np.array([0.3, 0.1])
 
 
+@pytest.mark.check
 def test_bound_is_the_kalman_covariance_on_a_linear_problem():
     F, H, Q, R = _linear_problem()
     cov, kalman = np.eye(4), np.eye(4)

@@ -75,6 +75,7 @@ def _over_bound(tempered: float) -> float:
     return float(np.mean(found))
 
 
+@pytest.mark.check
 def test_widths_on_clay_are_about_the_bound_and_not_with_half_or_twice_the_errors_of_the_sensors() -> None:
     stated = PosteriorSettings().tempered
     found = [_over_bound(factor * stated) for factor in (0.5, 1.0, 2.0)]

@@ -82,6 +82,7 @@ def with_an_unknown_car(log: Log, *, ahead: float, lean: float) -> Log:
 TIMING = ("steer_delay", "steer_lag", "clock_offset", "pose_delay", "antenna_x", "steer_gain", "steer_offset")
 
 
+@pytest.mark.check
 def test_a_slow_steering_is_found_beside_a_late_pose_and_late_wheel_speeds():
     found = diagnose([drive(lag=0.05, seed=1)], library=TIMING)
     assert [cause.best.candidate.effect for cause in found.named] == ["steer_lag"]

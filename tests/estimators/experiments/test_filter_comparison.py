@@ -16,6 +16,8 @@ from estimators.filters.belief_history import BeliefHistory
 from estimators.models.half_car_on_map import JointSettings
 from offroad_env.errors import InvalidParameter
 
+pytestmark = pytest.mark.check
+
 SETTINGS = JointSettings()
 ROW = ROWS[6]
 

@@ -20,6 +20,8 @@ from estimators.models.uncertain_half_car import LAG, MASS, uncertain_model
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.numerics import GRAVITY
 
+pytestmark = pytest.mark.check
+
 ROW = ROWS[2]
 TIME = 5.0
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
 from estimators.belief.drive_numbers import numbers_of, plant_of_drive, prior_of_drive
 from estimators.experiments.adaptation import nominal_plant
@@ -49,6 +50,7 @@ def test_who_knows_the_soil_foresees_a_stop_and_nobody_foresees_none() -> None:
     assert not foreseen(late[0], 3.0, 0.1)
 
 
+@pytest.mark.check
 def test_a_fitted_belief_counts_from_its_first_fit_and_is_narrower_where_nothing_differs() -> None:
     run = draw_run("matched", 0, split="tuning", duration=5.0)
     fitted, online = believe_fitted(run), believe(run)

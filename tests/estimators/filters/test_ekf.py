@@ -16,6 +16,8 @@ from estimators.models.half_car_on_map import ETA, JointSettings, only_imu, prio
 from offroad_env.physics import state as at
 from offroad_env.physics.contact import SUNK
 
+pytestmark = pytest.mark.check
+
 SETTINGS = JointSettings()
 ROW = ROWS[2]
 

@@ -22,6 +22,8 @@ from offroad_env.simulation.wheel import wheel_forces
 from offroad_env.world.soils import make_soil
 from offroad_env.world.vehicles import VEHICLES
 
+pytestmark = pytest.mark.check
+
 SETTINGS = BankSettings()
 SPEED = CHOICES["start_speed"].value
 STRAIGHT, STEERED = ROWS[1], ROWS[2]

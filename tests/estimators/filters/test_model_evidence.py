@@ -21,6 +21,8 @@ from offroad_env.world.soils import make_soil
 from offroad_env.world.terrain import flat
 from offroad_env.world.vehicles import VEHICLES
 
+pytestmark = pytest.mark.check
+
 ROUGH, STRAIGHT, STEERED, BENDS = ROWS[:4]  # on clay
 SETTINGS = EvidenceSettings()
 #: The other soil that pulls as the clay of the rows does, straight ahead.

@@ -15,6 +15,8 @@ from estimators.filters.particle import ParticleSettings, particle_density, run_
 from estimators.models.half_car_on_map import CHANNELS, JointSettings
 from offroad_env.errors import InvalidParameter, SolverFailure
 
+pytestmark = pytest.mark.check
+
 SETTINGS = ParticleSettings()
 STRAIGHT, STEERED = ROWS[1], ROWS[2]
 SPEED = 5.0

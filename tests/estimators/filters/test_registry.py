@@ -65,9 +65,18 @@ def test_a_kind_is_kept_under_its_id():
 
 
 _APART = ("parameter_ukf_known_state", *SOIL_FILTERS)
+#: Compiled for longer than all others together.
+_LONG = ("augmented_ekf_bank", "map_ekf", "map_particle_filter", "map_smoother", "map_ukf_bank")
 
 
-@pytest.mark.parametrize("name", [name for name in FILTERS if name not in _APART])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.check] * (name in _LONG))
+        for name in FILTERS
+        if name not in _APART
+    ],
+)
 def test_every_filter_runs_on_the_same_description_of_a_run(name):
     drive = simulate_row(ROWS[6], 101, JointSettings(), duration=0.3)
     history = run_filter(name, row_run(drive, sensors="imu+wheels+gnss"))

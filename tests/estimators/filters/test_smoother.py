@@ -15,6 +15,8 @@ from estimators.filters.smoother import run_smoother
 from estimators.models.half_car_on_map import JointSettings, only_imu, prior
 from offroad_env.errors import InvalidParameter
 
+pytestmark = pytest.mark.check
+
 SETTINGS = JointSettings()
 ROW = ROWS[2]
 

@@ -35,6 +35,8 @@ from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
 from offroad_env.physics.slip_sinkage import lyasko_sinkage_factor
 
+pytestmark = pytest.mark.check
+
 SETTINGS, DOUBT = JointSettings(), ModelUncertainty()
 ROW, DT = ROWS[2], 0.01
 MODEL = uncertain_model(row_plant(ROW), DT, SETTINGS, DOUBT)

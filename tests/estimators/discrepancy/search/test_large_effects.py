@@ -24,6 +24,7 @@ def scores():
     return score_test(fit, candidates_for(fit, ("payload", "steer_gain", "cg_shift")))
 
 
+@pytest.mark.check
 def test_a_number_that_has_hidden_a_large_effect_leads_to_it(scores):
     assert scores.fit.nuisance_values()["mass"] > 5.0
     first = _larger(scores, 3.4, HoldOutTest(scores.fit, []))[0]
