@@ -240,6 +240,7 @@ def test_structures_without_room_for_a_tyre_are_refused_by_name(structure: str |
         make_plant(VEHICLES["mrzr"], SOILS["clay"], flat(), structure=structure, tyre="mrzr")
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("soil", ["clay", "dry_sand", "hard_ground"])
 def test_a_vehicle_on_tyres_settles_by_their_deflection_and_stays_there(soil: str) -> None:
     plant = make_plant(VEHICLES["mrzr"], SOILS[soil], flat(), structure="grid", tyre="mrzr")

@@ -198,6 +198,7 @@ def test_table_of_sensors_averages_information_over_seeds():
     assert sensors_figure([line]).axes
 
 
+@pytest.mark.check
 def test_the_command_prints_draws_and_goes_on_where_it_stopped(tmp_path, capsys):
     arguments = ["filters", "--quick", "--rows", "6", "--only", "known", "--n-jobs", "1"]
     arguments += ["--out", str(tmp_path), "--json", str(tmp_path / "filters.json")]

@@ -74,6 +74,7 @@ def test_the_figure_shows_every_filter_under_every_mismatch(results):
     assert shown == {"required", "as stated by the filter"} | {FILTERS[name].title for name in COMPARED}
 
 
+@pytest.mark.check
 def test_the_bound_names_what_costs_most(results):
     (line,) = bounds_of(results)
     assert line.certain < line.moduli_only < line.all_uncertain

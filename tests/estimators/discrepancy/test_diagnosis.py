@@ -140,6 +140,7 @@ def blown():
     )
 
 
+@pytest.mark.check
 def test_a_late_steering_is_named_beside_a_force_that_has_no_name(blown):
     assert blown.verdict == "NAMED + UNEXPLAINED REST"
     (cause,) = (c for c in blown.named if c.best.candidate.effect == "steer_delay")

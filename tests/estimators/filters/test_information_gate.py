@@ -49,6 +49,7 @@ def straight_on():
     )
 
 
+@pytest.mark.check
 def test_straight_on_at_constant_speed_the_band_grows(straight_on):
     joint, bank, bound, twin = straight_on
     # Without a measurement 5 s of random walk would add this much: dn/deta is 0.225 at n = 0.5.
