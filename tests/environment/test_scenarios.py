@@ -331,6 +331,7 @@ def tracker(scenario, speed=4.0):
     return agent.act
 
 
+@pytest.mark.check
 @every_scenario
 def test_no_lazy_or_reckless_policy_earns_what_the_simplest_tracker_earns(scenario):
     for seed, n in enumerate(EXPONENTS):

@@ -42,6 +42,7 @@ def test_who_does_not_know_n_takes_the_slip_with_the_least_regret(loam):
     assert regret[int(np.argmin(np.abs(loam.slips - slip)))] == regret.min()
 
 
+@pytest.mark.check
 def test_on_the_hill_who_knows_the_firm_soil_gets_further_than_who_fears_the_soft_one():
     knowing, fearing = (drive("climb", name, 0.35).progress for name in ("oracle", "conservative"))
     assert knowing > fearing + 3.0

@@ -192,6 +192,7 @@ def test_a_limit_beyond_the_plausible_is_said_in_words(found, now, then, said):
     assert said in advice.sentence
 
 
+@pytest.mark.check
 def test_grade_and_rolling_resistance_are_told_apart_by_driving_both_ways(found):
     diagnosis = found[0]
     (cause,) = diagnosis.causes

@@ -220,7 +220,8 @@ def test_unknown_torques_of_the_wheels_take_what_a_wrong_law_of_their_slip_would
     assert sizes_with_unknown_inputs(fit).kept[0] > 0.5
 
 
-@pytest.mark.parametrize(("seed", "step"), [(31, 0.03), pytest.param(901, -0.06, marks=pytest.mark.check)])
+@pytest.mark.check
+@pytest.mark.parametrize(("seed", "step"), [(31, 0.03), (901, -0.06)])
 def test_a_large_step_of_the_soil_is_named_with_its_place_and_size(seed, step):
     """Far from its border it looks less like itself than a trend does."""
     log = simulated_log(draw_case(seed, road="flat", gnss=True, duration=40.0), FAULTS["n_step"](step))

@@ -127,6 +127,7 @@ def test_a_description_that_is_sure_of_the_same_places_is_contradicted():
     assert found.checks.nuisances["wheel_age"] == pytest.approx(1.5, abs=0.5)
 
 
+@pytest.mark.check
 def test_no_suspension_is_blamed_where_the_noise_of_wheel_sensors_shakes_the_car():
     """Without torques the wheels turn as measured, noise and all."""
     log = drive(lag=0.0, seed=11)

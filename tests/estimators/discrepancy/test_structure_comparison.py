@@ -59,6 +59,7 @@ def test_no_structure_is_named_where_an_effect_is_the_cause():
     assert not compare_structures([log]).found
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("stated", [0.3, 1.45])
 def test_a_stated_n_that_is_far_off_is_no_reason_to_name_a_structure(stated):
     log = simulated_log(draw_case(103, duration=19.0))

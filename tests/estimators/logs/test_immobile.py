@@ -48,6 +48,7 @@ def stopped(log, start):
     return with_channels(log, **changed)
 
 
+@pytest.mark.check
 def test_a_vehicle_that_is_stuck_from_the_start_is_no_problem_of_the_data(stuck):
     diagnosis = diagnose([stuck])
     assert diagnosis.verdict is Verdict.OUTSIDE

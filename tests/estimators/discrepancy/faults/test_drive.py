@@ -45,6 +45,7 @@ def test_worn_data_with_nothing_wrong_raise_no_alarm():
     assert diagnose([_worn(simulated_log(_CASE))]).verdict == "NO EFFECT"
 
 
+@pytest.mark.check
 def test_an_effect_is_found_in_worn_data_with_its_size():
     diagnosis = diagnose([_worn(simulated_log(_CASE, FAULTS["torque_scale"](0.1)))])
     sizes = {rival.candidate.effect: rival.size for cause in diagnosis.causes for rival in cause.alternatives}

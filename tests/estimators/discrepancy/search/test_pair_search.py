@@ -143,6 +143,7 @@ def test_what_is_hidden_together_acts_together(name):
         assert np.nanmax(np.abs(halves.channels[channel] - values)) <= 0.03 * moved + 1e-9, channel
 
 
+@pytest.mark.check
 def test_on_bumps_a_fit_ends_where_it_ends_from_the_truth():
     """Bumps make of a small force another road: descents with coarse derivatives stopped half way."""
     size = 0.7
