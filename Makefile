@@ -22,7 +22,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help venv install demo docs test check lint fuzz kills mutants animations study-wheel study-soak soak speed golden clean
+.PHONY: help venv install demo docs test check style lint fuzz kills mutants animations study-wheel study-soak soak speed golden clean
 
 help:  ## list the targets
 	@echo "make TARGET [PYTHON=python3.12] [VENV=.venv] [PYTEST_ARGS=...]"
@@ -41,19 +41,26 @@ docs: $(VENV)/.installed-test  ## build the documentation site into build/docs, 
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
 	@echo "== open build/docs/index.html"
 
-test: lint  ## set up, check style and floors, run the tests
-	@echo "== running the tests"
-	$(BIN)/python -m pytest --numprocesses auto --dist loadfile $(PYTEST_ARGS)
+# Types take one processor more than a minute, and say the same before the tests as after them.
+test: style  ## set up, check style, floors and types, run the tests
+	@echo "== running the tests, and beside them the check of types"
+	@$(BIN)/python -m mypy >$(VENV)/types.log 2>&1 & types=$$!; \
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile $(PYTEST_ARGS); tests=$$?; \
+	echo "== types"; wait $$types; types=$$?; cat $(VENV)/types.log; \
+	[ $$tests -eq 0 ] || exit $$tests; exit $$types
 
 check: $(VENV)/.installed-test  ## slower checks: the built package in an empty environment, the site, long fuzz
 	@echo "== running the slower checks"
 	$(BIN)/python -m pytest -m check --numprocesses auto --dist loadfile $(PYTEST_ARGS)
 
-lint: $(VENV)/.installed-test  ## check style, format, the floors of imports and types
-	@echo "== checking style, the floors of imports and types"
+style: $(VENV)/.installed-test  ## check style, format and the floors of imports
+	@echo "== checking style and the floors of imports"
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m ruff format --check .
 	$(BIN)/lint-imports --no-logo
+
+lint: style  ## check style, format, the floors of imports and types
+	@echo "== checking types"
 	$(BIN)/python -m mypy
 
 fuzz: $(VENV)/.installed-test  ## long: 2,400 damaged files of all kinds, each read in a process of its own

@@ -102,6 +102,7 @@ def test_one_driven_axle_pulls_less_and_one_braked_axle_stops_later() -> None:
     assert front.stopping > 1.1 * both.stopping
 
 
+@pytest.mark.check
 def test_four_wheels_hold_what_the_half_car_holds() -> None:
     for structure in (None, "grid"):
         four = _holds(structure=structure, vehicle_model="four_wheel")

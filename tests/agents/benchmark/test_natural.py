@@ -109,6 +109,7 @@ def test_limits_are_those_of_the_true_soil_and_vehicle(env):
     assert observation["terrain"][12] == pytest.approx(truth.soil.n)
 
 
+@pytest.mark.check
 def test_the_belief_is_a_function_of_command_and_measurements_alone():
     """Fed with what another soil's sensors measured, the belief of one episode becomes that of the other."""
     options = options_of("speed", "natural")

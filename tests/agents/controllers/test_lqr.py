@@ -24,6 +24,7 @@ def test_the_gains_solve_the_riccati_equation(b):
     assert path_gains(b, weights) == pytest.approx(tuple(expected), rel=1e-8)
 
 
+@pytest.mark.check
 def test_with_the_same_belief_and_speed_plan_it_stays_nearer_to_the_path_than_pure_pursuit():
     errors = {}
     for name in ("lqr_oracle", "oracle"):

@@ -14,6 +14,8 @@ from estimators.filters.joint_ukf import run_joint_filter
 from estimators.models.half_car_on_map import ETA, JointSettings, only_imu, prior
 from offroad_env.errors import InvalidParameter
 
+pytestmark = pytest.mark.check
+
 SETTINGS = JointSettings()
 ROW = ROWS[2]
 
@@ -25,7 +27,6 @@ def _linear_problem():
     return F, H, np.array([0.0, 0.0, 0.02, 0.01]), np.array([0.3, 0.1])
 
 
-@pytest.mark.check
 def test_bound_is_the_kalman_covariance_on_a_linear_problem():
     F, H, Q, R = _linear_problem()
     cov, kalman = np.eye(4), np.eye(4)

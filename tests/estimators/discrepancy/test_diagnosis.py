@@ -153,6 +153,7 @@ def test_a_late_steering_is_named_beside_a_force_that_has_no_name(blown):
     assert "with unknown inputs fitted jointly; and a discrepancy remains" in summary.sentence
 
 
+@pytest.mark.check
 def test_forces_without_a_name_take_the_place_of_a_force_and_leave_a_delay(blown):
     nominal = blown.search.nominal
     fit = refit(nominal, [Candidate(effect="steer_delay"), Candidate(effect="yaw_moment")], [0.1, 0.0])

@@ -280,6 +280,7 @@ def test_soil_never_pulls_and_no_wheel_hangs_above_the_sand(trials):
     assert run.size_limits("sinkage_offset")[1] <= least + 1e-12
 
 
+@pytest.mark.check
 def test_a_force_that_only_soil_that_pulls_could_explain_is_not_named_bulldozing():
     """The sign of a bulldozing force turned round: no size of the library's effect may take it up."""
     case = replace(draw_rig_case(26), angles=(0.0, 0.35))

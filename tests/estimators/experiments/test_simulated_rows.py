@@ -14,6 +14,8 @@ from estimators.experiments.simulated_rows import REPORT_SEEDS, TUNING_SEEDS, si
 from estimators.filters.joint_bank import BankSettings
 from offroad_env.errors import InvalidParameter
 
+pytestmark = pytest.mark.check
+
 SETTINGS = BankSettings()
 
 

@@ -50,6 +50,7 @@ def test_a_minimum_that_is_none_the_lower_is_left_alone(sound):
     assert lower_minimum(*sound, 3.4) is None
 
 
+@pytest.mark.check
 def test_a_significant_size_is_evidence():
     fit = _fitted(FAULTS["payload"](0.5))
     larger = refit(fit, _PAYLOAD, [0.5])
