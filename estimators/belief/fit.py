@@ -148,7 +148,7 @@ def fit_unknowns(
     values = np.clip(start, low, high)
     r = evaluate(values)
     loss, damping = float(losses_of(r).sum()) + unknowns.loss(values), _DAMPING
-    J = _slopes(evaluate, values, r, unknowns.steps, None)
+    J, begun = _slopes(evaluate, values, r, unknowns.steps, None), np.isfinite(r)
     local = _Local.at(J, r)
     for _ in range(iterations):
         H = local.information + np.diag(precision)
@@ -166,10 +166,13 @@ def fit_unknowns(
         if not better:
             break
         values, r, loss, damping = moved, r_moved, loss_moved, max(damping / _DAMPING_FACTOR, 1e-5)
-        if before - loss < _ENOUGH:
+        # A window in which the soil gave way at first has no slopes by nuisances yet.
+        fresh = bool((np.isfinite(r) & ~begun).any())
+        if before - loss < _ENOUGH and not fresh:
             local = _Local.at(J, r)  # the slopes of a point so near
             break
-        J = _slopes(evaluate, values, r, unknowns.steps, J)
+        J = _slopes(evaluate, values, r, unknowns.steps, None if fresh else J)
+        begun |= np.isfinite(r)
         local = _Local.at(J, r)
     covariance, alone = _finished(local, unknowns)
     return Fit(

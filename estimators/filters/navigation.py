@@ -46,6 +46,8 @@ _RIM_SCALE = 0.01
 #: Standard deviations of the start: position [m], heading [rad], speeds [m/s], biases of gyro [rad/s] and
 #: accelerometer [m/s^2], creep [m/s]; of the lateral accelerometer's bias it is a setting.
 _START = (0.1, 0.1, 0.02, 0.3, 0.2, 0.01, 0.3, 1.0, 0.0)
+#: Random walks of speed [m/s/sqrt(s)] and heading [rad/sqrt(s)] where the inertial unit has no sample.
+_UNSEEN_SPEED, _UNSEEN_YAW = 1.5, 0.2
 _START_COVARIANCE = np.diag(np.square(_START))
 
 
@@ -254,6 +256,19 @@ def _correct_side(
 
 
 @kernel
+def _coast(
+    x: FloatArray, P: FloatArray, steer: float, axles: FloatArray, noise: FloatArray, dt: float
+) -> None:
+    """Carry state and covariance over ``dt`` without the inertial unit: the speeds stay, the wheels steer."""
+    rate = x[V] * math.tan(steer) / (axles[0] + axles[1])
+    imu, wide = np.zeros(5), noise.copy()
+    imu[YAW_RATE] = x[GYRO_BIAS] + rate
+    imu[A_X], imu[A_Y] = x[ACCEL_BIAS] - x[V_SIDE] * rate, x[SIDE_BIAS] + x[V] * rate
+    wide[_ACCELEROMETER], wide[_GYRO] = _UNSEEN_SPEED / math.sqrt(dt), _UNSEEN_YAW / math.sqrt(dt)
+    _predict(x, P, imu, wide, dt)
+
+
+@kernel
 def navigate(
     belief: tuple[FloatArray, FloatArray],
     sensors: tuple[FloatArray, FloatArray, FloatArray],
@@ -272,6 +287,8 @@ def navigate(
     if all_finite(imu):
         _predict(x, P, imu, noise, dt)
         _correct_side(x, P, imu[YAW_RATE], steer, axles, noise)
+    else:
+        _coast(x, P, steer, axles, noise, dt)
     if all_finite(rim_speeds):
         _correct_wheels(x, P, rim_speeds, noise)
     if all_finite(gnss):

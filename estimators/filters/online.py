@@ -55,7 +55,7 @@ class OnBoard:
             )
 
     def belief(self, plant: Plant) -> Plant:
-        """``plant`` with the parts that this choice replaces."""
+        """``plant`` with the parts that this choice replaces; for a filter of n alone with rigid rims."""
         half_car = "half_car" if plant.half_car > 0.5 else "bicycle"
         return make_plant(
             self.vehicle or plant.vehicle,
@@ -64,7 +64,7 @@ class OnBoard:
             model=plant_model(plant),
             vehicle_model=self.vehicle_model or half_car,
             slip=plant.slip,
-            structure=plant.structure,
+            structure=plant.structure if self.kind in SOIL_FILTERS else None,
         )
 
 
@@ -84,7 +84,7 @@ class Thinned:
 
     def reset(self, n_prior: float, sd: float, pose: Pose) -> Estimate:
         """As the inner estimator's."""
-        self._count, self._sum = 0, np.zeros(5)
+        self._count, self._sampled, self._sum = 0, 0, np.zeros(5)
         self._rims, self._gnss = np.full(2, np.nan), np.full(4, np.nan)
         self._estimate = self.inner.reset(n_prior, sd, pose)
         return self._estimate
@@ -97,16 +97,18 @@ class Thinned:
         gnss: np.ndarray,
     ) -> Estimate:
         """Take in one sample of every sensor; the inner estimator is updated at every ``every``-th."""
-        self._sum += imu
         self._count += 1
+        if np.isfinite(imu).all():
+            self._sum += imu
+            self._sampled += 1
         if np.isfinite(rim_speeds).all():
             self._rims[:] = rim_speeds
         if np.isfinite(gnss).all():
             self._gnss[:] = gnss
         if self._count == self.every:
-            mean = self._sum / self.every
+            mean = self._sum / self._sampled if self._sampled else np.full(5, np.nan)
             self._estimate = self.inner.update(command, mean, self._rims.copy(), self._gnss.copy())
-            self._count = 0
+            self._count = self._sampled = 0
             self._sum[:], self._rims[:], self._gnss[:] = 0.0, np.nan, np.nan
         return self._estimate
 

@@ -27,6 +27,7 @@ __all__ = [
     "filter_range",
     "follow_command",
     "report_estimate",
+    "require_plain_plant",
 ]
 
 #: Time over which the innovation test for the validity flag averages [s].
@@ -57,6 +58,21 @@ def checked_range(plant: Plant, n_range: tuple[float, float], dt: float) -> tupl
     if not 0.001 <= dt <= 0.02:
         raise InvalidParameter(f"dt must be in [0.001, 0.02] s, got {dt} - in ms?")
     return float(low), float(high)
+
+
+def require_plain_plant(plant: Plant) -> None:
+    """Refuse a plant with anything that filters of n alone would leave out.
+
+    Raises
+    ------
+    InvalidParameter
+    """
+    for name in ("structure", "four_wheel", "soil_field", "effects"):
+        if getattr(plant, name) is not None:
+            raise InvalidParameter(
+                f"plant.{name} must be None: a filter of n alone has a half-car or bicycle with rigid rims "
+                "on uniform soil - for other wheels take online_soil_belief"
+            )
 
 
 def check_positive(settings: object, names: tuple[str, ...]) -> None:

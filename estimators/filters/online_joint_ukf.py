@@ -44,6 +44,7 @@ from estimators.filters.online_base import (
     OnlineFilter,
     check_positive,
     filter_range,
+    require_plain_plant,
 )
 from estimators.filters.online_joint_step import (
     ALIVE,
@@ -126,8 +127,8 @@ class OnlineJointUKF(OnlineFilter):
     Parameters
     ----------
     plant : Plant
-        The vehicle's model of itself and the ground: full or paper model, half-car or bicycle. Its soil's n
-        is not used. A ground that is not known is `flat()`.
+        The vehicle's model of itself and the ground: full or paper model, half-car or bicycle, with rigid
+        rims on uniform soil, whose n is not used. A ground that is not known is `flat()`.
     n_range : (float, float)
         Bounds of n [-]; the reported mean stays inside.
     dt : float
@@ -155,6 +156,7 @@ class OnlineJointUKF(OnlineFilter):
         settings: OnlineJointSettings | None = None,
         navigation: NavigationFilter | None = None,
     ) -> None:
+        require_plain_plant(plant)
         super().__init__(plant, n_range, dt=dt, navigation=navigation, navigates=True)
         self.settings = settings or OnlineJointSettings()
         self._full = plant_model(plant) == "full"

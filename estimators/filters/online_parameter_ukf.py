@@ -51,6 +51,7 @@ from estimators.filters.online_base import (
     OnlineFilter,
     check_positive,
     filter_range,
+    require_plain_plant,
 )
 from estimators.filters.online_parameter_step import (
     ASSUMPTIONS,
@@ -157,8 +158,8 @@ class OnlineParameterUKF(OnlineFilter):
     Parameters
     ----------
     plant : Plant
-        The vehicle's model of itself and the ground: full or paper model, half-car or bicycle. Its soil's n
-        is not used. A ground that is not known is `flat()`.
+        The vehicle's model of itself and the ground: full or paper model, half-car or bicycle, with rigid
+        rims on uniform soil, whose n is not used. A ground that is not known is `flat()`.
     n_range : (float, float)
         Bounds of n [-]; the reported mean stays inside.
     dt : float
@@ -185,6 +186,7 @@ class OnlineParameterUKF(OnlineFilter):
         settings: OnlineParameterSettings | None = None,
         navigation: NavigationFilter | None = None,
     ) -> None:
+        require_plain_plant(plant)
         super().__init__(plant, n_range, dt=dt, navigation=navigation, navigates=navigation is None)
         self.settings = settings or OnlineParameterSettings()
         packed = pack(plant)

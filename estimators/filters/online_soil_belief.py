@@ -252,7 +252,8 @@ class OnlineSoilBelief(OnlineFilter):
             raise InvalidParameter("the belief over soils needs a half-car or bicycle of the full model")
         self.settings = settings or SoilBeliefSettings()
         self._mount = (imu or ImuConfig()).mount()
-        self._packed = pack(plant._replace(soil=base_soil(), soil_field=None))
+        uniform = plant.soil_map._replace(patches=np.empty((0, 4)))
+        self._packed = pack(plant._replace(soil=base_soil(), soil_field=None, soil_map=uniform))
         self._rules = self._constants(imu or ImuConfig())
         self._memory = _new_memory(plant)
         s = self.settings

@@ -171,7 +171,9 @@ def whole_surrogate(
     surrogate: LimitSurrogate, packed: PackedPlant, mean: FloatArray, cov: FloatArray
 ) -> None:
     """Evaluate a reference at once, or take that of the same plant and belief."""
-    key = b"".join(part.tobytes() for part in (packed.numbers, mean, cov)) + repr(packed.structure).encode()
+    effects = np.empty(0) if packed.effects is None else packed.effects
+    parts = packed.numbers, packed.patches, effects, mean, cov
+    key = b"|".join(part.tobytes() for part in parts) + repr(packed.structure).encode()
     in_use = surrogate.mean, surrogate.factor, surrogate.value, surrogate.slope, surrogate.bend
     surrogate.done[0] = 0.0
     if key not in _references:

@@ -175,13 +175,18 @@ def _augmented_ekf_bank(run: FilterRun) -> BeliefHistory:
 
 
 def _parameter_ukf(run: FilterRun) -> BeliefHistory:
-    """The state starts where the vehicle stands settled on the soil of the prior's mean."""
+    """The state is propagated from where the vehicle stands settled on the soil of the prior's mean."""
+    return _parameter_filter(run, None)
+
+
+def _parameter_filter(run: FilterRun, known: np.ndarray | None) -> BeliefHistory:
+    """The paper's filter, on ``known`` states (T, 15) where there are any."""
     plant = run.plant._replace(soil=run.plant.soil._replace(n=run.parameter.n_prior))
     x, y, yaw, v = run.pose
     start = settled_state(plant, x=x, y=y, yaw=yaw, v_x=v)
     imu = run.z[:, :IMU_CHANNELS]
     return _of_parameter(
-        run_parameter_filter(plant, start, run.inputs, imu, run.dt, run.parameter, known=run.known), run
+        run_parameter_filter(plant, start, run.inputs, imu, run.dt, run.parameter, known=known), run
     )
 
 
@@ -193,7 +198,7 @@ def _of_parameter(history: ParameterHistory, run: FilterRun) -> BeliefHistory:
 def _parameter_ukf_known_state(run: FilterRun) -> BeliefHistory:
     if run.known is None:
         raise InvalidParameter("parameter_ukf_known_state needs the true states of the run")
-    return _parameter_ukf(run)
+    return _parameter_filter(run, run.known)
 
 
 def with_course(fix: np.ndarray, slide: float, yaw: float) -> np.ndarray:

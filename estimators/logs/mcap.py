@@ -1,7 +1,8 @@
 """Logs as MCAP files, which Foxglove, Lichtblick, PlotJuggler and Rerun open.
 
-The IMU is a topic of ``sensor_msgs/Imu``, every other channel one of ``std_msgs/Float64``, reference columns
-are below ``/reference``. Stamps are those of the rows, in nanoseconds.
+The IMU is a topic of ``sensor_msgs/Imu`` where all of its axes are sampled together, every other channel one
+of ``std_msgs/Float64``, reference columns are below ``/reference``. Stamps are those of the rows, in
+nanoseconds.
 """
 
 from __future__ import annotations
@@ -33,8 +34,16 @@ def _single(log: Log) -> dict[str, tuple[str, np.ndarray]]:
 
 
 def _in_imu(log: Log, name: str) -> bool:
-    """Whether a channel is part of the message of the IMU, which has all axes."""
-    return name in _SENSED and all(axis in log.channels for axis in _SENSED if axis != "roll_rate")
+    """Whether a channel is part of the message of the IMU, which has all axes of one instant."""
+    return name in _SENSED and _is_whole(log)
+
+
+def _is_whole(log: Log) -> bool:
+    """Whether all axes of an IMU, but for the roll rate, are there, and each sampled in the same rows."""
+    if not all(axis in log.channels for axis in _SENSED if axis != "roll_rate"):
+        return False
+    missing = [np.isnan(log.channels[axis]) for axis in _SENSED if axis in log.channels]
+    return all(np.array_equal(rows, missing[0]) for rows in missing)
 
 
 def mcap_topics(log: Log) -> dict[str, Any]:

@@ -21,8 +21,9 @@ __all__ = ["COMPASS", "Conversion", "conversion"]
 COMPASS = "compass"
 
 _SCALED = re.compile(r"(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*\*?\s*(?P<unit>.+)")
-#: Names that Pint is asked for: words, powers up to a digit, products and quotients; nothing that computes.
-_NAME = re.compile(r"(?:[A-Za-zµμ°Ωωπ_%]+|\^-?\d|\*\*-?\d|[-·*/ ()²³])+")
+#: Names that Pint is asked for: words, each with one power of a digit, products and quotients. Powers of
+#: powers would be computed, for hours if they are large.
+_NAME = re.compile(r"(?:[A-Za-zµμ°Ωωπ_%](?:\^-?\d|\*\*-?\d|[²³])?|[-·*/ ()])+")
 _LONGEST = 40
 #: Coherent SI units of the dimensions.
 _COHERENT = {

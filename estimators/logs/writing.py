@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
 from os import PathLike
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from estimators.logs.log import Log
 from estimators.logs.mcap import mcap_bytes, mcap_topics
 from estimators.logs.parquet import parquet_bytes
 from offroad_env.errors import DataError
-from offroad_env.world.files import is_stream
+from offroad_env.world.files import create_beside, is_stream
 
 __all__ = ["content_hash", "write_log"]
 
@@ -84,11 +83,10 @@ def _replace_both(files: tuple[tuple[Path, bytes], ...]) -> None:
             if is_stream(name):
                 raise DataError(f"{name}: is a device or pipe; a log is two ordinary files")
             target = Path(os.path.realpath(name))
-            handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+            handle, temporary = create_beside(target)
             written.append((temporary, target))
             with os.fdopen(handle, "wb") as file:
                 file.write(content)
-            os.chmod(temporary, 0o644)
         for temporary, target in written:
             os.replace(temporary, target)
     except OSError as error:

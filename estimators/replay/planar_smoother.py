@@ -368,12 +368,16 @@ def _drive_of(log: Log, t: np.ndarray, yaw: SmoothChannel) -> Drive:
     a = np.stack([_on_grid(log, name, t) for name in ("a_x", "a_y", "a_z")], axis=1)
     pitch = _smooth(log, "pitch_rate", t, log.imu.sd_rate)
     known_roll = "roll_rate" in log.channels
-    roll = _smooth(log, "roll_rate", t, log.imu.sd_rate).value if known_roll else np.zeros(len(t))
     r, p = yaw.value, pitch.value
+    # A body without roll still turns about its x axis, as its pitch axis turns with the heading.
+    roll, roll_slope = np.zeros(len(t)), r * p
+    if known_roll:
+        measured = _smooth(log, "roll_rate", t, log.imu.sd_rate)
+        roll, roll_slope = measured.value, measured.slope
     # The lever arm off: a_cg = a - omega_dot x r - omega x (omega x r), as `physics.imu.imu_reading`.
-    a[:, 0] += yaw.slope * y + pitch.slope * z + (r**2 + p**2) * x
-    a[:, 1] += -yaw.slope * x + r**2 * y + r * p * z
-    a[:, 2] += -pitch.slope * x + p**2 * z + r * p * y
+    a[:, 0] += yaw.slope * y + pitch.slope * z + (r**2 + p**2) * x + roll * (p * y - r * z)
+    a[:, 1] += -yaw.slope * x + roll_slope * z + (r**2 + roll**2) * y + p * (r * z + roll * x)
+    a[:, 2] += -pitch.slope * x - roll_slope * y + (p**2 + roll**2) * z + r * (p * y - roll * x)
     Q = np.zeros(_SIZE)
     Q[[V_X, V_Y]] = (log.imu.sd_a * step) ** 2
     Q[[YAW, PITCH, ROLL]] = (log.imu.sd_rate * step) ** 2

@@ -306,13 +306,14 @@ def replay_log(
 
 
 def pooled(replays: Sequence[Replay]) -> Replay:
-    """All samples of several logs under one model as one; logs of another step are left out of the growth."""
+    """All samples of several logs under one model as one, those of another step at the nearest instants."""
     first = replays[0]
-    alike = [replay for replay in replays if len(replay.t) == len(first.t)]
-    others = [replay for replay in replays if len(replay.t) != len(first.t)]
+    nearest = [np.abs(replay.t[:, None] - first.t).argmin(axis=1) for replay in replays]
 
     def total(name: str, kind: str) -> np.ndarray:
-        rows: np.ndarray = np.sum([getattr(replay, kind)[name] for replay in alike], axis=0)
+        rows = np.zeros(len(first.t), dtype=getattr(first, kind)[name].dtype)
+        for replay, places in zip(replays, nearest, strict=True):
+            np.add.at(rows, places, getattr(replay, kind)[name])
         return rows
 
     return Replay(
@@ -323,7 +324,7 @@ def pooled(replays: Sequence[Replay]) -> Replay:
         t=first.t,
         squares={name: total(name, "squares") for name in CHANNELS},
         counts={name: total(name, "counts") for name in CHANNELS},
-        windows=sum(replay.windows for replay in replays) - sum(replay.windows for replay in others),
-        failed=sum(replay.failed for replay in alike),
+        windows=sum(replay.windows for replay in replays),
+        failed=sum(replay.failed for replay in replays),
         references=tuple(name for name in CHANNELS if all(name in replay.references for replay in replays)),
     )

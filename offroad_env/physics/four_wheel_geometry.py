@@ -109,7 +109,10 @@ def wheel_angle(four: FourWheel, vehicle: Vehicle, steer: float, wheel: int) -> 
     track, tangent, toe = four.track_f, front, four.toe_f
     if wheel > 1:
         track, tangent, toe = four.track_r, rear, four.toe_r
-    return math.atan(tangent / (1.0 - four.ackermann * left * 0.5 * track * curvature)) - left * toe
+    beside = 1.0 - four.ackermann * left * 0.5 * track * curvature
+    # A centre of the turn inside the track turns the inner wheel beyond 90 degrees, not back to -90.
+    angle = math.atan(tangent / beside) if beside > 0.0 else math.atan2(tangent, beside)
+    return angle - left * toe
 
 
 @inline_kernel

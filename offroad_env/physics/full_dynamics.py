@@ -54,6 +54,8 @@ __all__ = [
 ]
 
 
+#: Power [W] of a vehicle that has none, as one that is towed: nothing is divided by zero.
+_LEAST_POWER = 1e-9
 #: Shortest time constant of an actuator: one step of the model, which integrates the lags explicitly [s].
 SHORTEST_LAG = 0.005
 
@@ -154,7 +156,7 @@ def _spin_acceleration(
 @inline_kernel
 def available_torque(vehicle: Vehicle, torque: float, omega: float) -> float:
     """Drive torque held below the power limit: T / sqrt(1 + (T omega / P)^2), smooth [N m]."""
-    share = torque * omega / vehicle.power_max
+    share = torque * omega / max(vehicle.power_max, _LEAST_POWER)
     return torque / math.sqrt(1.0 + share * share)
 
 

@@ -70,6 +70,6 @@ def hull_width(b: float, r: float, h: float) -> float:
     and the chord of the rim ``_TEST`` above the soil, undisturbed ahead and flattened behind. An
     artefact of soil on a grid (Project Chrono, `SCMTerrain`).
     """
-    deep = min(h + _TEST, r)
-    chord = math.sqrt(deep * (2.0 * r - deep)) + math.sqrt(_TEST * (2.0 * r - _TEST))
-    return 1.0 / (1.0 / (b - _GRID) + 1.0 / chord)
+    deep, flat = min(h + _TEST, r), min(_TEST, r)
+    chord = math.sqrt(deep * (2.0 * r - deep)) + math.sqrt(flat * (2.0 * r - flat))
+    return 1.0 / (1.0 / max(b - _GRID, 0.5 * b) + 1.0 / chord)

@@ -61,9 +61,12 @@ def rolling_rim(plant: Plant, axle: Rolling, warm: FloatArray, readings: FloatAr
     Regula falsi with halving (Illinois) between 0.5 and 1.5 of the travel speed.
     """
     v_l = _turning(plant, axle.motion, 0.0).v_l
-    if v_l <= 0.0:
+    if v_l == 0.0:
         return 0.0
-    low, high, T_low, T_high = 0.5 * v_l, 1.5 * v_l, math.nan, math.nan
+    T_low = T_high = math.nan
+    low, high = 0.5 * v_l, 1.5 * v_l
+    if v_l < 0.0:
+        low, high = high, low
     rim, side = low, 0.0
     for _ in range(80):
         T = rest_reaction(plant, axle, rim, warm, readings).torque
@@ -72,7 +75,7 @@ def rolling_rim(plant: Plant, axle: Rolling, warm: FloatArray, readings: FloatAr
             continue
         if math.isnan(T_high):
             T_high = T
-        elif abs(T) < 1e-9 * axle.N_0 or high - low < 1e-12 * v_l:
+        elif abs(T) < 1e-9 * axle.N_0 or high - low < 1e-12 * abs(v_l):
             break
         elif T > 0.0:
             high, T_high = rim, T

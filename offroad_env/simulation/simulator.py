@@ -14,7 +14,7 @@ import numpy as np
 
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics import state as at
-from offroad_env.physics.axle import Plant
+from offroad_env.physics.axle import Plant, contact_shape
 from offroad_env.physics.batch import PLAIN_COMMAND, WHEEL_COMMAND, full_rows
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.four_wheel_settle import settle_four_wheels
@@ -155,7 +155,7 @@ def _of_plant(plant: Plant, state: np.ndarray, warm: np.ndarray) -> tuple[np.nda
     require_record("plant", plant, Plant, "make_plant")
     found = numbers("state", state), numbers("warm", warm)
     for name, array, shape in zip(("state", "warm"), found, _shapes(plant), strict=True):
-        if array.ndim != len(shape) or len(array) != shape[0]:
+        if array.shape != shape:
             raise InvalidParameter(
                 f"{name} must be an array {shape}, as settled_state makes it for the plant, got {array.shape}"
             )
@@ -165,7 +165,7 @@ def _of_plant(plant: Plant, state: np.ndarray, warm: np.ndarray) -> tuple[np.nda
 def _shapes(plant: Plant) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Shapes of the state and of the warm start of a plant."""
     size, _ = at.sizes(plant.four_wheel)
-    return (size,), (2 if plant.four_wheel is None else 4, at.CONTACT_SIZE)
+    return (size,), contact_shape(plant.structure, plant.four_wheel)
 
 
 def _four_wheel(
@@ -296,6 +296,10 @@ def simulate(
         When a contact has no solution or the state is not finite, with the time it happened.
     """
     state, warm = _of_plant(plant, state, warm)
+    if plant_model(plant) != "paper":
+        raise InvalidParameter(
+            "simulate runs the paper's model; for one of the full model take simulate_commands"
+        )
     steps = _steps("duration", duration, dt)
     half_steps = 0.5 * dt * np.arange(2 * steps + 1)
     rate = np.full(half_steps.shape, math.nan)
@@ -357,6 +361,8 @@ def simulate_commands(
         When a contact has no solution or the state is not finite, with the time it happened.
     """
     state, warm = _of_plant(plant, state, warm)
+    if plant_model(plant) != "full":
+        raise InvalidParameter("commands drive the full model; for a plant of the paper's take simulate")
     commands = _checked_commands(commands, plant.four_wheel)
     steps = _steps("interval", interval, dt)
     if steps < 1 or abs(steps * dt - interval) > 1e-9 * interval:

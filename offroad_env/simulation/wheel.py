@@ -196,6 +196,8 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     size, by_load = _load_or_sinkage(load, sinkage, wheel)
     slip = _checked("slip", slip, -1.0, 1.0, "", "in percent?")
     slip_angle = _checked("slip_angle", slip_angle, -1.5708, 1.5708, "rad", "in degrees?")
+    # What is rounded to beyond a right angle would slide the other way.
+    slip_angle = np.clip(slip_angle, -0.5 * math.pi, 0.5 * math.pi)
     inputs = np.broadcast_arrays(size, slip, slip_angle)
     values, shape = np.stack([array.ravel() for array in inputs], axis=1), inputs[0].shape
     out, status = np.zeros((len(values), _COLUMNS)), np.zeros(len(values))

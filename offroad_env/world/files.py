@@ -9,8 +9,8 @@ from __future__ import annotations
 import io
 import json
 import os
+import secrets
 import stat
-import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -24,6 +24,7 @@ from offroad_env.errors import DataError
 __all__ = [
     "MOST_ARRAYS",
     "MOST_TEXT",
+    "create_beside",
     "is_stream",
     "open_file",
     "parse_json",
@@ -199,23 +200,37 @@ def write_file(path: Path, content: bytes, *, private: bool = False) -> None:
         return
     path = Path(os.path.realpath(path))
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:100]}.", suffix=".part")
+    handle, name = create_beside(path, private=private)
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
-        if not private:
-            os.chmod(name, 0o666 & ~_umask())
         os.replace(name, path)
     except BaseException:
         os.unlink(name)
         raise
 
 
-def _umask() -> int:
-    """The mask that a file opened in the usual way would get; a temporary file is private instead."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def create_beside(path: Path, *, private: bool = False) -> tuple[int, str]:
+    """A new file beside ``path``, to be renamed to it: its descriptor and its name.
+
+    Whoever may read the file that is there may read this one; where there is none, whom the process lets
+    (umask). ``private``: the owner alone.
+
+    Raises
+    ------
+    OSError
+        When the folder cannot be written to.
+    """
+    name = str(path.parent / f".{path.name[:100]}.{secrets.token_hex(8)}.part")
+    handle = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if private else 0o666)
+    try:
+        if not private and path.exists():
+            os.chmod(name, stat.S_IMODE(path.stat().st_mode))
+    except BaseException:
+        os.close(handle)
+        os.unlink(name)
+        raise
+    return handle, name
 
 
 def require_keys(content: Mapping[str, Any], kinds: Mapping[str, type | tuple[type, ...]], file: str) -> None:

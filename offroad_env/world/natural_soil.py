@@ -31,6 +31,7 @@ __all__ = [
     "reference_pressure",
     "soil_maps",
     "spread_of",
+    "wave_vectors",
 ]
 
 #: Width of the plate whose pressure at 5 cm stands for a soil: a tyre of a light vehicle [m].
@@ -208,15 +209,36 @@ def _square_root(correlation: ArrayLike | None) -> np.ndarray:
     return root
 
 
-def _wave_rows(rng: np.random.Generator, count: int, length: float, factor: np.ndarray) -> np.ndarray:
-    """(M, 12) plane waves with the spectrum of Matern's correlation and amplitudes of covariance F F'."""
+def wave_vectors(count: int, correlation_length: float, turn: float = 0.0) -> np.ndarray:
+    """(M, 2) plane waves [rad/m], each with the same share of the variance of Matern's correlation.
+
+    Parameters
+    ----------
+    count
+        M, 8 ... 4096.
+    correlation_length
+        [m]
+    turn
+        By which share of half a turn all of them are turned.
+
+    Raises
+    ------
+    InvalidParameter
+        For another number of waves.
+    """
     if not 8 <= count <= 4096:
         raise InvalidParameter(f"waves must be in 8 ... 4096, got {count}")
     # Share of the variance over the plane beyond wavenumber k: (1 + k^2/a^2)^(-3/2), a = reach / length.
     beyond = (np.arange(count) + 0.5) / count
-    wavenumber = _MATERN_REACH / length * np.sqrt(beyond ** (-2.0 / 3.0) - 1.0)
+    wavenumber = _MATERN_REACH / correlation_length * np.sqrt(beyond ** (-2.0 / 3.0) - 1.0)
     # Golden section of the half circle: waves of about one length come from all directions.
-    direction = math.pi * ((rng.random() + _GOLDEN * np.arange(count)) % 1.0)
+    direction = math.pi * ((turn + _GOLDEN * np.arange(count)) % 1.0)
+    return np.column_stack([wavenumber * np.cos(direction), wavenumber * np.sin(direction)])
+
+
+def _wave_rows(rng: np.random.Generator, count: int, length: float, factor: np.ndarray) -> np.ndarray:
+    """(M, 12) plane waves with the spectrum of Matern's correlation and amplitudes of covariance F F'."""
+    waves = wave_vectors(count, length, rng.random())
     phase = 2.0 * math.pi * rng.random((count, 5))
     # Each number has the same power in every wave, with a phase of its own.
     drawn = np.concatenate([np.sin(phase), np.cos(phase)])
@@ -224,8 +246,7 @@ def _wave_rows(rng: np.random.Generator, count: int, length: float, factor: np.n
     # covariance, close to one, takes that out, and the stated covariance stands exactly.
     values, vectors = np.linalg.eigh(drawn.T @ drawn / count)
     amplitudes = math.sqrt(2.0 / count) * drawn @ (vectors / np.sqrt(values)) @ vectors.T @ factor.T
-    columns = (wavenumber * np.cos(direction), wavenumber * np.sin(direction))
-    return np.ascontiguousarray(np.column_stack([*columns, amplitudes[:count], amplitudes[count:]]))
+    return np.ascontiguousarray(np.column_stack([waves, amplitudes[:count], amplitudes[count:]]))
 
 
 def soil_maps(field: SoilField, base: Soil, X: ArrayLike, Y: ArrayLike) -> SoilMaps:

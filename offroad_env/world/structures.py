@@ -129,6 +129,15 @@ def make_structure(
             'ruts need pressure_from="own_sinkage": contact angles that are a function of slip know no '
             "depth from which soil has borne already"
         )
+    for name, value, unused in (
+        ("damping", damping, 0.0),
+        ("elastic_modulus", elastic_modulus, _ELASTIC_MODULUS),
+    ):
+        if chosen["pressure_from"] != "own_sinkage" and value != unused:
+            raise InvalidParameter(
+                f'{name} needs pressure_from="own_sinkage": with the angles of Wong and Reece no point of '
+                "the rim knows how the soil under it has moved"
+            )
     if chosen["ruts"] == "pressure_and_shear" and chosen["shear"] != "soil_path":
         raise InvalidParameter(
             'ruts="pressure_and_shear" needs shear="soil_path": shear displacement in the wheel\'s frame '
@@ -163,12 +172,14 @@ def read_structure(text: str) -> Structure:
         if name in LAWS:
             laws[name] = value
             continue
+        if name not in STRUCTURE_NUMBERS:
+            raise InvalidParameter(f"structure {text!r}: there is no choice or number {name!r}; {_known()}")
         try:
             numbers[name] = float(value)
         except ValueError:
-            raise InvalidParameter(f"structure {text!r}: there is no choice {name!r}; {_known()}") from None
-        if name not in STRUCTURE_NUMBERS:
-            raise InvalidParameter(f"structure {text!r}: there is no number {name!r}; {_known()}")
+            raise InvalidParameter(
+                f"structure {text!r}: {name} must be a number without a unit, got {value!r}"
+            ) from None
     return make_structure(
         preset,
         elastic_modulus=numbers.get("elastic_modulus", _ELASTIC_MODULUS),

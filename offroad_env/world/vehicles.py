@@ -95,6 +95,8 @@ _RATIOS = MappingProxyType(
         ),
         "bounce": _Ratio("bounce frequency sqrt((k_f + k_r)/m)/(2 pi)", 0.3, 30.0, "Hz", ("k_f", "k_r", "m")),
         "damping": _Ratio("damping ratio of bounce", 0.0, 5.0, "", ("c_f", "c_r", "k_f", "k_r", "m")),
+        # Springs and dampers are integrated explicitly: faster decay than this is no longer stable.
+        "decay": _Ratio("damping rate (c_f + c_r)/m", 0.0, 300.0, "1/s", ("c_f", "c_r", "m")),
         "unsprung": _Ratio("unsprung share 2 m_w/m of the mass", 0.0, 0.6, "", ("m_w", "m")),
         "wheel": _Ratio("wheel radius over the wheelbase", 0.03, 0.5, "", ("r", "l_f", "l_r")),
         "spin": _Ratio("radius of gyration of a wheel over its radius", 0.05, 5.0, "", ("I_w", "m_w", "r")),
@@ -260,6 +262,7 @@ def _ratios(v: Vehicle) -> dict[str, float]:
         "pitch": math.sqrt(v.I_y / v.m) / wheelbase,
         "bounce": math.sqrt(stiffness / v.m) / (2.0 * math.pi),
         "damping": 0.5 * (v.c_f + v.c_r) / math.sqrt(stiffness * v.m),
+        "decay": (v.c_f + v.c_r) / v.m,
         "unsprung": 2.0 * v.m_w / v.m,
         "wheel": v.r / wheelbase,
         "spin": math.sqrt(v.I_w * v.wheels_per_axle / v.m_w) / v.r,

@@ -353,3 +353,16 @@ def test_every_vehicle_of_the_catalogue_drives_and_turns_left(name):
     end = run(plant, held(turn, 0.3 * vehicle.drive_torque_max, 0.0), v_x=2.0).states[-1]
     assert end[at.X] > 2.0
     assert end[at.YAW] > 0.05
+
+
+def test_the_inner_wheel_turns_on_beyond_a_right_angle() -> None:
+    """Where the centre of the turn comes to lie inside the track."""
+    vehicle = make_vehicle(FOUR_WHEEL_VEHICLES["warthog"].vehicle, steer_max=0.9)
+    four = make_four_wheel(vehicle, rear_steer=-1.0)
+    angles = np.array(
+        [[wheel_angle(four, vehicle, steer, i) for i in range(4)] for steer in np.arange(0.0, 0.9, 0.01)]
+    )
+    assert angles[-1, 0] > 0.5 * math.pi
+    assert np.abs(np.diff(angles, axis=0)).max() < 0.1
+    mirrored = [wheel_angle(four, vehicle, -0.8, i) for i in (1, 0, 3, 2)]
+    assert mirrored == pytest.approx([-wheel_angle(four, vehicle, 0.8, i) for i in range(4)])

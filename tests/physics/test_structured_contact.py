@@ -31,6 +31,7 @@ from offroad_env.world.structures import (
     structure_text,
 )
 from offroad_env.world.tyres import TYRES, with_tyre
+from offroad_env.world.vehicles import make_wheel
 
 WHEEL = Wheel(0.33, 0.25)
 GRID = make_structure("grid", width="rim")
@@ -350,7 +351,7 @@ def test_a_structure_is_read_from_its_name_and_says_what_it_is():
     for text in (
         "field",
         "grid,ruts=none",
-        "paper,damping=2e3,grouser_height=0.01",
+        "field,damping=2e3,grouser_height=0.01",
         "grid,elastic_modulus=1e8",
     ):
         structure = read_structure(text)
@@ -359,7 +360,7 @@ def test_a_structure_is_read_from_its_name_and_says_what_it_is():
     assert structure_laws(make_structure("full")) == {name: options[0] for name, options in LAWS.items()}
     for text, part in (
         ("gird", "one of paper, full"),
-        ("grid,rut=none", "no choice 'rut'"),
+        ("grid,rut=none", "no choice or number 'rut'"),
         ("grid,ruts=deep", "one of none"),
         ("full,ruts=pressure", "own_sinkage"),
         ("grid,shear=wheel_frame", "soil_path"),
@@ -368,3 +369,27 @@ def test_a_structure_is_read_from_its_name_and_says_what_it_is():
     ):
         with pytest.raises(InvalidParameter, match=part.replace("(", r"\(")):
             read_structure(text)
+
+
+@pytest.mark.parametrize(("r", "b"), [(0.045, 0.03), (0.1, 0.018), (0.01, 0.004)])
+def test_the_hull_of_a_small_wheel_has_a_width(r: float, b: float) -> None:
+    found = wheel_forces(SOILS["clay"], make_wheel(r=r, b=b), load=1.0, slip=0.1, structure="grid")
+    assert 0.0 < found.sinkage < 0.5 * r
+
+
+def test_a_number_that_would_do_nothing_is_refused() -> None:
+    for text in ("full,damping=1e6", "full,elastic_modulus=1e8"):
+        with pytest.raises(InvalidParameter, match='needs pressure_from="own_sinkage"'):
+            read_structure(text)
+    with pytest.raises(
+        InvalidParameter, match="elastic_modulus must be a number without a unit, got '1e8Pa'"
+    ):
+        read_structure("grid,elastic_modulus=1e8Pa")
+    with pytest.raises(InvalidParameter, match="no choice or number 'elastic'"):
+        read_structure("grid,elastic=1e8")
+
+
+def test_a_right_angle_of_slip_may_be_rounded_up() -> None:
+    angles = np.array([0.5 * math.pi, 1.5708])
+    side = wheel_forces(SOILS["clay"], make_wheel(r=0.3, b=0.2), load=2000.0, slip=0.1, slip_angle=angles).F_y
+    assert side[0] == side[1]

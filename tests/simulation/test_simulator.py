@@ -21,7 +21,7 @@ from offroad_env.simulation.simulator import (
 )
 from offroad_env.world.soils import SOILS, make_soil
 from offroad_env.world.terrain import flat, grade, paper_terrain, rough_terrain, soil_map
-from offroad_env.world.vehicles import VEHICLES
+from offroad_env.world.vehicles import VEHICLES, make_vehicle
 
 MRZR = VEHICLES["mrzr"]
 SAND = make_soil(SOILS["dry_sand"], n=0.7)
@@ -202,6 +202,35 @@ def test_commands_of_another_shape_or_that_are_no_numbers_are_refused(commands):
     plant = plant_on()
     with pytest.raises(InvalidParameter, match="commands"):
         simulate_commands(plant, *settled_state(plant), commands)
+
+
+def test_a_start_of_another_kind_of_plant_is_refused():
+    plain, structured = plant_on(), plant_on(structure="field")
+    state, warm = settled_state(plain, v_x=3.0)
+    with pytest.raises(
+        InvalidParameter, match=r"warm must be an array \(2, \d+\), as settled_state makes it"
+    ):
+        simulate_commands(structured, state, warm, np.zeros((2, 3)))
+    with pytest.raises(InvalidParameter, match="commands drive the full model"):
+        simulate_commands(plant_on(model="paper"), state, warm, np.zeros((2, 3)))
+    with pytest.raises(InvalidParameter, match=r"simulate runs the paper.s model"):
+        simulate(plain, state, warm, duration=0.1)
+
+
+def test_a_towed_vehicle_has_no_power_and_rolls():
+    towed = make_vehicle("mrzr", power_max=0.0, drive_torque_max=0.0)
+    plant = make_plant(towed, SOILS["clay"], flat())
+    run = simulate_commands(plant, *settled_state(plant, v_x=3.0), np.zeros((20, 3)))
+    usual = simulate_commands(plant_on(SOILS["clay"]), *settled_state(plant, v_x=3.0), np.zeros((20, 3)))
+    assert (run.states == usual.states).all()
+
+
+def test_backwards_a_vehicle_starts_as_forwards():
+    plant = plant_on(SOILS["clay"])
+    ahead, back = (simulate_commands(plant, *settled_state(plant, v_x=v), np.zeros((2, 3))) for v in (3, -3))
+    for column in (at.OMEGA_F, at.OMEGA_R):
+        assert back.states[0, column] == pytest.approx(-ahead.states[0, column])
+    assert back.readings[0, at.A_X] == pytest.approx(-ahead.readings[0, at.A_X])
 
 
 def test_an_interval_that_is_no_multiple_of_the_step_is_refused():

@@ -330,6 +330,7 @@ def test_vehicle_without_a_base_names_what_is_missing():
         ({"k_f": 28.0, "k_r": 88.3}, "bounce frequency"),
         ({"k_f": 28e6, "k_r": 88e6}, "bounce frequency"),
         ({"c_f": 14.3e5}, "damping ratio"),
+        ({"c_f": 5e5, "k_f": 5e6}, r"damping rate \(c_f \+ c_r\)/m must be in \[0, 300\] 1/s, got 367"),
         ({"m_w": 600.0}, "unsprung share"),
         ({"l_r": 0.02}, "front share of the static load"),
         ({"drive_torque_max": 3.6e5}, "drive force"),

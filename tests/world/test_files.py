@@ -121,6 +121,21 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_beside_it(tmp_path, monkeyp
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_a_file_may_be_read_by_those_who_might_before(tmp_path):
+    path = tmp_path / "x.json"
+    before = os.umask(0o027)
+    try:
+        write_file(path, b"first")
+        assert stat.S_IMODE(path.stat().st_mode) == 0o640
+        path.chmod(0o600)
+        write_file(path, b"second")
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+        write_file(tmp_path / "secret", b"", private=True)
+        assert stat.S_IMODE((tmp_path / "secret").stat().st_mode) == 0o600
+    finally:
+        os.umask(before)
+
+
 def test_aliases_count_as_often_as_they_repeat():
     lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
     lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 4)]

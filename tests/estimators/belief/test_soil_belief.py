@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from estimators.logs import Log, log_from_run
 from estimators.replay.structures import Case, plant_for
 from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
-from offroad_env.simulation.simulator import make_plant, settled_state, simulate_commands
+from offroad_env.simulation.simulator import Plant, make_plant, settled_state, simulate_commands
 from offroad_env.simulation.soil_holds import what_soil_holds
 from offroad_env.world.soils import make_soil
 from offroad_env.world.terrain import flat
@@ -270,3 +271,25 @@ def test_the_wheels_that_are_stated_count_more_where_the_drive_does_not_decide()
     assert 0.87 < found < 0.94  # 5 to 1 gives 0.83, 20 to 1 gives 0.95
     clear = structure_weights([fake_fit(0.3), fake_fit(0.6)], [1.0, soil_belief._FOUR_WHEELS])
     assert clear[0] > 0.99
+
+
+def test_a_window_that_gave_way_only_at_the_start_counts_in_the_end() -> None:
+    unknowns = unknowns_of()
+    true = unknowns.mean.copy()
+    true[N] += 0.3
+    slopes = 0.3 * np.random.default_rng(0).normal(size=(12, 4, 6, len(true)))
+    slopes[..., N] *= 30.0
+
+    class Windows:
+        noise = np.zeros(12)
+
+        def residuals(self, plant: object, values: np.ndarray) -> np.ndarray:
+            found: np.ndarray = slopes @ (values - true)
+            if values[N] < unknowns.mean[N] + 0.05:
+                found[:6] = np.nan
+            return found
+
+    fit = fit_unknowns(cast("LogWindows", Windows()), cast("Plant", None), unknowns, unknowns.mean)
+    assert fit.values[N] == pytest.approx(true[N], abs=0.01)
+    assert np.isfinite(fit.alone).all()
+    assert (fit.misfit < 0.5).all()

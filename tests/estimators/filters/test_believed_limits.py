@@ -14,6 +14,7 @@ from estimators.filters.soil_belief_holds import (
     moved_since,
     new_surrogate,
     transform_limits,
+    whole_surrogate,
 )
 from estimators.filters.soil_belief_points import LOG_MASS, POINTS, SAMPLED, SIZE, N
 from estimators.filters.soil_belief_prior import base_soil, population_of
@@ -21,7 +22,7 @@ from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.packing import pack
 from offroad_env.simulation.simulator import make_plant
 from offroad_env.simulation.soil_holds import SoilHolds
-from offroad_env.world.terrain import flat
+from offroad_env.world.terrain import flat, soil_map
 from offroad_env.world.vehicles import VEHICLES
 
 DT = 0.02
@@ -154,3 +155,16 @@ def test_limits_have_the_names_and_units_of_what_the_soil_holds() -> None:
     assert len(by_name) == LIMITS
     for limit in by_name.values():
         assert limit.low < limit.mean < limit.high
+
+
+def test_limits_do_not_depend_on_what_was_asked_before() -> None:
+    """Plants that differ in nothing but patches of n share no reference."""
+    belief = _belief()
+    surrogate = new_surrogate()
+    found = []
+    for patches in ([], [(0.0, 0.0, 50.0, 1.2)], []):
+        plant = make_plant(VEHICLE, base_soil(), flat(), soil_map=soil_map(patches) if patches else None)
+        whole_surrogate(surrogate, pack(plant), *belief)
+        found.append(surrogate.value.copy())
+    assert (found[0] == found[2]).all()
+    assert (found[0] != found[1]).any()

@@ -148,11 +148,19 @@ def test_heading_counts_turns():
     assert pose.yaw == pytest.approx(4.1, abs=0.1)
 
 
-def test_a_missing_sample_changes_nothing():
+def test_without_any_sensor_the_vehicle_goes_on_and_is_less_certain():
     navigation = NavigationFilter(VEHICLES["mrzr"])
-    before = navigation.reset(1.0, 2.0, 0.3, 4.0)
-    nothing = np.full(5, np.nan)
-    assert navigation.update(nothing, nothing[:2], 0.0, nothing[:4], PERIOD) == before
+    navigation.reset(1.0, 2.0, 0.0, 4.0)
+    before, nothing = np.diag(navigation.P).copy(), np.full(5, np.nan)
+    for _ in range(100):
+        pose = navigation.update(nothing, nothing[:2], 0.0, nothing[:4], PERIOD)
+    assert pose == pytest.approx((5.0, 2.0, 0.0, 4.0))
+    assert (np.sqrt(np.diag(navigation.P)[:4]) > [0.5, 0.5, 0.1, 1.0]).all()
+    assert (np.diag(navigation.P) >= 0.9 * before).all()
+    bend = navigation.update(nothing, nothing[:2], 0.2, nothing[:4], PERIOD)
+    assert bend.yaw == pytest.approx(
+        PERIOD * 4.0 * np.tan(0.2) / (VEHICLES["mrzr"].l_f + VEHICLES["mrzr"].l_r)
+    )
 
 
 def test_nonsense_is_refused():

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from estimators.filters.online import OnBoard, Thinned, make_estimator
+from estimators.filters.online_joint_ukf import OnlineJointUKF
+from estimators.filters.online_parameter_ukf import OnlineParameterUKF
 from estimators.filters.protocol import Estimate, Estimator, Pose
 from offroad_env.errors import InvalidParameter
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig
@@ -92,3 +94,23 @@ def test_a_choice_that_means_nothing_is_refused(change, message):
 def test_a_rate_that_does_not_divide_the_sensors_is_refused():
     with pytest.raises(InvalidParameter, match="rate must divide the 100 Hz"):
         carried(OnBoard(rate=70.0))
+
+
+def test_a_filter_of_n_alone_has_rigid_rims_and_says_so():
+    structured = make_plant(VEHICLES["mrzr"], make_soil("dry_sand", n=0.7), flat(), structure="field")
+    assert OnBoard(kind="joint").belief(structured).structure is None
+    assert OnBoard(kind="belief").belief(structured).structure is not None
+    for kind in (OnlineParameterUKF, OnlineJointUKF):
+        with pytest.raises(InvalidParameter, match=r"plant\.structure must be None.*online_soil_belief"):
+            kind(structured, (0.3, 1.1))
+
+
+def test_samples_that_are_missing_do_not_count_in_a_mean():
+    inner = Listening()
+    thinned = Thinned(inner, 2)
+    thinned.reset(0.5, 0.1, Pose(0.0, 0.0, 0.0, 3.0))
+    nothing = np.full(5, np.nan)
+    for imu in (nothing, np.ones(5), nothing, nothing):
+        thinned.update((0.1, 1.0, 0.0), imu, nothing[:2], nothing[:4])
+    assert (inner.heard[0][1] == 1.0).all()
+    assert np.isnan(inner.heard[1][1]).all()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,8 +19,9 @@ from estimators.filters.protocol import Estimate
 from estimators.filters.registry import FILTERS, MAP_FILTERS, ONLINE_FILTERS, SENSORS, SOIL_FILTERS, filter_id
 from estimators.filters.whole_run import run_filter
 from estimators.log_estimation import LOG_FILTERS
-from estimators.models.half_car_on_map import CHANNELS, JointSettings
+from estimators.models.half_car_on_map import CHANNELS, ETA, JointSettings
 from offroad_env.errors import InvalidParameter
+from offroad_env.physics import state as at
 
 
 def test_every_table_of_filters_holds_ids_of_the_registry():
@@ -99,6 +101,16 @@ def test_a_known_state_must_be_given():
     drive = simulate_row(ROWS[6], 101, JointSettings(), duration=0.1)
     with pytest.raises(InvalidParameter, match="needs the true states"):
         run_filter("parameter_ukf_known_state", row_run(drive))
+
+
+def test_only_the_filter_of_known_states_sees_them():
+    drive = simulate_row(ROWS[6], 101, JointSettings(), duration=0.3)
+    run, states = row_run(drive), np.zeros((len(drive.z), at.STATE_SIZE))
+    states[:, :ETA] = drive.truth[:, :ETA]
+    blind, seeing = (run_filter("parameter_ukf", one) for one in (run, replace(run, known=states)))
+    known = run_filter("parameter_ukf_known_state", replace(run, known=states))
+    assert (seeing.n == blind.n).all()
+    assert (known.n != blind.n).any()
 
 
 def test_a_history_of_estimates_has_an_interval_inside_the_range():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -262,6 +263,17 @@ def test_a_log_goes_through_an_mcap_file_unchanged(tmp_path):
     assert set(back.channels) == set(log.channels)
     assert all(np.array_equal(back.channels[name], values) for name, values in log.channels.items())
     assert np.allclose(back.t, log.t, atol=1e-9)
+
+
+def test_an_axis_that_is_sampled_less_often_costs_no_sample_of_the_others(tmp_path):
+    names = {name: name for name in drive() if name not in ("yaw", "omega_left", "omega_right")}
+    log = read_log(write_foreign(tmp_path, Foreign(names=names)))
+    slow = log.channels["yaw_rate"].copy()
+    slow[1::2] = np.nan
+    mixed = replace(log, channels={**log.channels, "yaw_rate": slow})
+    back = read_log(write_log(tmp_path / "copy.mcap", mixed))
+    for name, values in mixed.channels.items():
+        np.testing.assert_array_equal(back.channels[name], values, err_msg=name)
 
 
 def test_the_topics_of_an_mcap_file_are_proposed(tmp_path):

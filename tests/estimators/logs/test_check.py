@@ -253,7 +253,8 @@ def test_names_of_columns_are_understood(name, column):
         ("time.order: maybe", "sort"),
         ("blank.a_x: [3.0, 1.0]", "from, to"), ("blank.roll_rate: all", "no such column"),
         ("columns.steer: steering", "no such column"), ("units.a_x: furlong", "acceleration"),
-        ("units.a_x: __import__('os')", "acceleration"), ("columns.ignore: 3", "list"),
+        ("units.a_x: __import__('os')", "acceleration"), ("units.a_x: m**9**9**9", "acceleration"),
+        ("columns.ignore: 3", "list"),
     ],
 )  # fmt: skip
 def test_a_wrong_line_is_refused_with_what_is_allowed(line, part, tmp_path):

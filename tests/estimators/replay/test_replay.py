@@ -214,6 +214,21 @@ def test_pooling_is_the_root_of_the_mean_square_of_all_samples(log):
     assert set(one.rms) == set(CHANNELS)
 
 
+def test_logs_of_another_step_count_as_much(log):
+    one = replay_log(log, FULL, window=2.0)[0]
+    coarse = replace(
+        one,
+        t=one.t[::2],
+        squares={name: 4.0 * values[::2] for name, values in one.squares.items()},
+        counts={name: values[::2] for name, values in one.counts.items()},
+    )
+    first, second = pooled([one, coarse]), pooled([coarse, one])
+    assert first.windows == second.windows == 2 * one.windows
+    assert first.rms == pytest.approx(second.rms)
+    assert first.rms["v_x"] > one.rms["v_x"]
+    assert (first.growth["v_x"].shape, second.growth["v_x"].shape) == (one.t.shape, coarse.t.shape)
+
+
 def test_a_log_without_torque_is_refused_with_its_columns(log):
     columns = {name: values for name, values in log.channels.items() if not name.startswith("torque")}
     with pytest.raises(DataError, match="needs the columns steer and torque_f or torque_r"):
