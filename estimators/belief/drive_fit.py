@@ -9,6 +9,7 @@ analyse a drive, or to run beside one, where `online_soil_belief` is the one to 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +24,7 @@ from offroad_env.errors import SolverFailure
 from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.simulator import Plant
 
-__all__ = ["DriveFit", "drive_bound", "fit_drive"]
+__all__ = ["LEAST_SCATTER", "DriveFit", "drive_bound", "fit_drive", "search_drive"]
 
 #: Evaluations of the search with the factors of the model's errors first taken, then with those found.
 _EVALUATIONS = (6, 16)
@@ -33,8 +34,15 @@ _FIRST_SCALES = 1.5
 _ENOUGH = 1e-3
 #: Share of the range by which a search starts inside of it.
 _INSIDE = 1e-6
+#: Half of the range in which a number is held.
+_HELD = 1e-3
 #: Draws from the prior that are tried as starts beside its middle, and searches from the best of them.
 _DRAWS, _SEED, _STARTS = 12, 0, 2
+
+
+#: Least factor of the scatter of the soil. A drive tells how much soil scatters from metre to metre; what
+#: scatters over the whole drive looks like another soil, and is not less certain to be there.
+LEAST_SCATTER = 0.8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,14 +59,19 @@ class DriveFit:
     plant: Plant  #: vehicle on soil with these numbers
 
 
-def _search(problem: DriveProblem, numbers: FloatArray, evaluations: int) -> Any:
-    """What `least_squares` finds from there."""
-    inner = _INSIDE * (problem.high - problem.low)
+def search_drive(
+    problem: DriveProblem, numbers: FloatArray, evaluations: int, held: Mapping[int, float] | None = None
+) -> Any:
+    """What `scipy.optimize.least_squares` finds from there; ``held``: numbers that keep a value, by index."""
+    low, high = problem.low.copy(), problem.high.copy()
+    for i, value in (held or {}).items():
+        low[i], high[i] = value - _HELD, value + _HELD
+    inner = _INSIDE * (high - low)
     return least_squares(
         problem.residuals,
-        np.clip(numbers, problem.low + inner, problem.high - inner),
+        np.clip(numbers, low + inner, high - inner),
         problem.slopes,
-        bounds=(problem.low, problem.high),
+        bounds=(low, high),
         x_scale=np.diag(problem.prior_factor),
         ftol=_ENOUGH,
         xtol=None,
@@ -123,13 +136,15 @@ def fit_drive(
     problem.whiten = errors.factor(scales)
     starts = _starts(problem, None if earlier is None else earlier.numbers)
     first, second = _EVALUATIONS
-    numbers = min((_search(problem, start, first) for start in starts), key=lambda found: found.cost).x
+    numbers = min((search_drive(problem, start, first) for start in starts), key=lambda found: found.cost).x
     left = problem.errors(numbers)
     if left is not None:
         errors = problem.model_errors(numbers)
         scales = errors.scales(left, problem.raw_slopes(numbers), problem.information)
+        if problem.surroundings.scatter is not None:
+            scales[-1] = max(scales[-1], LEAST_SCATTER)
         problem.whiten = errors.factor(scales)
-    found = _search(problem, numbers, second)
+    found = search_drive(problem, numbers, second)
     return DriveFit(
         numbers=found.x,
         covariance=np.linalg.inv(found.jac.T @ found.jac),
@@ -140,25 +155,28 @@ def fit_drive(
 
 
 def drive_bound(
-    plant: Plant, samples: DriveSamples, numbers: FloatArray, scales: FloatArray, grade: float = 0.0
+    plant: Plant, samples: DriveSamples, numbers: FloatArray, surroundings: Surroundings
 ) -> FloatArray:
     """(10, 10) least covariance of an estimate from a drive, given the prior, at the true ``numbers`` (10,).
 
     The posterior Cramer-Rao bound (H. L. Van Trees, Detection, Estimation, and Modulation Theory I, 1968,
-    section 2.4) with the information taken at the truth: noise, constant errors of the sensors and, with
-    factors ``scales`` (3,) above zero, errors of the model are unknown. So is the slope of the ground towards
-    each of two axes, which is that of ``plant``, where its standard deviation ``grade`` [-] is above zero.
+    section 2.4) with the information taken at the truth: noise and constant errors of the sensors are
+    unknown. So is the slope of the ground towards each of two axes, which is that of ``plant``, where
+    ``surroundings.grade`` is above zero, and so are road and scatter of the soil, of the usual size, where
+    ``surroundings.scatter`` is given.
 
     Raises
     ------
     SolverFailure
         Where the vehicle gets stuck.
     """
-    problem = DriveProblem(plant, samples, Surroundings(grade=grade))
+    problem = DriveProblem(plant, samples, surroundings)
     there = np.append(numbers, np.zeros(len(problem.prior) - len(numbers)))
     if problem.errors(there) is None:
         raise SolverFailure("the vehicle gets stuck on this soil")
-    problem.whiten = problem.model_errors().factor(scales)
+    errors = problem.model_errors(there)
+    unknown = 0.0 if surroundings.scatter is None else 1.0
+    problem.whiten = errors.factor(np.full(len(errors.groups), unknown))
     J = problem.slopes(there)
     found: FloatArray = np.linalg.inv(J.T @ J).astype(np.float64)
     return found[: len(numbers), : len(numbers)]

@@ -36,17 +36,21 @@ _NEGLIGIBLE = 1e-4
 class FittedLimitSettings:
     """Chosen on tuning drives over whole soils with all nuisances."""
 
-    #: Largest factor on the errors of a typical drive, and on the usual scatter of the soil, that a fit may
+    #: Largest factor on the errors of a typical road, and on the usual scatter of the soil, that a fit may
     #: need and still be valid.
-    adequate: float = 2.0
-    #: The same of the sideways motion, where wrong laws of the wheel show first: roads and scatter that are
-    #: rougher than usual need larger factors of the other errors, too.
-    adequate_sideways: float = 0.65
+    adequate: float = 3.0
+    #: The same of the sideways motion, where wrong laws of the wheel show first: rough roads need larger
+    #: factors of the other errors, too.
+    adequate_sideways: float = 1.7
+    #: Standard deviations over those of the samples: of the limits in the order of `SoilHolds`, then of n.
+    widths: tuple[float, ...] = (1.15, 1.15, 1.15, 1.0, 1.25, 0.85, 0.85)
 
     def __post_init__(self) -> None:
         for name in ("adequate", "adequate_sideways"):
             if not getattr(self, name) > 0.0:
                 raise InvalidParameter(f"{name} must be > 0, got {getattr(self, name)}")
+        if len(self.widths) != LIMITS + 1 or not min(self.widths) > 0.0:
+            raise InvalidParameter(f"widths must be {LIMITS + 1} numbers > 0, got {self.widths}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +94,7 @@ def fitted_limits(
         return FittedLimits(centre=nothing, sd=nothing, n=(np.nan, np.nan), valid=False)
     rows, weights = rows[sound], weights[sound] / weights[sound].sum()
     mean = weights @ rows
-    sd = np.sqrt(weights @ (rows - mean) ** 2)
+    sd = np.array(settings.widths) * np.sqrt(weights @ (rows - mean) ** 2)
     return FittedLimits(
         centre=mean[:LIMITS],
         sd=np.hypot(sd[:LIMITS], [least_sd(k, mean[k]) for k in range(LIMITS)]),

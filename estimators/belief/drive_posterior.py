@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from estimators.belief.drive_fit import DriveFit
+from estimators.belief.drive_errors import DriveErrors
+from estimators.belief.drive_fit import DriveFit, search_drive
 from estimators.belief.drive_problem import DriveProblem, Surroundings
 from estimators.belief.drive_samples import DriveSamples
-from estimators.filters.soil_belief_points import SAMPLED
+from estimators.filters.soil_belief_points import LOG_C, SAMPLED
 from estimators.numerics.importance_sampling import WeightedSamples, importance_samples
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import FloatArray
@@ -32,23 +33,27 @@ class PosteriorSettings:
     #: Factor of the standard deviations of the errors of the model. They are not quite as the likelihood has
     #: them, and a drive that seems to tell very much tells of them, too. Where the slope of the ground is
     #: unknown, of the sensors, too: constant errors of theirs, which are not either, pass for a slope.
-    tempered: float = 2.2
+    tempered: float = 1.5
 
     def __post_init__(self) -> None:
         if not self.tempered > 0.0:
             raise InvalidParameter(f"tempered must be > 0, got {self.tempered}")
 
 
+#: Cohesion that is held to find the ends of the ridge, in standard deviations of the prior off its middle,
+#: and evaluations of each search.
+_ASIDE, _EVALUATIONS = 1.5, 8
+
+
 class _Target:
     """Logarithm of the posterior of soil and mass, up to a constant."""
 
-    def __init__(self, problem: DriveProblem, fit: DriveFit, tempered: float) -> None:
+    def __init__(self, problem: DriveProblem, fit: DriveFit, errors: DriveErrors, tempered: float) -> None:
         self.problem, self.rest = problem, fit.numbers[SAMPLED:]
         own, others = problem.prior[:SAMPLED], problem.prior[SAMPLED:]
         prior = problem.prior_factor @ problem.prior_factor.T
         slopes = problem.raw_slopes(fit.numbers)[:, SAMPLED:]
         self.linear: FloatArray = slopes @ (others - self.rest)
-        errors = problem.model_errors(fit.numbers)
         known = errors.sensors + slopes @ prior[SAMPLED:, SAMPLED:] @ slopes.T
         factor = 1.0 if problem.surroundings.grade == 0.0 else tempered
         covariance = factor**2 * known + tempered**2 * np.tensordot(fit.scales**2, errors.groups, 1)
@@ -90,7 +95,23 @@ def sample_drive(
     """
     settings = settings or PosteriorSettings()
     problem = DriveProblem(plant, samples, surroundings)
-    target = _Target(problem, fit, settings.tempered)
-    information = (np.linalg.inv(fit.covariance) - problem.information) / settings.tempered**2
-    near: FloatArray = np.linalg.inv(information + problem.information).astype(np.float64)
-    return importance_samples(target, fit.numbers[:SAMPLED], near[:SAMPLED, :SAMPLED])
+    errors = problem.model_errors(fit.numbers)
+    problem.whiten = errors.factor(fit.scales)
+    found = [(fit.numbers, fit.covariance), *_along_the_ridge(problem, fit)]
+    starts = []
+    for numbers, covariance in found:
+        information = (np.linalg.inv(covariance) - problem.information) / settings.tempered**2
+        near = np.linalg.inv(information + problem.information)
+        starts.append((numbers[:SAMPLED], near[:SAMPLED, :SAMPLED]))
+    return importance_samples(_Target(problem, fit, errors, settings.tempered), starts)
+
+
+def _along_the_ridge(problem: DriveProblem, fit: DriveFit) -> list[tuple[FloatArray, FloatArray]]:
+    """Most probable numbers (P,) with less and with more cohesion, and covariances, which leave that free."""
+    found = []
+    middle, sd = problem.prior[LOG_C], float(np.linalg.norm(problem.prior_factor[LOG_C]))
+    for side in (-_ASIDE, _ASIDE):
+        held = min(max(middle + side * sd, problem.low[LOG_C] + 0.1), problem.high[LOG_C] - 0.1)
+        place = search_drive(problem, fit.numbers, _EVALUATIONS, {LOG_C: held})
+        found.append((place.x, np.linalg.inv(place.jac.T @ place.jac)))
+    return found

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from estimators.belief.drive_errors import DriveErrors, errors_of
+from estimators.belief.drive_errors import UNEVEN, DriveErrors, errors_of
 from estimators.belief.drive_numbers import bounds_of_drive, plant_of_drive, prior_of_drive, steps_of_drive
 from estimators.belief.drive_samples import COMPARED, DriveSamples, simulated_drive
 from estimators.belief.drive_scatter import scatter_covariance
@@ -104,9 +104,12 @@ class DriveProblem:
 
     def model_errors(self, numbers: FloatArray | None = None) -> DriveErrors:
         """Covariances; with those of soil that scatters around ``numbers`` (P,), where it does."""
-        errors = errors_of(self.samples, self.counts, self.speed)
         spread = self.surroundings.scatter
         if spread is None or numbers is None:
-            return errors
-        scatter = scatter_covariance(self.raw_slopes(numbers), numbers, self.speed, spread)
+            return errors_of(self.samples, self.counts, self.speed)
+        errors = errors_of(self.samples, self.counts, self.speed, UNEVEN)
+        try:
+            scatter = scatter_covariance(plant_of_drive(self.plant, numbers), self.samples, spread)
+        except SolverFailure:
+            scatter = np.zeros((self.means.size, self.means.size))
         return replace(errors, groups=np.concatenate([errors.groups, scatter[None]]))

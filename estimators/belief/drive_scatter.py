@@ -2,76 +2,75 @@
 
 A change of a number of the soil moves all channels together, so errors by scatter look like another soil:
 counted as independent errors of the channels they make an estimate far too certain. Here each number of the
-soil is a random field along the path (B. Minasny & A. B. McBratney, Geoderma 128, 2005; `natural_soil`), and
-the channels follow it as they follow a change of the whole soil, to first order.
+soil is a random field over the plane (B. Minasny & A. B. McBratney, Geoderma 128, 2005; `natural_soil`), a
+sum of plane waves (A. Rahimi & B. Recht, Random Features for Large-Scale Kernel Machines, NeurIPS 2007). The
+drive is simulated over each wave: front and rear wheels meet it one after the other, and the vehicle follows.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import astuple
 
 import numpy as np
 
-from estimators.belief.drive_samples import BLOCK, COMPARED
-from estimators.filters.soil_belief_points import LOG_C, LOG_K, LOG_PRESSURE, PHI, N
-from offroad_env.physics.records import FloatArray
-from offroad_env.world.natural_soil import SoilSpread, matern_correlation
+from estimators.belief.drive_samples import COMPARED, DriveSamples, simulated_drive
+from offroad_env.errors import SolverFailure
+from offroad_env.physics.records import FloatArray, SoilField
+from offroad_env.simulation.simulator import Plant
+from offroad_env.world.natural_soil import SoilSpread, wave_vectors
 
 __all__ = ["CORRELATION_LENGTH", "scatter_covariance"]
 
-#: Distance over which the correlation falls to 1/e [m]. Soils have 1 to 20 m; from 5 and 10 chosen on tuning
-#: drives, where errors at the true soil are nearly as large as stated with 10.
-CORRELATION_LENGTH = 10.0
-_SPEED, _COURSE = COMPARED.index("speed"), COMPARED.index("course")
-_RIMS = COMPARED.index("wheel_f"), COMPARED.index("wheel_r")
+#: Distance over which the correlation falls to 1/e [m]; soils have 1 to 20 m.
+CORRELATION_LENGTH = 5.0
+#: Plane waves; amplitude of each in standard deviations of the field.
+_WAVES, _SHARE = 32, 0.5
 
 
 def scatter_covariance(
-    slopes: FloatArray, numbers: FloatArray, speed: FloatArray, spread: SoilSpread
+    plant: Plant, samples: DriveSamples, spread: SoilSpread, *, waves: int = _WAVES
 ) -> FloatArray:
-    """(7 B, 7 B) covariance of the channels, one after the other as `COMPARED`.
+    """(7 B, 7 B) covariance of the channels, one after the other as `COMPARED`, to first order.
+
+    Takes ``2 waves`` simulations of the drive for each number that scatters.
 
     Parameters
     ----------
-    slopes
-        (7 B, P) derivatives of the channels by the numbers of a drive, those of the soil first.
-    numbers
-        (P,) where they were taken.
-    speed
-        (B,) of the vehicle [m/s], zero or more.
+    plant
+        The vehicle on the soil around which its numbers scatter.
+    samples
+        The drive.
     spread
         Standard deviations of the soil in space.
+
+    Raises
+    ------
+    SolverFailure
+        Where the soil does not carry the vehicle.
     """
-    B = len(speed)
-    correlation = matern_correlation(
-        BLOCK * np.subtract.outer(np.cumsum(speed), np.cumsum(speed)), CORRELATION_LENGTH
-    )
-    # d phi = sin(phi) cos(phi) d log tan(phi)
-    turn = math.sin(numbers[PHI]) * math.cos(numbers[PHI])
-    sds = {
-        LOG_PRESSURE: spread.pressure,
-        N: spread.n,
-        LOG_C: spread.c,
-        PHI: turn * spread.tan_phi,
-        LOG_K: spread.K,
-    }
-    found = np.zeros((len(slopes), len(slopes)))
-    for number, sd in sds.items():
-        if sd > 0.0:
-            effect = _effect(slopes[:, number].reshape(len(COMPARED), B))
-            found += sd**2 * (effect @ correlation @ effect.T)
+    even = simulated_drive(plant, samples)
+    effects = []
+    for wave in wave_vectors(waves, CORRELATION_LENGTH):
+        for number, sd in enumerate(astuple(spread)):
+            for phase in range(2 if sd > 0.0 else 0):
+                row = np.zeros((1, 12))
+                row[0, :2], row[0, 2 + 5 * phase + number] = wave, _SHARE * sd
+                field = SoilField(1.0, np.empty((0, 14)), row)
+                effects.append(_effect(plant._replace(soil_field=field), samples, even) / _SHARE)
+    if not effects:
+        return np.zeros((even.size, even.size))
+    # Every wave has the same share of the variance, half of it in each phase on average.
+    columns = np.stack(effects, axis=1) / math.sqrt(waves)
+    found: FloatArray = columns @ columns.T
     return found
 
 
-def _effect(slopes: FloatArray) -> FloatArray:
-    """(7 B, B) effect of a number that varies along the way, from that (7, B) of a constant change.
-
-    Speed and course add up what happens on the way; rims turn with the speed and slip beyond it; the other
-    channels follow at once.
-    """
-    parts = [np.diag(row) for row in slopes]
-    for i in (_SPEED, _COURSE):
-        parts[i] = np.tril(np.ones((len(slopes[i]),) * 2)) * np.diff(slopes[i], prepend=0.0)
-    for i in _RIMS:
-        parts[i] = parts[_SPEED] + np.diag(slopes[i] - slopes[_SPEED])
-    return np.vstack(parts)
+def _effect(plant: Plant, samples: DriveSamples, even: FloatArray) -> FloatArray:
+    """(7 B,) what a field does; nothing where the vehicle gets stuck in it, which is no small change."""
+    try:
+        moved = simulated_drive(plant, samples) - even
+    except SolverFailure:
+        moved = np.zeros((samples.blocks, len(COMPARED)))
+    found: FloatArray = moved.T.reshape(-1)
+    return found

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.belief.drive_errors import GROUPS
 from estimators.belief.drive_fit import drive_bound
 from estimators.belief.drive_limits import limit_slopes
 from estimators.belief.drive_numbers import numbers_of
+from estimators.belief.drive_problem import Surroundings
 from estimators.experiments.adaptation import nominal_plant, samples_until
 from estimators.experiments.unknown_soils import CASES, SoilRun, sloping
 from estimators.filters.online_soil_belief import SoilBeliefSettings
@@ -17,6 +17,7 @@ from estimators.filters.soil_belief_points import N
 from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.sensors import ImuConfig
 from offroad_env.simulation.soil_holds import SoilHolds
+from offroad_env.world.natural_soil import SoilSpread
 
 __all__ = ["limit_bounds"]
 
@@ -25,9 +26,8 @@ def limit_bounds(run: SoilRun, end: float) -> FloatArray:
     """(2, 6) bounds after a drive until ``end`` [s]: of the limits but the best slip, then of n.
 
     The unknowns and their prior are those of the belief over whole soils, with lag and drag; so is the
-    slope of the ground unless it is known. First row: the
-    model is exact, sensors err; second row: road and scatter are unknown, too, of the usual size. On the
-    scale of `BeliefHistory`.
+    slope of the ground unless it is known. First row: the model is exact, sensors err; second row: road and
+    scatter are unknown, too, of the usual size. On the scale of `BeliefHistory`.
 
     Raises
     ------
@@ -43,8 +43,8 @@ def limit_bounds(run: SoilRun, end: float) -> FloatArray:
     kept = [i for i, name in enumerate(SoilHolds._fields) if name != "pull_slip"]
     slopes = np.vstack([limit_slopes(nominal, truth)[kept], np.eye(len(truth))[N]])
     rows = []
-    for scale in (0.0, 1.0):
-        factors = np.full(len(GROUPS), scale)
-        covariance = drive_bound(nominal, samples, truth, factors, grade)
+    for scatter in (None, SoilSpread()):
+        surroundings = Surroundings(grade=grade, scatter=scatter)
+        covariance = drive_bound(nominal, samples, truth, surroundings)
         rows.append(np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)))
     return np.array(rows)

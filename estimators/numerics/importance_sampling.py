@@ -8,7 +8,8 @@ Association 95, 2000).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,10 +59,10 @@ class _Proposal:
     middle: FloatArray  #: (D,)
     factor: FloatArray  #: (D, D) lower Cholesky factor of its scale
 
-    def draw(self, rng: np.random.Generator) -> FloatArray:
+    def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
         """(N, D) samples."""
-        normal = rng.standard_normal((_DRAWS, len(self.middle)))
-        stretch = np.sqrt(rng.chisquare(_FREEDOM, _DRAWS) / _FREEDOM)
+        normal = rng.standard_normal((count, len(self.middle)))
+        stretch = np.sqrt(rng.chisquare(_FREEDOM, count) / _FREEDOM)
         found: FloatArray = self.middle + (normal / stretch[:, None]) @ self.factor.T
         return found
 
@@ -99,7 +100,7 @@ def _next(numbers: FloatArray, logs: FloatArray) -> _Proposal:
 
 
 def importance_samples(
-    log_density: Callable[[FloatArray], float], middle: FloatArray, covariance: FloatArray
+    log_density: Callable[[FloatArray], float], starts: Sequence[tuple[FloatArray, FloatArray]]
 ) -> WeightedSamples:
     """Samples of a distribution; the same for the same arguments.
 
@@ -108,19 +109,23 @@ def importance_samples(
     log_density
         Logarithm of the density at (D,) numbers, up to a constant; -inf where it is zero. Called 400 to 1,600
         times.
-    middle, covariance
-        (D,) and (D, D) about those of the distribution: the first proposal.
+    starts
+        Means (D,) and covariances (D, D) of parts of the distribution, one or more: the first proposals. On a
+        bent ridge no single one reaches from end to end.
     """
-    rng, proposals = np.random.default_rng(_SEED), [_proposal(middle, covariance)]
-    values, target = np.empty((0, len(middle))), np.empty(0)
-    while True:
-        drawn = proposals[-1].draw(rng)
+    rng, proposals = np.random.default_rng(_SEED), [_proposal(*start) for start in starts]
+    counts = [_DRAWS // len(starts)] * len(starts)
+    values = np.concatenate([one.draw(rng, n) for one, n in zip(proposals, counts, strict=True)])
+    target = np.array([log_density(row) for row in values])
+    for rounds in range(1, _ROUNDS + 1):
+        densities = [math.log(n) + one.log_density(values) for one, n in zip(proposals, counts, strict=True)]
+        logs = target - np.logaddexp.reduce(densities, axis=0)
+        weights, effective = _weights(logs)
+        if rounds == _ROUNDS or (rounds > 1 and effective >= _ENOUGH):
+            break
+        proposals.append(_next(values, logs))
+        counts.append(_DRAWS)
+        drawn = proposals[-1].draw(rng, _DRAWS)
         values = np.concatenate([values, drawn])
         target = np.append(target, [log_density(row) for row in drawn])
-        proposed = np.logaddexp.reduce([proposal.log_density(values) for proposal in proposals], axis=0)
-        logs = target - proposed
-        weights, effective = _weights(logs)
-        rounds = len(proposals)
-        if rounds == _ROUNDS or (rounds > 1 and effective >= _ENOUGH):
-            return WeightedSamples(values=values, weights=weights, effective=effective)
-        proposals.append(_next(values, logs))
+    return WeightedSamples(values=values, weights=weights, effective=effective)

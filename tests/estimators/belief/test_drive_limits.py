@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from estimators.belief import drive_scatter
 from estimators.belief.drive_errors import GROUPS
 from estimators.belief.drive_fit import DriveFit, fit_drive
 from estimators.belief.drive_limits import FittedLimitSettings, drive_limits, fitted_limits, limit_slopes
 from estimators.belief.drive_numbers import (
     DRIVE_NUMBERS,
     bounds_of_drive,
-    numbers_of,
     plant_of_drive,
     prior_of_drive,
     steps_of_drive,
@@ -27,7 +27,7 @@ from estimators.experiments.adaptation import nominal_plant, samples_until, true
 from estimators.experiments.soil_bound import limit_bounds
 from estimators.experiments.unknown_soils import draw_run
 from estimators.filters.soil_belief_holds import LIMITS, least_sd
-from estimators.filters.soil_belief_points import LOG_PRESSURE, PHI, N
+from estimators.filters.soil_belief_points import LOG_K, LOG_MASS, LOG_PRESSURE, PHI, N
 from estimators.numerics.importance_sampling import WeightedSamples
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import SoilField
@@ -90,9 +90,8 @@ def test_errors_of_the_sensors_count_more_only_where_the_slope_of_the_ground_is_
     surroundings = replace(SURROUNDINGS, grade=grade)
     fit = fit_drive(NOMINAL, fitted.samples, None, surroundings)
     problem = DriveProblem(NOMINAL, fitted.samples, surroundings)
-    once, twice = (
-        _Target(problem, replace(fit, scales=np.zeros_like(fit.scales)), k).factor for k in (1.5, 3.0)
-    )
+    errors, exact = problem.model_errors(fit.numbers), replace(fit, scales=np.zeros_like(fit.scales))
+    once, twice = (_Target(problem, exact, errors, k).factor for k in (1.5, 3.0))
     np.testing.assert_allclose(twice, times * once, rtol=1e-9)
 
 
@@ -101,7 +100,8 @@ def test_a_belief_that_counts_on_larger_errors_is_no_wider_than_before_the_drive
     wide = sample_drive(NOMINAL, samples, fit, SURROUNDINGS, PosteriorSettings(tempered=6.0))
     prior = np.diag(prior_of_drive()[1])[: len(wide.mean())]
     shares, wider = np.diag(posterior.covariance()) / prior, np.diag(wide.covariance()) / prior
-    assert shares.sum() < 0.9 * wider.sum()
+    told = [LOG_PRESSURE, N, LOG_K, LOG_MASS]  # cohesion and friction lie on a ridge that has two ends
+    assert shares[told].sum() < 0.7 * wider[told].sum()
     assert (wider < 1.4).all()
 
 
@@ -123,17 +123,30 @@ def test_soils_that_do_not_carry_the_vehicle_hold_nothing(fitted) -> None:
     assert np.isnan(found.centre).all()
 
 
-def test_errors_are_adequate_up_to_twice_the_usual_ones_and_sideways_up_to_two_thirds(fitted) -> None:
+def test_errors_are_adequate_up_to_three_times_the_usual_ones_and_sideways_up_to_less(fitted) -> None:
     fit, posterior = fitted.fit, fitted.posterior
     for group, name in enumerate((*GROUPS, "scatter")):
         scales = np.full(len(GROUPS) + 1, 0.5)
-        scales[group] = 0.6 if name == "sideways" else 1.5
+        scales[group] = 1.6 if name == "sideways" else 2.5
         assert fitted_limits(NOMINAL, replace(fit, scales=scales), posterior).valid
-        scales[group] = 0.8 if name == "sideways" else 2.5
+        scales[group] = 1.8 if name == "sideways" else 3.5
         assert not fitted_limits(NOMINAL, replace(fit, scales=scales), posterior).valid
 
 
+def test_widths_are_calibrated_limit_by_limit(fitted) -> None:
+    _, fit, posterior = fitted
+    own, plain = (
+        fitted_limits(NOMINAL, fit, posterior, settings)
+        for settings in (None, FittedLimitSettings(widths=(1.0,) * (LIMITS + 1)))
+    )
+    ratios = np.append(own.sd / plain.sd, own.n[1] / plain.n[1])
+    np.testing.assert_allclose(ratios, FittedLimitSettings().widths, rtol=0.02)
+    assert FittedLimitSettings().widths == (1.15, 1.15, 1.15, 1.0, 1.25, 0.85, 0.85)
+
+
 def test_settings_are_positive() -> None:
+    with pytest.raises(InvalidParameter, match="widths must be 7 numbers > 0"):
+        FittedLimitSettings(widths=(1.0, 1.0))
     with pytest.raises(InvalidParameter, match="adequate must be > 0"):
         FittedLimitSettings(adequate=0.0)
     with pytest.raises(InvalidParameter, match="adequate_sideways must be > 0"):
@@ -171,24 +184,34 @@ def test_a_slope_that_is_unknown_is_found_up_to_the_mounting_of_the_sensors() ->
     assert (np.abs(fit.numbers[len(DRIVE_NUMBERS) :] - run.slopes) < 4.0 * sd).all()
 
 
-def test_soil_that_scatters_without_end_is_another_soil() -> None:
-    """The correlation is one where the vehicle stands: every number moves all channels as a whole."""
-    rng = np.random.default_rng(1)
-    slopes, numbers = rng.standard_normal((len(COMPARED) * 5, 10)), prior_of_drive()[0]
-    spread = SoilSpread(pressure=0.0, n=0.2, c=0.0, tan_phi=0.0)
-    found = scatter_covariance(slopes, numbers, np.zeros(5), spread)
-    np.testing.assert_allclose(found, 0.2**2 * np.outer(slopes[:, N], slopes[:, N]))
+def test_soil_that_does_not_scatter_leaves_no_error(fitted: Fitted) -> None:
+    even = SoilSpread(pressure=0.0, n=0.0, c=0.0, tan_phi=0.0)
+    found = scatter_covariance(fitted.fit.plant, fitted.samples, even)
+    np.testing.assert_array_equal(found, 0.0)
 
 
-def test_scatter_does_to_a_drive_about_what_its_covariance_says() -> None:
+def test_soil_that_scatters_over_great_lengths_is_another_soil(
+    fitted: Fitted, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every number moves all channels as a whole."""
+    monkeypatch.setattr(drive_scatter, "CORRELATION_LENGTH", 1e5)
+    plant, numbers = NOMINAL, prior_of_drive()[0]
+    moved = [
+        simulated_drive(plant_of_drive(plant, numbers + step * np.eye(10)[N]), fitted.samples)
+        for step in (0.0, 0.01)
+    ]
+    slope = (moved[1] - moved[0]).T.reshape(-1) / 0.01
+    spread = SoilSpread(pressure=0.0, n=0.02, c=0.0, tan_phi=0.0)
+    found = scatter_covariance(plant_of_drive(plant, numbers), fitted.samples, spread)
+    stated = 0.02**2 * np.outer(slope, slope)
+    assert np.abs(found - stated).max() < 0.15 * np.abs(stated).max()
+
+
+def test_scatter_does_to_a_drive_what_its_covariance_says() -> None:
     run = draw_run("level", 0, split="tuning", duration=4.0)
     samples, plant = samples_until(run, 4.0), true_plant(run)
-    numbers, even = numbers_of(plant, NOMINAL), simulated_drive(plant, samples)
-    columns = []
-    for i, step in enumerate(steps_of_drive()):
-        moved = simulated_drive(plant_of_drive(NOMINAL, numbers + step * np.eye(10)[i]), samples)
-        columns.append((moved - even).T.reshape(-1) / step)
-    stated = scatter_covariance(np.column_stack(columns), numbers, even[:, 5], SoilSpread())
+    even = simulated_drive(plant, samples)
+    stated = scatter_covariance(plant, samples, SoilSpread())
     off = []
     for seed in range(8):
         field: SoilField = natural_soil(plant.soil, seed, spread=SoilSpread(), waves=32)
@@ -197,4 +220,4 @@ def test_scatter_does_to_a_drive_about_what_its_covariance_says() -> None:
     sds = np.sqrt(np.diag(stated)).reshape(len(COMPARED), -1)[:, 3:]
     for name in ("a_x", "wheel_f", "speed"):
         i = COMPARED.index(name)
-        assert 0.4 < actual[i].mean() / sds[i].mean() < 1.6, name
+        assert 0.6 < actual[i].mean() / sds[i].mean() < 1.5, name
