@@ -85,12 +85,14 @@ class Estimate(Results):
             belief = self._believed(log)
             holds = limits_of(sampled_limits(belief))
             report = Report(belief=belief, holds=holds, prediction=prediction_errors(belief))
-            self.save_figure(soil_belief_figure(report), f"soil_{name}")
             show_report(report)
             if self.details:
                 show_details(report)
-            runs.append(report.numbers() | {"hash": log.hash, "quality": checks.to_dict()})
-        self.save_numbers({"runs": runs})
+            runs.append((name, report, {"hash": log.hash, "quality": checks.to_dict()}))
+        # Figures come last: a drawing that fails loses no result.
+        self.save_numbers({"runs": [report.numbers() | more for _, report, more in runs]})
+        for name, report, _ in runs:
+            self.save_figure(soil_belief_figure(report), f"soil_{name}")
 
     def _believed(self, log: Log) -> SoilBelief:
         from rich.progress import Progress

@@ -121,20 +121,32 @@ class ReplayCommand(Results):
         hold = None if self.hold == "stated" else self.hold
         tasks = (delayed(_one)(path, cases, self.window, hold) for path in self.logs)
         found: list[Replay] = []
+        findings: list[str] = []
         with Progress(*columns, transient=True, disable=not sys.stderr.isatty()) as bar:
             task = bar.add_task("logs", total=len(self.logs))
-            for replays in Parallel(n_jobs=min(self.jobs, len(self.logs)), return_as="generator")(tasks):
+            for replays, remarks in Parallel(n_jobs=min(self.jobs, len(self.logs)), return_as="generator")(
+                tasks
+            ):
                 found.extend(replays)
+                findings.extend(remarks)
                 bar.advance(task)
+        for finding in findings:
+            say(finding)
         return found
 
 
-def _one(path: Path, cases: Sequence[Case], window: float, hold: str | None) -> tuple[Replay, ...]:
-    """One log; a function of the module, so that other processes find it."""
-    from estimators.logs import read_log
+def _one(
+    path: Path, cases: Sequence[Case], window: float, hold: str | None
+) -> tuple[tuple[Replay, ...], list[str]]:
+    """One log, and what is wrong with its data; a function of the module, so that other processes find it."""
+    from estimators.logs import quality, read_log
     from estimators.replay.replay import replay_log
 
-    return replay_log(read_log(path), cases, window=window, hold=hold)
+    log = read_log(path)
+    found = [one for one in quality(log).findings if one.severity != "note"]
+    # The comparison goes on: the reader decides what an error of such data means.
+    remarks = [f"{log.name}: {one.severity}: {one.sentence}" for one in found]
+    return replay_log(log, cases, window=window, hold=hold), remarks
 
 
 def _case(replay: Replay) -> tuple[str, str]:

@@ -117,7 +117,9 @@ class SoilBelief:
         sds = np.sqrt([part.covariance[place, place] for part in self.parts])
         found = mixture([part.weight for part in self.parts], means, sds)
         low, high = (float(end[place]) for end in self.unknowns.bounds)
-        return replace(found, low=max(found.low, low), high=min(found.high, high))
+        mean = min(max(found.mean, low), high)
+        low, high = min(max(found.low, low), mean), max(min(found.high, high), mean)
+        return replace(found, mean=mean, low=low, high=high)
 
     def soil(self) -> dict[str, Marginal]:
         """n, phi and the stated parameters as they come out of the drive."""

@@ -22,7 +22,7 @@ from estimators.discrepancy.model.windows import FIT
 from estimators.logs.config import StartSpec, TerrainSpec
 from estimators.logs.log import Log
 from offroad_env.effects import Setup
-from offroad_env.errors import SolverFailure
+from offroad_env.errors import DataError, SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.physics.contact import SUNK
 from offroad_env.physics.full_vehicle import full_advance
@@ -156,6 +156,8 @@ def driven(fit: FitResult, manoeuvre: Manoeuvre, *, usual: float) -> FitResult:
     ------
     SolverFailure
         When the vehicle cannot drive this.
+    DataError
+        When nothing of it can be compared, since the sensors sample too seldom.
     """
     source = drives(fit.runs)[0]
     config = source.log.config
@@ -171,6 +173,8 @@ def driven(fit: FitResult, manoeuvre: Manoeuvre, *, usual: float) -> FitResult:
     setup = fit.problem.setup(RunModel(blank, whole=FIT, nuisances=fit.problem.nuisances), fit.point)
     drive = _controlled(setup, source, manoeuvre, usual)
     run = RunModel(_planned(blank, source, drive), whole=FIT, nuisances=fit.problem.nuisances)
+    if not len(run.windows):
+        raise DataError(f"no window of {manoeuvre.name} can be compared")
     problem = LeastSquaresProblem([run])
     starts = (drive.states[run.windows.first],)
     warm = (np.repeat(drive.warm[None], len(run.windows), axis=0),)

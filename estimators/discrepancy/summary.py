@@ -284,7 +284,7 @@ class DiagnosisSummary:
     @property
     def extended_model(self) -> Extension | None:
         """The model with the causes for the environment; None where there is none."""
-        if self.comparison is not None and self.comparison.found:
+        if self.comparison is not None and self.comparison.found and self.comparison.adequate:
             case = self.comparison.best.case
             return Extension(
                 model=self.model,

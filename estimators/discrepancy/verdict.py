@@ -345,7 +345,16 @@ class VehicleDiagnosis(Diagnosis):
     @property
     def restructured(self) -> StructureComparison | None:
         """The comparison of structures, if it names another one."""
-        return self.structure if self.structure is not None and self.structure.found else None
+        return self.structure if self._compared and not self.beyond_structures else None
+
+    @property
+    def _compared(self) -> bool:
+        return self.structure is not None and self.structure.found
+
+    @property
+    def beyond_structures(self) -> bool:
+        """Whether another structure predicts better, and still not the runs: its laws are not theirs."""
+        return self._compared and self.structure is not None and not self.structure.adequate
 
     @property
     def overlapping(self) -> bool:
@@ -357,6 +366,8 @@ class VehicleDiagnosis(Diagnosis):
         """Outcome; the data come first, then the numerics, then what remains unexplained."""
         if self.restructured is not None:
             return Verdict.ONE_OF if self.restructured.tied else Verdict.NAMED
+        if self.beyond_structures:
+            return Verdict.UNEXPLAINED
         if NOMINAL in self.failed:
             return Verdict.NUMERICS
         if self.search is None:

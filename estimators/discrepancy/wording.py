@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from estimators.discrepancy.checks.forecast import Prediction
 from estimators.discrepancy.search.stepwise import MOST
-from estimators.discrepancy.structure_comparison import StructureComparison
+from estimators.discrepancy.structure_comparison import ADEQUATE, StructureComparison
 from estimators.discrepancy.summary import CauseSummary, DiagnosisSummary, UnknownInput, UnknownInputShape
 from estimators.discrepancy.verdict import (
     NOMINAL,
@@ -18,6 +18,7 @@ from estimators.discrepancy.verdict import (
     Verdict,
 )
 from estimators.logs.immobile_findings import IMMOBILE
+from estimators.replay.replay import CHANNELS
 from offroad_env.effects import EFFECTS
 from offroad_env.effects.protocol import Effect
 
@@ -82,6 +83,8 @@ def verdict_sentence(
     """The verdict on a diagnosis in one plain sentence."""
     if isinstance(diagnosis, VehicleDiagnosis) and diagnosis.restructured is not None:
         return _structure_sentence(diagnosis.restructured, diagnosis.stand_ins)
+    if isinstance(diagnosis, VehicleDiagnosis) and diagnosis.beyond_structures:
+        return _beyond_sentence(diagnosis.structure)
     if verdict is Verdict.UNEXPLAINED:
         rest = _discrepancy_phrase(diagnosis, causes, unexplained)
         return f"The model is wrong in a way that no effect of the library explains: {rest}."
@@ -118,6 +121,16 @@ def _structure_sentence(found: StructureComparison, effects: Sequence[str]) -> s
     return sentence
 
 
+def _beyond_sentence(found: StructureComparison | None) -> str:
+    assert found is not None
+    left = zip(found.best.channels(), found.best.pooled, strict=True)
+    errors = ", ".join(f"{value:.2g} {CHANNELS[name]} in {name}" for name, value in left if value is not None)
+    return (
+        "The structure of the model is wrong, and no other one that was tried predicts the runs: the best "
+        f"leaves {errors} within 3 s. Are torques, mass and soil as stated, and is the ground soil at all?"
+    )
+
+
 def structure_lines(summary: DiagnosisSummary) -> list[str]:
     """The other structure in lines: its causes, its n, what it gains and what is as good."""
     found = summary.comparison
@@ -126,8 +139,11 @@ def structure_lines(summary: DiagnosisSummary) -> list[str]:
     lines = [
         f"cause: {cause.id}: {cause.sentence} (errors grow by {100.0 * cause.gain:.0f} % without it)"
         for cause in found.causes
+        if found.adequate
     ]
     case = found.best.case
+    if not found.adequate:
+        lines.append(f"errors over those of a right structure: {found.misfit:.1f} (named up to {ADEQUATE:g})")
     lines.append(f"structure: {case.structure}, vehicle model {case.vehicle_model}, n {found.n:.3f}")
     lines += [f"as good: {one.structure}, vehicle model {one.vehicle_model}" for one in found.equals]
     lines += [

@@ -39,6 +39,8 @@ vehicle:
   # l_r: {known.l_r:g}             # to the rear axle [m]
   # r: {known.r:g}               # radius of the wheels [m]
   # b: {known.b:g}               # width of a wheel [m]
+  steer_lag: 0.0           # from steer to the angle of the wheels [s]: 0 if measured there, not commanded
+  torque_lag: 0.0          # from the torques to the wheels [s]; likewise
 
 soil:                      # what is believed before the drive{" (hard ground has no n)" if rigid else ""}
   base: {yaml_text(soil)}

@@ -293,3 +293,14 @@ def test_a_window_that_gave_way_only_at_the_start_counts_in_the_end() -> None:
     assert fit.values[N] == pytest.approx(true[N], abs=0.01)
     assert np.isfinite(fit.alone).all()
     assert (fit.misfit < 0.5).all()
+
+
+def test_a_value_at_the_end_of_its_range_lies_in_its_interval(belief) -> None:
+    """The mean of a mixture is rounded: an interval that ended below it could not be drawn."""
+    high = belief.unknowns.bounds[1]
+    part = belief.parts[0]
+    values = part.fit.values.copy()
+    values[PHI] = high[PHI] * (1.0 + 1e-15)
+    ended = replace(belief, parts=(replace(part, weight=1.0, fit=replace(part.fit, values=values)),))
+    phi = ended.marginal(PHI)
+    assert phi.low <= phi.mean <= phi.high == high[PHI]

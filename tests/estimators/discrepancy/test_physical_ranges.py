@@ -8,6 +8,7 @@ import pytest
 
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
+from estimators.discrepancy.manoeuvres import MENU, driven
 from estimators.discrepancy.model.fit import fit_runs
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel
@@ -19,6 +20,7 @@ from estimators.discrepancy.search.score_test import _possible_share, score_test
 from estimators.discrepancy.stated_model import model_with
 from estimators.discrepancy.verdict import VehicleDiagnosis
 from offroad_env.effects import EFFECTS, Setup
+from offroad_env.errors import DataError
 from offroad_env.simulation.simulator import make_plant
 from offroad_env.world.soils import SOILS
 from offroad_env.world.terrain import flat
@@ -146,3 +148,11 @@ def test_a_description_that_is_unusual_itself_is_possible_as_stated():
     odd = plant._replace(vehicle=plant.vehicle._replace(I_z=0.2 * plant.vehicle.I_z))
     setup = replace(Setup(plant=odd, mount=None), plant=odd)
     assert drive_range("inertia", setup)[0] == 0.0
+
+
+def test_a_manoeuvre_of_which_nothing_can_be_compared_is_refused(pulled, monkeypatch):
+    """As on hard ground, where a vehicle stands: an experiment is proposed from the others."""
+    assert len(driven(pulled, MENU[0], usual=4.0).runs[0].windows) > 0
+    monkeypatch.setattr(RunModel, "_usable", lambda self: np.zeros(self.count, dtype=bool))
+    with pytest.raises(DataError, match=f"no window of {MENU[0].name} can be compared"):
+        driven(pulled, MENU[0], usual=4.0)

@@ -13,6 +13,7 @@ from estimators.discrepancy.diagnosis import diagnose
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
 from estimators.discrepancy.structure_comparison import (
+    ADEQUATE,
     STRUCTURAL_CAUSES,
     StructureComparison,
     compare_structures,
@@ -145,3 +146,29 @@ def test_a_structure_is_found_although_every_window_of_the_nominal_one_fails(fou
     assert np.isfinite(nominal.logarithms()).all()
     assert nominal.pooled == [None] * len(nominal.pooled)
     assert np.nanmean(nominal.logarithms() - found.best.logarithms()) > 1.0
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(1.0, "NAMED"), (0.8, "NAMED"), (1.25, "UNEXPLAINED")])
+def test_a_structure_that_does_not_predict_the_runs_is_not_named(found, sand, monkeypatch, factor, verdict):
+    """However much better than the nominal one it is: here a nominal one that cannot drive at all."""
+
+    def stuck(*_args, **_kwargs):
+        raise SolverFailure("a wheel has sunk to its axle")
+
+    floors = np.array([*structure_trials.FLOORS.values()])
+    if factor != 1.0:
+        # An error e counts as hypot(e, floor).
+        errors = np.full_like(found.best.errors, np.sqrt((factor * ADEQUATE) ** 2 - 1.0)) * floors
+        found = replace(found, best=replace(found.best, errors=errors))
+        assert found.misfit == pytest.approx(factor * ADEQUATE)
+    assert ADEQUATE == 4.0
+    monkeypatch.setattr(diagnosis_module, "fit_runs", stuck)
+    monkeypatch.setattr(diagnosis_module, "compare_structures", lambda logs: found)
+    summary = summarise(diagnose(sand[:1]))
+    assert summary.verdict == verdict
+    if verdict == "UNEXPLAINED":
+        assert "no other one that was tried predicts the runs: the best leaves" in summary.sentence
+        assert summary.extended_model is None
+        assert not any(line.startswith("cause:") for line in terminal_lines(summary))
+        assert any("named up to 4" in line for line in terminal_lines(summary))
+        assert "no other one that was tried" in render_diagnosis(summary, "offroad diagnose run.csv")
