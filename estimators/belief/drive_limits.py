@@ -42,15 +42,11 @@ class FittedLimitSettings:
     #: The same of the sideways motion, where wrong laws of the wheel show first: rough roads need larger
     #: factors of the other errors, too.
     adequate_sideways: float = 1.7
-    #: Standard deviations over those of the samples: of the limits in the order of `SoilHolds`, then of n.
-    widths: tuple[float, ...] = (1.15, 1.15, 1.15, 1.0, 1.25, 0.85, 0.85)
 
     def __post_init__(self) -> None:
         for name in ("adequate", "adequate_sideways"):
             if not getattr(self, name) > 0.0:
                 raise InvalidParameter(f"{name} must be > 0, got {getattr(self, name)}")
-        if len(self.widths) != LIMITS + 1 or not min(self.widths) > 0.0:
-            raise InvalidParameter(f"widths must be {LIMITS + 1} numbers > 0, got {self.widths}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +90,7 @@ def fitted_limits(
         return FittedLimits(centre=nothing, sd=nothing, n=(np.nan, np.nan), valid=False)
     rows, weights = rows[sound], weights[sound] / weights[sound].sum()
     mean = weights @ rows
-    sd = np.array(settings.widths) * np.sqrt(weights @ (rows - mean) ** 2)
+    sd = np.sqrt(weights @ (rows - mean) ** 2)
     return FittedLimits(
         centre=mean[:LIMITS],
         sd=np.hypot(sd[:LIMITS], [least_sd(k, mean[k]) for k in range(LIMITS)]),

@@ -116,12 +116,6 @@ THRESHOLDS = (
     ("estimators.belief.drive_posterior", "PosteriorSettings", "tempered", 1.5),
     ("estimators.belief.drive_limits", "FittedLimitSettings", "adequate", 3.0),
     ("estimators.belief.drive_limits", "FittedLimitSettings", "adequate_sideways", 1.7),
-    (
-        "estimators.belief.drive_limits",
-        "FittedLimitSettings",
-        "widths",
-        (1.15, 1.15, 1.15, 1.0, 1.25, 0.85, 0.85),
-    ),
     ("estimators.belief.drive_fit", "", "LEAST_SCATTER", 0.8),
     ("estimators.belief.drive_scatter", "", "CORRELATION_LENGTH", 5.0),
     ("estimators.belief.drive_numbers", "", "VEHICLE_SD", (0.05, 0.2, 0.2)),

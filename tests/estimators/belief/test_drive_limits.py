@@ -133,23 +133,7 @@ def test_errors_are_adequate_up_to_three_times_the_usual_ones_and_sideways_up_to
         assert not fitted_limits(NOMINAL, replace(fit, scales=scales), posterior).valid
 
 
-def test_widths_are_calibrated_limit_by_limit(fitted) -> None:
-    _, fit, posterior = fitted
-    own, plain = (
-        fitted_limits(NOMINAL, fit, posterior, settings)
-        for settings in (None, FittedLimitSettings(widths=(1.0,) * (LIMITS + 1)))
-    )
-    ratios = np.append(own.sd / plain.sd, own.n[1] / plain.n[1])
-    least = np.array([least_sd(k, plain.centre[k]) for k in range(LIMITS)])
-    free = np.append(plain.sd > 4.0 * least, True)
-    assert free.sum() > 4
-    np.testing.assert_allclose(ratios[free], np.array(FittedLimitSettings().widths)[free], rtol=0.05)
-    assert FittedLimitSettings().widths == (1.15, 1.15, 1.15, 1.0, 1.25, 0.85, 0.85)
-
-
 def test_settings_are_positive() -> None:
-    with pytest.raises(InvalidParameter, match="widths must be 7 numbers > 0"):
-        FittedLimitSettings(widths=(1.0, 1.0))
     with pytest.raises(InvalidParameter, match="adequate must be > 0"):
         FittedLimitSettings(adequate=0.0)
     with pytest.raises(InvalidParameter, match="adequate_sideways must be > 0"):
