@@ -203,23 +203,38 @@ def believe_log(
     kept = _promising(found, _HOPELESS)
     fits: dict[Case, Fit] = {}
     for i, name in enumerate(kept):
-        tell(0.5 + 0.2 * i / len(kept), f"fitting {name}")
         case = Case(name, "half_car")
-        fits[case] = fit_unknowns(windows, plant_for(log, case), unknowns, found[name].values)
+        told = _within(tell, 0.5 + 0.2 * i / len(kept), 0.2 / len(kept), f"fitting {name}")
+        fits[case] = fit_unknowns(windows, plant_for(log, case), unknowns, found[name].values, told=told)
     likely = _promising({case.structure: fit for case, fit in fits.items()}, _PROMISING)
     for i, name in enumerate(likely if _has_four_wheels(log) else ()):
-        tell(0.7 + 0.3 * i / len(likely), f"fitting {name} with four wheels")
         case, start = Case(name, "four_wheel"), fits[Case(name, "half_car")].values
-        fits[case] = fit_unknowns(windows, plant_for(log, case), unknowns, start)
+        doing = f"fitting {name} with four wheels"
+        told = _within(tell, 0.7 + 0.3 * i / len(likely), 0.3 / len(likely), doing)
+        fits[case] = fit_unknowns(windows, plant_for(log, case), unknowns, start, told=told)
+    left_out = tuple(name for name in names if name not in kept)
+    return SoilBelief(
+        log=log.name, parts=_weighed(fits), windows=windows, unknowns=unknowns, left_out=left_out
+    )
+
+
+def _weighed(fits: Mapping[Case, Fit]) -> tuple[StructureFit, ...]:
+    """The structures with their weights, the largest first."""
     odds = [_FOUR_WHEELS if case.vehicle_model == "four_wheel" else 1.0 for case in fits]
     weights = structure_weights(list(fits.values()), odds)
     parts = [
         StructureFit(case=case, weight=float(weight), fit=fit)
         for (case, fit), weight in zip(fits.items(), weights, strict=True)
     ]
-    parts.sort(key=lambda part: -part.weight)
-    left_out = tuple(name for name in names if name not in kept)
-    return SoilBelief(log=log.name, parts=tuple(parts), windows=windows, unknowns=unknowns, left_out=left_out)
+    return tuple(sorted(parts, key=lambda part: -part.weight))
+
+
+def _within(
+    tell: Callable[[float, str], None], begin: float, length: float, doing: str
+) -> Callable[[float], None]:
+    """Tells the share of a stage as one of the whole; the stage begins now."""
+    tell(begin, doing)
+    return lambda share: tell(begin + share * length, doing)
 
 
 def _promising(fits: Mapping[str, Fit], least: float) -> list[str]:

@@ -289,7 +289,10 @@ def test_a_window_that_gave_way_only_at_the_start_counts_in_the_end() -> None:
                 found[:6] = np.nan
             return found
 
-    fit = fit_unknowns(cast("LogWindows", Windows()), cast("Plant", None), unknowns, unknowns.mean)
+    shares: list[float] = []
+    windows, plant = cast("LogWindows", Windows()), cast("Plant", None)
+    fit = fit_unknowns(windows, plant, unknowns, unknowns.mean, told=shares.append)
+    assert 0.0 < shares[0] < shares[1] <= shares[-1] < 1.0
     assert fit.values[N] == pytest.approx(true[N], abs=0.01)
     assert np.isfinite(fit.alone).all()
     assert (fit.misfit < 0.5).all()
