@@ -137,9 +137,9 @@ def fit_unknowns(
     start: FloatArray,
     *,
     iterations: int = _ITERATIONS,
-    told: Callable[[float], None] = lambda share: None,
+    report: Callable[[float], None] = lambda share: None,
 ) -> Fit:
-    """Most probable values and their covariance, from ``start`` (9,); ``told`` the share that is done."""
+    """Most probable values and their covariance, from ``start`` (9,); ``report`` gets the share done."""
     low, high = unknowns.bounds
     precision = 1.0 / unknowns.sd**2
 
@@ -152,7 +152,7 @@ def fit_unknowns(
     J, begun = _slopes(evaluate, values, r, unknowns.steps, None), np.isfinite(r)
     local = _Local.at(J, r)
     for done in range(1, iterations + 1):
-        told(done / (iterations + 1))
+        report(done / (iterations + 1))
         H = local.information + np.diag(precision)
         gradient = local.scores.sum(axis=0) + precision * (values - unknowns.mean)
         before, better = loss, False

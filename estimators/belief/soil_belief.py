@@ -204,14 +204,14 @@ def believe_log(
     fits: dict[Case, Fit] = {}
     for i, name in enumerate(kept):
         case = Case(name, "half_car")
-        told = _within(tell, 0.5 + 0.2 * i / len(kept), 0.2 / len(kept), f"fitting {name}")
-        fits[case] = fit_unknowns(windows, plant_for(log, case), unknowns, found[name].values, told=told)
+        report = _within(tell, 0.5 + 0.2 * i / len(kept), 0.2 / len(kept), f"fitting {name}")
+        fits[case] = fit_unknowns(windows, plant_for(log, case), unknowns, found[name].values, report=report)
     likely = _promising({case.structure: fit for case, fit in fits.items()}, _PROMISING)
     for i, name in enumerate(likely if _has_four_wheels(log) else ()):
         case, start = Case(name, "four_wheel"), fits[Case(name, "half_car")].values
         doing = f"fitting {name} with four wheels"
-        told = _within(tell, 0.7 + 0.3 * i / len(likely), 0.3 / len(likely), doing)
-        fits[case] = fit_unknowns(windows, plant_for(log, case), unknowns, start, told=told)
+        report = _within(tell, 0.7 + 0.3 * i / len(likely), 0.3 / len(likely), doing)
+        fits[case] = fit_unknowns(windows, plant_for(log, case), unknowns, start, report=report)
     left_out = tuple(name for name in names if name not in kept)
     return SoilBelief(
         log=log.name, parts=_weighed(fits), windows=windows, unknowns=unknowns, left_out=left_out

@@ -197,8 +197,7 @@ def wheel_forces(  # noqa: PLR0913 - likewise for one wheel
     slip = _checked("slip", slip, -1.0, 1.0, "", "in percent?")
     slip_angle = _checked("slip_angle", slip_angle, -1.5708, 1.5708, "rad", "in degrees?")
     # What is rounded to beyond a right angle would slide the other way.
-    slip_angle = np.clip(slip_angle, -0.5 * math.pi, 0.5 * math.pi)
-    inputs = np.broadcast_arrays(size, slip, slip_angle)
+    inputs = np.broadcast_arrays(size, slip, np.clip(slip_angle, -0.5 * math.pi, 0.5 * math.pi))
     values, shape = np.stack([array.ravel() for array in inputs], axis=1), inputs[0].shape
     out, status = np.zeros((len(values), _COLUMNS)), np.zeros(len(values))
     flexible, resultant = read_tyre(tyre), 1.0 if shear == "resultant" else 0.0

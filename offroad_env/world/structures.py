@@ -124,20 +124,13 @@ def make_structure(
         if not is_one_of(option, LAWS[name]):
             raise InvalidParameter(f"{name} must be one of {', '.join(LAWS[name])}, got {shown(option)}")
     chosen = {name: options[0] for name, options in LAWS.items()} | dict(STRUCTURES[preset]) | laws
+    if chosen["pressure_from"] != "own_sinkage":
+        _require_unused(damping=damping, elastic_modulus=elastic_modulus)
     if chosen["ruts"] != "none" and chosen["pressure_from"] != "own_sinkage":
         raise InvalidParameter(
             'ruts need pressure_from="own_sinkage": contact angles that are a function of slip know no '
             "depth from which soil has borne already"
         )
-    for name, value, unused in (
-        ("damping", damping, 0.0),
-        ("elastic_modulus", elastic_modulus, _ELASTIC_MODULUS),
-    ):
-        if chosen["pressure_from"] != "own_sinkage" and value != unused:
-            raise InvalidParameter(
-                f'{name} needs pressure_from="own_sinkage": with the angles of Wong and Reece no point of '
-                "the rim knows how the soil under it has moved"
-            )
     if chosen["ruts"] == "pressure_and_shear" and chosen["shear"] != "soil_path":
         raise InvalidParameter(
             'ruts="pressure_and_shear" needs shear="soil_path": shear displacement in the wheel\'s frame '
@@ -158,6 +151,16 @@ def make_structure(
         grouser_height=_within("grouser_height", grouser_height, "in mm?"),
         external_torque=_flag(chosen["shaft_torque"] == "external"),
     )
+
+
+def _require_unused(**numbers: float) -> None:
+    """Refuse numbers of the soil under each point of the rim where no point has a sinkage of its own."""
+    for name, value in numbers.items():
+        if value != STRUCTURE_NUMBERS[name][2]:
+            raise InvalidParameter(
+                f'{name} needs pressure_from="own_sinkage": with the angles of Wong and Reece no point of '
+                "the rim knows how the soil under it has moved"
+            )
 
 
 def read_structure(text: str) -> Structure:

@@ -291,7 +291,7 @@ def test_a_window_that_gave_way_only_at_the_start_counts_in_the_end() -> None:
 
     shares: list[float] = []
     windows, plant = cast("LogWindows", Windows()), cast("Plant", None)
-    fit = fit_unknowns(windows, plant, unknowns, unknowns.mean, told=shares.append)
+    fit = fit_unknowns(windows, plant, unknowns, unknowns.mean, report=shares.append)
     assert 0.0 < shares[0] < shares[1] <= shares[-1] < 1.0
     assert fit.values[N] == pytest.approx(true[N], abs=0.01)
     assert np.isfinite(fit.alone).all()
