@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -12,6 +12,7 @@ from agents.commands.options import option_value
 from agents.driving.world_options import WorldOptions, known_scenario
 from agents.reports.output import OutputError, Results, console, say, table, write_bytes
 from offroad_env.errors import DataError, InvalidParameter, OffroadError
+from offroad_env.world.yaml_text import shown
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -44,8 +45,9 @@ class Drive(Results):
 
     scenario: str | None = None  #: name, *.yaml or inline YAML; default: that of the policy, or track
     agent: str = "pure_pursuit"  #: one of those above, or module:Class
-    policy: Path | None = None  #: drive with the policy that offroad train wrote into this folder instead
-    terrain_info: Literal["none", "estimate", "truth"] | None = None  #: default: what the agent needs
+    policy: Path | None = None  #: a folder of offroad train: its policy drives, in the world of its training
+    #: What the agent is shown of the soil; default: what it needs.
+    terrain_info: Literal["none", "estimate", "truth", "belief", "limits"] | None = None
     n: float | None = None  #: true sinkage exponent; default: drawn from the scenario's range [-]
     seed: int = 0  #: of course, soil and noise
     model: Literal["full", "paper"] = "full"  #: full: wheel spin and slopes; paper: as published
@@ -116,13 +118,27 @@ class Drive(Results):
             vehicle_model=self.vehicle_model,
             render_mode=mode,
             max_episode_steps=steps,
-            **self.world.env_options(),
+            **{**self._world_of_training(), **self.world.env_options()},
         )
         return env, agent
 
     def _usual_scenario(self) -> str:
         """What is driven where nothing is asked for."""
         return _USUAL if self.policy is None else str(_kind_of_policy(self.policy)["scenario"])
+
+    def _world_of_training(self) -> dict[str, Any]:
+        """Options of the environment that the policy has learnt in; what is asked for takes their place."""
+        if self.policy is None:
+            return {}
+        world = _kind_of_policy(self.policy).get("world", {})
+        known = {entry.name for entry in fields(WorldOptions)}
+        if not isinstance(world, dict) or not set(world) <= known:
+            raise DataError(f"{self.policy}: world must hold {', '.join(sorted(known))}, got {shown(world)}")
+        if world:
+            say(
+                f"world of the policy: {', '.join(f'{name} {shown(value)}' for name, value in world.items())}"
+            )
+        return world
 
     def _driver(self, scenario: str) -> tuple[Agent, str]:
         """The agent, and the terrain information of the environment that it drives in."""

@@ -9,6 +9,7 @@ import json
 import math
 import os
 import re
+import shutil
 import stat
 from importlib.metadata import version
 from pathlib import Path
@@ -338,6 +339,35 @@ def test_a_policy_drives_the_task_that_it_was_trained_for(tmp_path):
     assert (tmp_path / "drive_brake_0.png").exists()
     assert offroad(*arguments, "--scenario", "speed") == 0
     assert (tmp_path / "drive_speed_0.png").exists()
+
+
+def test_a_policy_drives_in_the_world_that_it_has_learnt_in(tmp_path, capsys):
+    folder = tmp_path / "policy"
+    shutil.copytree(learned_folder("brake", "ppo_aware", 0), folder)
+    kind = json.loads((folder / "policy.json").read_text())
+    (folder / "policy.json").write_text(
+        json.dumps(kind | {"world": {"structure": "field", "vehicle": "hmmwv"}})
+    )
+    arguments = (
+        "drive",
+        "--policy",
+        folder,
+        "--duration",
+        "0.2",
+        "--out",
+        tmp_path,
+        "--json",
+        tmp_path / "d.json",
+    )
+    deepest = "deepest sinkage [mm]"
+    found = {}
+    for name, options in (("its own", ()), ("asked for", ("--structure", "full", "--vehicle", "mrzr"))):
+        assert offroad(*arguments, *options) == 0
+        found[name] = read_strictly(tmp_path / "d.json")["summary"][deepest]
+    assert "world of the policy: structure 'field', vehicle 'hmmwv'" in capsys.readouterr().out
+    assert found["its own"] != found["asked for"]
+    (folder / "policy.json").write_text(json.dumps(kind | {"world": {"agent": "mine.py"}}))
+    assert offroad(*arguments) == 1
 
 
 def test_the_soil_of_an_episode_can_be_chosen(tmp_path):
