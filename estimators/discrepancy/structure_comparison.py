@@ -70,7 +70,7 @@ _WORTH = 0.3
 #: with this p-value over the windows apart, of which there must be so many.
 _GAIN, _P_VALUE, _WINDOWS = 0.35, 1e-2, 3
 #: Share of that gain, in the fitted windows, from which all models of the vehicle are tried.
-_HALF = 0.5
+_ONWARD = 0.25
 #: A law stays if errors grow by this mean logarithm without it, and is named with this p-value.
 _LOSS, _LOSS_P = 0.03, 0.01
 #: Errors that differ by less than this share (mean logarithm over channels) do not decide between a structure
@@ -219,7 +219,7 @@ def compare_structures(
 def _presets(trials: Trials, nominal: StructureTrial) -> list[StructureTrial]:
     """The presets, best first; with their best n only where one of them looks better than the nominal.
 
-    With four wheels, which cost most, only where half as much is gained without them as a structure must.
+    With four wheels, which cost most, only where a quarter of what a structure must gain is gained without.
     """
     half, four = _VEHICLES
     names = [name for name in _PRESETS if name != nominal.case.structure]
@@ -227,7 +227,7 @@ def _presets(trials: Trials, nominal: StructureTrial) -> list[StructureTrial]:
     found.append(trials.near(Case(nominal.case.structure, four), nominal.change))
     if min(map(trials.cost, found)) < trials.cost(nominal) - _WORTH:
         found = [trials.best(one.case, start=one.change) for one in found]
-        if min(map(trials.cost, found)) < trials.cost(nominal) - _HALF * _GAIN * len(FLOORS):
+        if min(map(trials.cost, found)) < trials.cost(nominal) - _ONWARD * _GAIN * len(FLOORS):
             found += [trials.best(Case(one.case.structure, four), start=one.change) for one in found[:-1]]
     return sorted(found, key=trials.cost)
 
