@@ -149,7 +149,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
     tyre : flexible tyres, a name in `offroad_env.TYRES`; they need structure "grid" or "field"
     natural_soil : True, or a `world.natural_soil.SoilSpread`: pressure, n, cohesion and friction angle vary
         over metres around the drawn soil
-    randomise : what differs from episode to episode, ``{"vehicle.m": (1200.0, 1500.0)}`` or YAML (docs/own.md)
+    randomise : what differs from episode to episode, ``{"vehicle.m": (1200.0, 1500.0)}`` or YAML: docs/own.md
     render_mode : None, "human" or "rgb_array"
 
     ## Info
