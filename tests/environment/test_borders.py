@@ -154,9 +154,10 @@ def test_randomise_is_read_from_yaml(tmp_path):
 
 
 @pytest.mark.parametrize("name", list(VEHICLES))
-def test_every_vehicle_has_a_tyre_that_fits_its_wheel(name):
+def test_every_vehicle_of_the_catalogue_is_accepted_by_v1(name):
     vehicle = VEHICLES[name]
     require_fitting_tyre(own_tyre(name), make_wheel(r=vehicle.r, b=vehicle.b))
+    assert gym.make(V1, vehicle=name).unwrapped.vehicle == vehicle
 
 
 def test_the_catalogue_tyre_is_taken_where_it_fits():
