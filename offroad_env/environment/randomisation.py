@@ -369,10 +369,9 @@ class Randomisation:
     def ends(self, key: str) -> tuple[Any, ...]:
         """Values of a key that must be possible, as `draw` would give them."""
         distribution = self.table[key]
-        ends = distribution.ends
-        if isinstance(distribution, Choice) or (key == "soil.c" and max(ends) < _LEAST_COHESION):
-            return ends  # stated one by one, or a whole range in kPa: not to be changed in silence
-        return tuple(_legal(key, end) for end in ends)
+        if isinstance(distribution, Choice):
+            return distribution.ends  # stated one by one: not to be changed in silence
+        return tuple(_legal(key, end) for end in distribution.ends)
 
     @property
     def n_range(self) -> tuple[float, float] | None:
