@@ -76,13 +76,11 @@ def read_on_board(given: Mapping[str, Any]) -> OnBoard:
     ground = values.get("ground")
     if isinstance(ground, Mapping):
         try:
-            plane, waves = (
-                [float(ground[name]) for name in ("H_0", "S_x", "S_y")],
-                numbers("waves", ground["waves"]),
-            )
+            height, slope_x, slope_y = (float(ground[name]) for name in ("H_0", "S_x", "S_y"))
+            waves = numbers("waves", ground["waves"]).reshape(-1, 4)
         except (KeyError, TypeError, ValueError) as error:
             raise InvalidParameter(f"estimator: ground must hold H_0, S_x, S_y and waves: {error}") from error
-        values["ground"] = Ground(*plane, waves.reshape(-1, 4))
+        values["ground"] = Ground(H_0=height, S_x=slope_x, S_y=slope_y, waves=waves)
     return OnBoard(**values)
 
 
