@@ -64,13 +64,11 @@ if ENV_ID not in registry:
         id=ENV_ID,
         entry_point="offroad_env.environment.env:OffroadBekkerEnv",
         vector_entry_point="offroad_env.environment.vector_env:OffroadBekkerVectorEnv",
-        max_episode_steps=6000,
     )
     register(
         id="OffroadBekker-v1",
         entry_point="offroad_env.environment.env_v1:OffroadBekkerEnvV1",
         vector_entry_point="offroad_env.environment.env_v1:OffroadBekkerVectorEnvV1",
-        max_episode_steps=6000,
     )
     # v0 stays: v1 has other defaults. With a number here Gymnasium would call v0 out of date.
     registry["OffroadBekker-v1"].version = None

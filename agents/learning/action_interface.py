@@ -343,7 +343,10 @@ class PlanInterface(TrackerInterface):
         low, high = self._prior
         n = np.full(len(correction), self._worst)
         if "terrain" in observations:
-            mean, _, valid = np.asarray(observations["terrain"], dtype=np.float64).T
+            terrain = np.asarray(observations["terrain"], dtype=np.float64)
+            # A belief about whole soils and the true limits have n among other numbers.
+            whole = terrain.shape[-1] == len(BELIEF_VECTOR)
+            mean, valid = (terrain[:, _AT[name] if whole else at] for name, at in (("n", 0), ("valid", 2)))
             known = (valid > 0.5) & np.isfinite(mean)
             n[known] = np.clip(mean[known], low, high)
         return np.asarray(np.clip(n + (high - low) * correction, low, high))

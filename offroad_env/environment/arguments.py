@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,11 +14,12 @@ from estimators.filters.registry import filter_id
 from offroad_env.environment.episode_records import CONTROL_PERIOD, PAPER_FORCE, SAMPLES
 from offroad_env.environment.randomisation import Randomisation, checked_context
 from offroad_env.errors import InvalidParameter, SolverFailure
-from offroad_env.physics.records import Soil, Vehicle
+from offroad_env.physics.records import Ground, Soil, Vehicle
 from offroad_env.simulation.drive import Command
 from offroad_env.simulation.simulator import make_plant, settled_state
 from offroad_env.world.argument_checks import is_one_of, numbers
 from offroad_env.world.catalogue import Quantity
+from offroad_env.world.descriptions import read_soil, read_vehicle
 from offroad_env.world.soil_fields import SOIL_RANGES
 from offroad_env.world.soils import make_soil, with_exponent
 from offroad_env.world.terrain import flat
@@ -35,6 +36,7 @@ __all__ = [
     "checked_estimator",
     "checked_range",
     "command_of",
+    "read_on_board",
     "require_bearing",
     "require_choice",
     "require_count",
@@ -56,8 +58,38 @@ def require_choice(name: str, value: object, allowed: tuple[str | None, ...]) ->
         raise InvalidParameter(f"{name} must be one of {', '.join(map(str, allowed))}, got {shown(value)}")
 
 
-def checked_estimator(estimator: str | OnBoard | None, terrain_info: str, model: object) -> str | OnBoard:
+def read_on_board(given: Mapping[str, Any]) -> OnBoard:
+    """An `OnBoard` from a mapping of its fields, in which a specification in JSON has it.
+
+    Raises
+    ------
+    InvalidParameter
+        For other keys, or what `OnBoard` refuses.
+    """
+    known = [entry.name for entry in fields(OnBoard)]
+    if not set(given) <= set(known):
+        raise InvalidParameter(f"estimator must hold {', '.join(known)}, got {shown(given)}")
+    values = dict(given)
+    for name, read in (("vehicle", read_vehicle), ("soil", read_soil)):
+        if values.get(name) is not None:
+            values[name] = read(values[name]).record
+    ground = values.get("ground")
+    if isinstance(ground, Mapping):
+        try:
+            height, slope_x, slope_y = (float(ground[name]) for name in ("H_0", "S_x", "S_y"))
+            waves = numbers("waves", ground["waves"]).reshape(-1, 4)
+        except (KeyError, TypeError, ValueError) as error:
+            raise InvalidParameter(f"estimator: ground must hold H_0, S_x, S_y and waves: {error}") from error
+        values["ground"] = Ground(H_0=height, S_x=slope_x, S_y=slope_y, waves=waves)
+    return OnBoard(**values)
+
+
+def checked_estimator(
+    estimator: str | OnBoard | Mapping[str, Any] | None, terrain_info: str, model: object
+) -> str | OnBoard:
     """Which estimator runs; by default the compiled one, where it is observed."""
+    if isinstance(estimator, Mapping):
+        estimator = read_on_board(estimator)
     if estimator is None:
         estimator = {"estimate": COMPILED, "belief": SOIL_BELIEF}.get(terrain_info, "none")
     elif not isinstance(estimator, OnBoard):
@@ -130,16 +162,19 @@ def require_mapping(name: str, given: object) -> dict[str, Any]:
     return dict(given)
 
 
-def require_seed(seed: object) -> None:
-    """Refuse what is no seed, before Gymnasium does it with an error of its own or another one.
+def require_seed(seed: object) -> int | None:
+    """A seed as Gymnasium takes it: it knows no numpy integers, and refuses with an error of its own.
 
     Raises
     ------
     InvalidParameter
+        For anything but None and whole numbers from 0 on.
     """
-    whole = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
-    if seed is not None and (not whole or int(seed) < 0):  # type: ignore[call-overload]
+    if seed is None:
+        return None
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise InvalidParameter(f"seed must be None or a whole number >= 0, got {shown(seed)}")
+    return int(seed)
 
 
 def require_rate(rate: float) -> None:
@@ -188,8 +223,11 @@ def require_bearing(
         try:
             settled_state(make_plant(vehicle, make_soil(soil, n=n), flat(), model=model))
         except SolverFailure as error:
+            if n_range[0] == n_range[1]:
+                raise InvalidParameter(f"{soil_name!r} drowns the vehicle: {error}") from error
             raise InvalidParameter(
-                f"n_range {n_range} of {soil_name!r} reaches soil that drowns it: {error}"
+                f"n_range {n_range} of {soil_name!r} reaches soil that drowns it: {error} "
+                "- give n_range=(low, high) of soils that carry it"
             ) from error
 
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
-from offroad_env.environment.arguments import checked_range, require_bearing
-from offroad_env.environment.plants import FOUR_WHEEL
-from offroad_env.environment.randomisation import Randomisation, Truth, apply_context
+from estimators.filters.online import OnBoard
+from offroad_env.environment.arguments import checked_range, require_bearing, require_rate
+from offroad_env.environment.plants import FOUR_WHEEL, PlantChoice
+from offroad_env.environment.randomisation import Randomisation, Truth, apply_context, read_randomisation
 from offroad_env.environment.rewards import RewardWeights
 from offroad_env.environment.scenario_descriptions import (
     find_scenario,
@@ -24,6 +25,7 @@ from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics.records import Soil, Structure, Tyre, Vehicle
 from offroad_env.simulation.sensor_descriptions import read_sensors, sensors_mapping
 from offroad_env.simulation.sensors import SensorSuite
+from offroad_env.simulation.simulator import settled_state
 from offroad_env.world.descriptions import (
     Description,
     NamedSoil,
@@ -41,9 +43,13 @@ from offroad_env.world.descriptions import (
 from offroad_env.world.documents import is_name, open_document
 from offroad_env.world.four_wheel_vehicles import FourWheelVehicle
 from offroad_env.world.natural_soil import SoilSpread
+from offroad_env.world.soils import make_soil
 from offroad_env.world.terrain import flat
 
 __all__ = ["Choices", "PlainSpec", "plain_arguments"]
+
+#: Contexts that are drawn when an environment is made, to see whether its episodes can begin.
+_DRAWS = 4
 
 
 class PlainSpec:
@@ -85,7 +91,7 @@ class Choices:
         vehicle: Vehicle | FourWheelVehicle | Description | None,
         weights: RewardWeights | Description | None,
         n_range: Any,
-        randomise: Randomisation | Mapping[str, Any] | None,
+        randomise: Randomisation | Description | None,
     ) -> Choices:
         """The arguments of an environment, resolved.
 
@@ -95,8 +101,8 @@ class Choices:
             With what is wrong, and where.
         """
         task = find_scenario(scenario)
-        if randomise is not None and not isinstance(randomise, Randomisation):
-            randomise = Randomisation(randomise)
+        if randomise is not None:
+            randomise = read_randomisation(randomise)
         chosen = read_soil(task.soil if soil is None else soil)
         if n_range is None and randomise is not None:
             n_range = randomise.n_range
@@ -119,32 +125,60 @@ class Choices:
         keys = () if self.randomisation is None else self.randomisation.table
         return any(key == "soil" or (key.startswith("soil.") and key != "soil.n") for key in keys)
 
-    def require_bearing(self, sensors: SensorSuite, model: str, vehicle_model: str) -> None:
-        """Refuse ranges that reach soils in which the standing vehicle drowns: a reset would fail later."""
-        soil = self.soil.record
-        require_bearing(self.vehicle.record, self.soil.name, soil, self.n_range, model)
+    @property
+    def _exponents(self) -> tuple[float, float]:
+        """Least and largest n that episodes drive on [-]: a soil of one's own has one, but for patches."""
+        return self.n_range if self.own_n is None or self.scenario.changing else (self.own_n, self.own_n)
+
+    def require_bearing(self, sensors: SensorSuite, plants: PlantChoice) -> None:
+        """Refuse choices and ranges with which a reset would fail later.
+
+        Raises
+        ------
+        InvalidParameter
+            For soils in which the standing vehicle drowns, tyres that do not fit a wheel, natural soil on
+            hard ground, values that do not belong together; of what is randomised, with the key.
+        """
+        soil, exponents = self.soil.record, self._exponents
+        require_bearing(self.vehicle.record, self.soil.name, soil, exponents, plants.model)
+        if self.randomisation is None or not {"soil", "n", "soil.n"} & self.randomisation.table.keys():
+            plants.require_natural(soil, exponents)
         if self.randomisation is None:
             return
         for key in ("vehicle", "vehicle.track"):
-            if vehicle_model == FOUR_WHEEL and key in self.randomisation.table:
+            if plants.vehicle_model == FOUR_WHEEL and key in self.randomisation.table:
                 raise InvalidParameter(
                     f"randomise: {key!r} cannot be drawn with vehicle_model='four_wheel', whose roll "
                     "stiffness and inertia are those of the nominal vehicle"
                 )
         nominal = Truth(self.vehicle.record, soil, flat(), sensors)
-        for key, distribution in self.randomisation.table.items():
-            for end in distribution.ends:
-                self._require_end(key, end, nominal, model)
+        for key in self.randomisation.table:
+            for end in self.randomisation.ends(key):
+                try:
+                    self._require_possible({key: end}, nominal, plants)
+                except (InvalidParameter, SolverFailure) as error:
+                    raise InvalidParameter(f"randomise: {key} = {end!r}: {error}") from error
+        for seed in range(_DRAWS):
+            drawn = self.randomisation.draw(np.random.default_rng(seed))
+            try:
+                self._require_possible(drawn, nominal, plants)
+            except (InvalidParameter, SolverFailure) as error:
+                if "soil" in drawn and isinstance(error, SolverFailure):
+                    continue  # of soils that are drawn whole some drown the vehicle: a reset draws again
+                raise InvalidParameter(f"randomise: with {drawn} drawn: {error}") from error
 
-    def _require_end(self, key: str, end: Any, nominal: Truth, model: str) -> None:
-        try:
-            truth = apply_context({key: end}, nominal)
-            truth.sensors.anew().reset(np.random.default_rng(0), radius=truth.vehicle.r)
-            ns = (truth.soil.n,) * 2 if key in ("n", "soil.n", "soil") else self.n_range
-            if key.partition(".")[0] in ("n", "soil", "vehicle"):
-                require_bearing(truth.vehicle, "the soil", truth.soil, ns, model)
-        except (InvalidParameter, SolverFailure) as error:
-            raise InvalidParameter(f"randomise: {key} = {end!r}: {error}") from error
+    def _require_possible(self, context: Mapping[str, Any], nominal: Truth, plants: PlantChoice) -> None:
+        """Refuse a context with which no episode can begin."""
+        truth = apply_context(context, nominal)
+        require_rate(truth.sensors.imu.rate)
+        truth.sensors.anew().reset(np.random.default_rng(0), radius=truth.vehicle.r)
+        if all(key.partition(".")[0] not in ("n", "soil", "vehicle") for key in context):
+            return
+        chosen = not {"n", "soil.n", "soil"}.isdisjoint(context)
+        exponents = (truth.soil.n,) * 2 if chosen else self._exponents
+        plants.require_natural(truth.soil, exponents)
+        for n in dict.fromkeys(exponents):
+            settled_state(plants.truth(truth.vehicle, make_soil(truth.soil, n=n), flat()))
 
 
 def plain_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -194,11 +228,31 @@ def _plain_weights(value: Any) -> Any:
 
 
 def _plain_randomisation(value: Any) -> Any:
-    return (value if isinstance(value, Randomisation) else Randomisation(value)).plain
+    return read_randomisation(value).plain
 
 
 def _plain_spread(value: Any) -> Any:
     return asdict(value) if isinstance(value, SoilSpread) else value
+
+
+def _plain_range(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return type(value)(float(one) for one in value)
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def _plain_estimator(value: Any) -> Any:
+    """The keys of an `OnBoard` that are not nominal, as `read_on_board` takes them."""
+    if not isinstance(value, OnBoard):
+        return value
+    found = {entry.name: getattr(value, entry.name) for entry in fields(value)}
+    found = {name: part for name, part in found.items() if part is not None}
+    for name, plain in (("vehicle", vehicle_mapping), ("soil", soil_mapping)):
+        if name in found:
+            found[name] = plain(found[name])
+    if "ground" in found:
+        found["ground"] = {name: _plain_range(part) for name, part in found["ground"]._asdict().items()}
+    return found
 
 
 _PLAIN: Mapping[str, Callable[[Any], Any]] = {
@@ -210,5 +264,7 @@ _PLAIN: Mapping[str, Callable[[Any], Any]] = {
     "structure": _plain_structure,
     "tyre": _plain_tyre,
     "natural_soil": _plain_spread,
+    "estimator": _plain_estimator,
+    "n_range": _plain_range,
     "randomise": _plain_randomisation,
 }

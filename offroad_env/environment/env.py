@@ -29,12 +29,7 @@ from offroad_env.environment.arguments import (
     require_seed,
 )
 from offroad_env.environment.choices import Choices, PlainSpec
-from offroad_env.environment.control_period import (
-    BELIEVE,
-    DRIVE,
-    REPORT,
-    announce_compilation,
-)
+from offroad_env.environment.control_period import BELIEVE, DRIVE, REPORT, announce_compilation
 from offroad_env.environment.episode_records import (
     CONTROL_PERIOD,
     LAST_ROW,
@@ -46,11 +41,11 @@ from offroad_env.environment.episode_records import (
 )
 from offroad_env.environment.episode_row import EpisodeRow
 from offroad_env.environment.extended import ExtendedTruth
-from offroad_env.environment.observation import PREVIEW, Layout
+from offroad_env.environment.observation import PREVIEW, SHOWN, Layout
 from offroad_env.environment.plants import PlantChoice
 from offroad_env.environment.randomisation import Randomisation, Truth, apply_context
 from offroad_env.environment.rewards import ENDINGS, RewardWeights
-from offroad_env.environment.scenarios import Course, Scenario
+from offroad_env.environment.scenarios import Scenario
 from offroad_env.environment.snapshot import Briefing, Measurements, Snapshot
 from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics.contact import SUNK
@@ -60,10 +55,7 @@ from offroad_env.physics.records import Soil, Structure, Tyre, Vehicle
 from offroad_env.simulation.drive import Command
 from offroad_env.simulation.sensor_descriptions import SensorsLike, read_sensors
 from offroad_env.simulation.sensors import GnssConfig, SensorSuite
-from offroad_env.simulation.simulator import (
-    FULL_STEP,
-    settled_state,
-)
+from offroad_env.simulation.simulator import FULL_STEP, settled_state
 from offroad_env.world.descriptions import Description, choose_structure, choose_tyre
 from offroad_env.world.four_wheel_vehicles import FourWheelVehicle
 from offroad_env.world.natural_soil import SoilSpread, spread_of
@@ -78,6 +70,7 @@ __all__ += ["OffroadBekkerEnv", "Snapshot"]
 TERRAIN_INFO = ("none", "estimate", "truth", "belief", "limits")
 _STEPS = round(CONTROL_PERIOD / SAMPLES / FULL_STEP)  # steps of the plant per IMU sample
 _EVERYTHING = DRIVE | BELIEVE | REPORT
+_VALID = SHOWN - 1  # where the flat observation has the flag of n
 _DRAWS = 20  # most soils that are drawn for an episode until one carries the vehicle
 
 
@@ -114,7 +107,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
     | ``path`` | (12,) | cross-track error [m] (left positive), heading error [rad], target speed [m/s] |
     | | | (0 = as fast as possible), curvature [1/m] at 0, 3, 6, 10, 15, 20, 30, 40 m ahead, |
     | | | distance to the end of the path [m] |
-    | ``terrain`` | (3,) | n, its standard deviation, valid (0/1); absent with ``terrain_info="none"`` |
+    | ``terrain`` | (3,) | n, its sd, valid (0/1; 0 on hard ground); absent with ``terrain_info="none"`` |
     | | or (17,) | "belief": docs/details/what_the_soil_holds.md; "limits": the truth |
 
     ## Rewards
@@ -156,7 +149,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
     tyre : flexible tyres, a name in `offroad_env.TYRES`; they need structure "grid" or "field"
     natural_soil : True, or a `world.natural_soil.SoilSpread`: pressure, n, cohesion and friction angle vary
         over metres around the drawn soil
-    randomise : what differs from episode to episode, ``{"vehicle.m": (1200.0, 1500.0)}`` (docs/own.md)
+    randomise : what differs from episode to episode, ``{"vehicle.m": (1200.0, 1500.0)}`` or YAML: docs/own.md
     render_mode : None, "human" or "rgb_array"
 
     ## Info
@@ -179,7 +172,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         terrain_info: str = "none",
         model: str = "full",
         vehicle_model: str = "half_car",
-        estimator: str | OnBoard | None = None,
+        estimator: str | OnBoard | Mapping[str, Any] | None = None,
         n_range: tuple[float, float] | None = None,
         soil: Soil | Description | None = None,
         vehicle: Vehicle | FourWheelVehicle | Description | None = None,
@@ -188,7 +181,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         structure: Structure | Description | None = None,
         tyre: Tyre | Description | None = None,
         natural_soil: bool | SoilSpread | Mapping[str, float] = False,
-        randomise: Randomisation | Mapping[str, Any] | None = None,
+        randomise: Randomisation | Description | None = None,
         render_mode: str | None = None,
     ) -> None:
         self._choices = chosen = Choices.read(
@@ -224,7 +217,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         announce_compilation()
         self.sensors: SensorSuite = read_sensors(sensors).anew(body_axes=model == "full")
         require_rate(self.sensors.imu.rate)
-        chosen.require_bearing(self.sensors, model, vehicle_model)
+        chosen.require_bearing(self.sensors, self._plants)
         self._sensing, self._driven = self.sensors, self.vehicle  #: sensors and true vehicle of the episode
         self._context: dict[str, Any] | None = None  #: what was drawn or set for the episode
         noise = NavigationNoise.of(self.sensors.gnss, self.sensors.imu)
@@ -235,7 +228,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self._extended: ExtendedTruth | None = None  # of an extended model; moves outside the compiled period
         self._layout = Layout(self.vehicle.steer_max, terrain_info=terrain_info)
         self._renderer: Renderer | None = None
-        self._begun = False  # an episode
+        self._begun = self._terminated = self._warned = False  # an episode; its end; steps beyond that
         self._learner: OnlineParameterUKF | None = None  # the estimator inside the compiled period
         self.join(Memory(1, self.sizes), 0)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)  #: steering and drive
@@ -263,9 +256,8 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         happen in the same order whatever is observed: same seed, same episode. Of soils that are drawn whole
         one in some hundred does not carry the vehicle where it is softest: such an episode is drawn again.
         """
-        require_seed(seed)
         chosen = ResetOptions.read(options)
-        super().reset(seed=seed)
+        super().reset(seed=require_seed(seed))
         for left in reversed(range(_DRAWS)):
             try:
                 self._draw(chosen)
@@ -280,14 +272,17 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self._memory.set_rules(
             self._row, self._driven, self._navigation, self.scenario, self.weights, self._layout
         )
-        self._memory.rules["truth_shown"] = self.terrain_info == "truth"
+        rules = self._memory.rules[self._row]
+        rules["truth_shown"] = self.terrain_info == "truth"
+        # On hard ground no n acts, so none is valid; what is observed is clipped to its bounds.
+        rules["bounds"][1, _VALID] = 0.0 if self.plant.soil.rigid > 0.5 else 1.0
         self._memory.assumptions = None if self._learner is None else self._learner.assumptions
         self._bind()
         # The start is a state, not an interval: readings of the state itself, one sample of the sensors.
         self._episode["count"], self._episode["steps"] = 1, 0
         self._advance()
         self._episode["count"], self._episode["steps"] = SAMPLES, _STEPS
-        self._begun = True
+        self._begun, self._terminated, self._warned = True, False, False
         info = self.result()[0]
         if self.render_mode == "human":
             self.render()
@@ -300,7 +295,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         self._context = context if context or randomisation is not None else None
         drawn: float | None = float(self.np_random.uniform(*self.n_range))
         drawn = drawn if self._choices.own_n is None else self._choices.own_n
-        self.course: Course = self.scenario.draw(self.np_random)
+        self.course = self.scenario.draw_course(self.np_random)
         self._path_length = self.course.path.length
         truth = Truth(self.vehicle, self._believed_soil, self.course.ground, self.sensors)
         if context:
@@ -378,17 +373,19 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Hold ``action`` for 0.02 s. See the class for its meaning and the results."""
         values = checked_actions("action", action, (2,))
-        if not self._begun:
-            raise gym.error.ResetNeeded("step needs reset before it: no episode has begun")
+        self._require_begun("step")
         self._actions[:] = values
         if self._episode["noise_row"] > LAST_ROW:
             self.draw_noise()
         self._advance()
         info, reward = self.result()
+        if self._terminated:
+            reward = self._beyond_the_end(info)
         if self.render_mode == "human":
             self.render()
         terminated = info["success"] or info["failure"] != ""
         late = not terminated and info["time"] > self.scenario.time_limit - 0.5 * CONTROL_PERIOD
+        self._terminated |= terminated
         return self.observation, reward, terminated, late, info
 
     # ------------------------------------------------------------------ one period
@@ -452,6 +449,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
 
     def measurements(self) -> Measurements:
         """Command and samples of the last control period, or the one sample at the start after a reset."""
+        self._require_begun("measurements")
         episode = self._episode
         count = 0 if episode["status"] >= SUNK else SAMPLES if episode["time"] > 0.0 else 1
         return Measurements(
@@ -460,6 +458,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
 
     def snapshot(self) -> Snapshot:
         """The truth at this moment, in copies; needs a `reset` before."""
+        self._require_begun("snapshot")
         episode = self._episode
         mean, sd, nis, valid, repairs = episode["estimate"].item()
         estimate = Estimate(mean, sd, nis, valid > 0.5, int(repairs))
@@ -487,6 +486,7 @@ class OffroadBekkerEnv(PlainSpec, EpisodeRow, gym.Env[dict[str, Any], np.ndarray
         if self.render_mode is None:
             gym.logger.warn('render() does nothing without render_mode="human" or "rgb_array"')
             return None
+        self._require_begun("render")
         if self._renderer is None:
             from offroad_env.rendering import Renderer
 

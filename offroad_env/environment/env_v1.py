@@ -9,12 +9,13 @@ from offroad_env.environment.env import OffroadBekkerEnv
 from offroad_env.environment.scenario_descriptions import find_scenario
 from offroad_env.environment.scenarios import Scenario
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv
-from offroad_env.physics.records import Structure, Tyre, Vehicle
+from offroad_env.errors import InvalidParameter
+from offroad_env.physics.records import Structure, Tyre, Vehicle, Wheel
 from offroad_env.simulation.sensor_descriptions import SensorsLike
 from offroad_env.world.descriptions import Description, read_vehicle
 from offroad_env.world.four_wheel_vehicles import FourWheelVehicle
 from offroad_env.world.natural_soil import SoilSpread
-from offroad_env.world.tyres import TYRES, make_tyre
+from offroad_env.world.tyres import TYRES, make_tyre, require_fitting_tyre
 
 __all__ = ["OffroadBekkerEnvV1", "OffroadBekkerVectorEnvV1"]
 
@@ -23,9 +24,16 @@ _INFLATION = 150e3
 
 
 def own_tyre(vehicle: Vehicle | FourWheelVehicle | Description) -> Tyre:
-    """The tyre of a vehicle: of its name in the catalogue, else of its size at 150 kPa."""
-    name, wheel, _ = read_vehicle(vehicle)
-    return TYRES[name] if name in TYRES else make_tyre(r=wheel.r, b=wheel.b, inflation=_INFLATION)
+    """The tyre of a vehicle: of its name in the catalogue where that fits, else of its size at 150 kPa."""
+    name, driven, _ = read_vehicle(vehicle)
+    if name in TYRES:
+        try:
+            require_fitting_tyre(TYRES[name], Wheel(driven.r, driven.b))
+        except InvalidParameter:  # the wheel of the HMMWV is that of a narrower tyre
+            pass
+        else:
+            return TYRES[name]
+    return make_tyre(r=driven.r, b=driven.b, inflation=_INFLATION)
 
 
 class OffroadBekkerEnvV1(OffroadBekkerEnv):
@@ -38,8 +46,8 @@ class OffroadBekkerEnvV1(OffroadBekkerEnv):
     - ``structure="field"`` (v0: None, Wong-Reece contact angles on a rigid rim, no ruts): pressure along the
       ground's normal from each point's own sinkage, shear along the path in the soil, ruts that the rear
       wheels follow, Lyasko's slip sinkage
-    - ``tyre="own"`` (v0: None, rigid rims): the vehicle's tyre in `world.tyres.TYRES`, else one of its size
-      at 150 kPa
+    - ``tyre="own"`` (v0: None, rigid rims): the vehicle's tyre in `world.tyres.TYRES` if it fits the wheel,
+      else one of the wheel's size at 150 kPa
     - ``natural_soil=True`` (v0: False, the same soil everywhere but for the stretches of "patches"): a random
       field of pressure, n, cohesion and friction angle around the drawn soil
     - ``sensors="automotive"`` (v0: "paper", white noise, gravity taken out): bias and drift, scale errors,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
 from estimators.filters.navigation import NavigationFilter
@@ -44,6 +45,8 @@ class EpisodeRow:
     estimator: Estimator | None
     _memory: Memory
     _row: int
+    _begun: bool  # an episode
+    _warned: bool  # of steps after its end
     _arguments: PeriodArguments
     _period: Callable[[], None] | None  # for these arguments; None until it is called
     model: str
@@ -51,6 +54,18 @@ class EpisodeRow:
     plant: Plant  # the truth
     _limits_of: Plant | None = None  # whose limits are known
     _limits: np.ndarray
+
+    def _require_begun(self, call: str) -> None:
+        if not self._begun:
+            raise gym.error.ResetNeeded(f"{call} needs reset before it: no episode has begun")
+
+    def _beyond_the_end(self, info: dict[str, Any]) -> float:
+        """The reward of a step after the end, without terms: what the end costs or gives is paid once."""
+        if not self._warned:
+            gym.logger.warn("step after the end of an episode, which gives no reward: call reset before it")
+        self._warned = True
+        info["reward_terms"] = dict.fromkeys(info["reward_terms"], 0.0)
+        return 0.0
 
     def join(self, memory: Memory, row: int) -> None:
         """Keep the episodes in that row of a memory, from the next reset on."""

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 from offroad_env.environment.arguments import require_choice
 from offroad_env.environment.episode_records import SOIL_WAVES, PlantSizes
+from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
 from offroad_env.physics.axle import contact_shape
 from offroad_env.physics.records import FourWheel, Ground, Soil, SoilField, SoilMap, Structure, Tyre, Vehicle
 from offroad_env.simulation.simulator import MODELS, PAPER_SLIP, VEHICLE_MODELS, Plant, make_plant
 from offroad_env.world.four_wheel import make_four_wheel
 from offroad_env.world.natural_soil import SoilSpread, natural_soil
+from offroad_env.world.soils import with_exponent
 from offroad_env.world.terrain import flat
 
 __all__ = ["FOUR_WHEEL", "PlantChoice"]
@@ -52,6 +54,23 @@ class PlantChoice:
         """The random field of an episode around its soil."""
         spread = self.natural_soil if isinstance(self.natural_soil, SoilSpread) else None
         return natural_soil(soil, seed, spread=spread, waves=SOIL_WAVES)
+
+    def require_natural(self, soil: Soil, exponents: tuple[float, float]) -> None:
+        """Refuse a soil around which natural soil cannot vary, with one of these exponents [-].
+
+        Raises
+        ------
+        InvalidParameter
+        """
+        if not self.is_natural:
+            return
+        if soil.rigid > 0.5:
+            raise InvalidParameter(
+                "natural soil needs a deformable soil, got hard ground: take natural_soil=False, "
+                "structure=None, tyre=None"
+            )
+        for n in exponents:
+            self.soil_field(with_exponent(soil, n), 0)
 
     def truth(
         self,

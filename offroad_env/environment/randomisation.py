@@ -11,6 +11,7 @@ from __future__ import annotations
 import copy
 import json
 import math
+import os
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -28,6 +29,7 @@ from offroad_env.simulation.sensors import SensorSuite
 from offroad_env.world.argument_checks import numbers
 from offroad_env.world.catalogue import Quantity
 from offroad_env.world.descriptions import read_soil, read_vehicle, soil_mapping, vehicle_mapping
+from offroad_env.world.documents import is_name, open_document
 from offroad_env.world.soil_fields import SOIL_RANGES
 from offroad_env.world.soils import make_soil
 from offroad_env.world.terrain import add, grade
@@ -47,6 +49,7 @@ __all__ = [
     "checked_context",
     "plain_value",
     "random_meaning",
+    "read_randomisation",
 ]
 
 
@@ -218,8 +221,10 @@ _PARTS = {"soil": SOIL_RANGES, "vehicle": VEHICLE_RANGES}
 _SENSORS = {"imu": IMU_RANGES, "wheel": WHEEL_RANGES, "gnss": GNSS_RANGES}
 #: Things that are drawn as a whole.
 _WHOLE = ("soil", "vehicle", "sensors")
-#: The clock of the control period.
-_FIXED = ("imu.rate",)
+#: The clock of the control period, and what it is in the environment [Hz].
+_FIXED, _CLOCK = ("imu.rate",), 100.0
+#: Soil holds together by as much, or not at all [Pa]: `SOIL_RANGES`.
+_LEAST_COHESION = 100.0
 
 
 def _numbers() -> dict[str, Quantity]:
@@ -242,6 +247,35 @@ def random_meaning(key: str) -> list[tuple[str, str]]:
         return []
     words, _, unit = _EXTRA[key][1].partition(" [")
     return [(unit.rstrip("]"), words)]
+
+
+def read_randomisation(given: Any) -> Randomisation:
+    """What is randomised, from a mapping, inline YAML or a file; itself where it is read already.
+
+    Raises
+    ------
+    InvalidParameter, DataError
+        With what is wrong, and where.
+    """
+    if isinstance(given, Randomisation):
+        return given
+    if isinstance(given, os.PathLike) or (isinstance(given, str) and not is_name(given)):
+        given = open_document(given, "randomise").content
+    return Randomisation(given)
+
+
+def _legal(key: str, value: Any) -> Any:
+    """The nearest value of a key that is allowed where a continuous range holds others."""
+    if key == "soil.c":
+        return 0.0 if value < _LEAST_COHESION else value
+    if key == "vehicle.wheels_per_axle":
+        return float(round(value))
+    part, _, name = key.partition(".")
+    if part in _SENSORS and name == "latency":
+        return round(value * _CLOCK) / _CLOCK
+    if part in _SENSORS and name == "rate":
+        return _CLOCK / max(round(_CLOCK / value), 1)
+    return value
 
 
 def _known(key: object) -> str:
@@ -332,6 +366,13 @@ class Randomisation:
                 checked_context({key: end})
         checked_context({key: distribution.ends[0] for key, distribution in self.table.items()})
 
+    def ends(self, key: str) -> tuple[Any, ...]:
+        """Values of a key that must be possible, as `draw` would give them."""
+        distribution = self.table[key]
+        if isinstance(distribution, Choice):
+            return distribution.ends  # stated one by one: not to be changed in silence
+        return tuple(_legal(key, end) for end in distribution.ends)
+
     @property
     def n_range(self) -> tuple[float, float] | None:
         """Range of n, where it is drawn."""
@@ -344,7 +385,7 @@ class Randomisation:
         context = {}
         for key in sorted(self.table):
             rng = np.random.default_rng([base, zlib.crc32(key.encode())])
-            context[key] = _noted(self.table[key].draw(rng))
+            context[key] = _legal(key, _noted(self.table[key].draw(rng)))
         return {key: context[key] for key in self.table}
 
     @property

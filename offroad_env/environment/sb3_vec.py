@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode
 from offroad_env.environment.arguments import require_count, require_seed
 from offroad_env.environment.vector_env import OffroadBekkerVectorEnv, make_vec
 from offroad_env.errors import InvalidParameter
+from offroad_env.world.yaml_text import shown
 
 try:
     from stable_baselines3.common.vec_env import VecEnv, VecMonitor
@@ -20,6 +21,9 @@ except ImportError as error:
     ) from error
 
 __all__ = ["Sb3VecEnv", "make_sb3_vec"]
+
+#: When an episode begins anew: stable-baselines3 knows no other way.
+_MODE = AutoresetMode.SAME_STEP
 
 
 def make_sb3_vec(
@@ -49,8 +53,11 @@ def make_sb3_vec(
     >>> from stable_baselines3 import PPO
     >>> model = PPO("MultiInputPolicy", make_sb3_vec(8, scenario="speed"))  # doctest: +SKIP
     """
-    require_seed(seed)
-    envs = make_vec(num_envs, autoreset_mode="SameStep", **options)
+    seed = require_seed(seed)
+    mode = options.pop("autoreset_mode", _MODE)
+    if mode not in (_MODE, _MODE.value):
+        raise InvalidParameter(f'stable-baselines3 needs autoreset_mode="SameStep", got {shown(mode)}')
+    envs = make_vec(num_envs, autoreset_mode=_MODE, **options)
     assert isinstance(envs, OffroadBekkerVectorEnv)
     episodes = Sb3VecEnv(envs, action_repeat=action_repeat)
     if seed is not None:
@@ -80,7 +87,7 @@ class Sb3VecEnv(VecEnv):
 
     def __init__(self, envs: OffroadBekkerVectorEnv, *, action_repeat: int = 1) -> None:
         self._repeat = require_count("action_repeat", action_repeat)
-        if envs.autoreset_mode is not AutoresetMode.SAME_STEP:
+        if envs.autoreset_mode is not _MODE:
             raise InvalidParameter('stable-baselines3 needs make_vec(..., autoreset_mode="SameStep")')
         self.envs = envs
         self.render_mode = envs.render_mode
@@ -96,7 +103,7 @@ class Sb3VecEnv(VecEnv):
     def _start(self) -> dict[str, Any]:
         """Start all episodes; returns the ``infos`` of the vector environment."""
         seeds = None if all(seed is None for seed in self._seeds) else self._seeds
-        options = next((chosen for chosen in self._options if chosen), None)
+        options = self._options if any(self._options) else None
         self._seen, infos = self.envs.reset(seed=seeds, options=options)
         self._reset_seeds()
         self._reset_options()

@@ -124,6 +124,8 @@ def weights_mapping(weights: RewardWeights) -> dict[str, Any]:
 
 def _checked(scenario: Scenario) -> Scenario:
     """A scenario that was made as an object, its numbers within the ranges of a description."""
+    if not isinstance(scenario.weights, RewardWeights):
+        scenario = replace(scenario, weights=read_weights(scenario.weights, RewardWeights()))
     for name, allowed in _SCENARIO_RANGES.items():
         value = getattr(scenario, name)
         if not (name == "shake_limit" and value == math.inf):

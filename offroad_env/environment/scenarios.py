@@ -13,10 +13,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from offroad_env.environment.rewards import RewardWeights, Rules
+from offroad_env.errors import InvalidParameter
 from offroad_env.physics.path_geometry import PathTable
 from offroad_env.physics.records import Ground, Soil, SoilMap, Vehicle
 from offroad_env.world.paths import sine_path, winding_corridor
 from offroad_env.world.terrain import add, flat, paper_terrain, rough_terrain, soil_map, soil_patches_along
+from offroad_env.world.yaml_text import shown
 
 __all__ = ["BUILT_IN", "MEASURES", "SCENARIOS", "Course", "Scenario", "draw_steep_climb"]
 
@@ -84,6 +86,19 @@ class Scenario:
         if self.changing:
             return "patches"
         return "track" if self.target_speed > 0.0 else "speed"
+
+    def draw_course(self, rng: np.random.Generator) -> Course:
+        """The course of an episode.
+
+        Raises
+        ------
+        InvalidParameter
+            Where ``draw`` makes something else.
+        """
+        course = self.draw(rng)
+        if not isinstance(course, Course):
+            raise InvalidParameter(f"scenario {self.name}: draw must return a Course, got {shown(course)}")
+        return course
 
     @property
     def rules(self) -> Rules:

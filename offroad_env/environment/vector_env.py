@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -112,7 +113,8 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
     num_envs
         Episodes.
     max_episode_steps
-        Steps after which an episode is truncated, if the task's time limit has not done so.
+        Steps after which an episode is truncated, if the task's time limit has not done so; None: that limit
+        alone.
     autoreset_mode
         When an episode that has ended begins anew: "NextStep" (that step's action is not used), "SameStep"
         (what ended is in ``infos["final_obs"]`` and ``infos["final_info"]``) or "Disabled" (call
@@ -135,7 +137,7 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         self,
         num_envs: int = 1,
         *,
-        max_episode_steps: int = 6000,
+        max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
         **options: Any,
@@ -145,7 +147,10 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         self.autoreset_mode = _autoreset(autoreset_mode)
         self.envs = [self.single(**options) for _ in range(self.num_envs)]
         first = self.envs[0]
-        self.max_episode_steps = require_count("max_episode_steps", max_episode_steps)
+        if max_episode_steps is not None:
+            max_episode_steps = require_count("max_episode_steps", max_episode_steps)
+        self.max_episode_steps = max_episode_steps
+        self._most_steps = math.inf if max_episode_steps is None else max_episode_steps
         self._time_limit = first.scenario.time_limit
         self.metadata = {**first.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = first.render_mode
@@ -187,19 +192,23 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
     # ------------------------------------------------------------------ Gymnasium
 
     def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | Sequence[int | None] | np.ndarray | None = None,
+        options: dict[str, Any] | Sequence[dict[str, Any]] | None = None,
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Start all episodes, or those of ``options["reset_mask"]``; seeds as in Gymnasium's vector API."""
-        options = require_mapping("options", options)
-        rows = self._masked(options.pop("reset_mask", None))
-        if seed is None or isinstance(seed, int | np.integer):
-            require_seed(seed)
-            seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
-        elif isinstance(seed, Sequence | np.ndarray) and len(seed) == self.num_envs:
-            seeds = list(seed)
+        """Start all episodes, or those of ``options["reset_mask"]``; seeds as in Gymnasium's vector API.
+
+        ``options`` may also be a list with the options of each single episode.
+        """
+        seeds = self._row_seeds(seed)
+        if isinstance(options, list | tuple):
+            rows, chosen = self._masked(None), self._options_of_each(options)
         else:
-            raise InvalidParameter(f"seed must be one number or {self.num_envs}, got {shown(seed)}")
-        for i, row_options in zip(rows, self._row_options(options, rows), strict=True):
+            shared = require_mapping("options", options)
+            rows = self._masked(shared.pop("reset_mask", None))
+            chosen = self._row_options(shared, rows)
+        for i, row_options in zip(rows, chosen, strict=True):
             self._restart(i, seeds[i], row_options)
         present = np.zeros(self.num_envs, np.bool_)
         present[rows] = True
@@ -228,7 +237,7 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         rewards[again] = 0.0
         terminated = (episodes["ending"] > 0) & ~again
         late = episodes["time"] > self._time_limit - 0.5 * CONTROL_PERIOD
-        truncated = ((self._elapsed >= self.max_episode_steps) | (late & ~terminated)) & ~again
+        truncated = ((self._elapsed >= self._most_steps) | (late & ~terminated)) & ~again
         ended = terminated | truncated
         infos: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
@@ -293,6 +302,23 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
         if not mask.any():
             raise InvalidParameter("reset_mask must hold at least one True")
         return np.flatnonzero(mask)
+
+    def _row_seeds(self, seed: Any) -> list[int | None]:
+        """A seed for each row: given one by one, or counted up from one number."""
+        if isinstance(seed, Sequence) or (isinstance(seed, np.ndarray) and seed.ndim == 1):
+            if len(seed) == self.num_envs:
+                return [require_seed(one) for one in seed]
+        elif seed is None or isinstance(seed, int | np.integer):
+            first = require_seed(seed)
+            return [None if first is None else first + i for i in range(self.num_envs)]
+        raise InvalidParameter(f"seed must be one number or {self.num_envs}, got {shown(seed)}")
+
+    def _options_of_each(self, given: Sequence[Any]) -> list[dict[str, Any]]:
+        """Options of each episode, as stable-baselines3 hands them over: one dictionary for each."""
+        if len(given) != self.num_envs:
+            raise InvalidParameter(f"options must be one for all or {self.num_envs}, got {len(given)}")
+        options = [require_mapping("options", one) for one in given]
+        return [self._row_options(one, np.array([i]))[0] for i, one in enumerate(options)]
 
     def _row_options(self, options: dict[str, Any], rows: np.ndarray) -> list[dict[str, Any]]:
         """Options of the reset of each row: "n" and "context" may be one for all, or one per episode."""

@@ -147,7 +147,7 @@ def test_it_is_what_gymnasium_makes_of_the_id():
     assert isinstance(envs, OffroadBekkerVectorEnv)
     assert isinstance(offroad_env.make_vec(2), OffroadBekkerVectorEnv)
     assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
-    assert envs.max_episode_steps == 6000
+    assert envs.max_episode_steps is None
     observations, infos = envs.reset(seed=0)
     assert observations in envs.observation_space
     assert infos["n"].shape == (3,)

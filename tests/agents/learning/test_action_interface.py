@@ -77,6 +77,15 @@ def test_an_action_corrects_the_estimate_and_the_worst_soil_without_one(seen):
     assert interface.assumed_n({}, actions) == pytest.approx([0.3, 0.38, 0.3, 1.1])
 
 
+def test_a_belief_about_whole_soils_has_its_n_where_its_vector_says():
+    interface = PlanInterface(OffroadBekkerEnv(scenario="speed").briefing)
+    rows = np.full((2, len(BELIEF_VECTOR)), 0.5)
+    rows[:, BELIEF_VECTOR.index("n")] = 0.7
+    rows[:, BELIEF_VECTOR.index("valid")] = 1.0, 0.0
+    found = interface.assumed_n({"terrain": rows}, np.array([0.1, 0.1]))
+    assert found == pytest.approx([0.78, 0.38])  # the second by the worst soil of the prior
+
+
 def test_it_drives_as_the_controller_of_the_arms_where_their_knobs_are_the_same(seen):
     """The batch edition has no drag, rolling resistance or integral; without them both are one law."""
     briefing = OffroadBekkerEnv(scenario="speed").briefing
