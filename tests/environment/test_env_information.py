@@ -106,6 +106,7 @@ def assert_same(one, other):
 # ---------------------------------------------------------------------- nothing but the sensors
 
 
+@pytest.mark.filterwarnings("ignore:.*step after the end of an episode")
 @pytest.mark.parametrize("model", ["full", "paper"])
 @pytest.mark.parametrize("terrain_info", ["none", "estimate"])
 @pytest.mark.parametrize("garbage", [math.nan, -7e8, "noise"])
@@ -289,6 +290,7 @@ def test_the_sensors_are_those_of_the_paper_and_can_be_exchanged():
     assert observation["motion"][1] == pytest.approx(env.vehicle.r * env.state[at.OMEGA_F], abs=1e-5)
 
 
+@pytest.mark.filterwarnings("ignore:.*step after the end of an episode")
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_what_lies_beyond_the_bounds_is_shown_at_the_bound(side):
     env = OffroadBekkerEnv()

@@ -109,6 +109,7 @@ def test_the_bicycle_neither_heaves_nor_pitches_and_the_half_car_does():
         assert (np.abs(env.state[[at.Z, at.PITCH]] - before) > 1e-4).all() == moves
 
 
+@pytest.mark.filterwarnings("ignore:.*step after the end of an episode")
 @pytest.mark.parametrize("scenario", ["track", "speed"])
 @pytest.mark.parametrize("n", [0.3, 0.7, 1.1])
 def test_an_episode_begins_settled(scenario, n):

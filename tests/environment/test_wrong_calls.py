@@ -188,6 +188,7 @@ def calls_of_the_simulator() -> Calls:
     """As `calls_of_environments`."""
     truth = plant()
     soil, wheel = offroad_env.SOILS["clay"], offroad_env.make_wheel(r=0.3, b=0.2)
+    planar = offroad_env.make_plant(truth.vehicle, soil, flat(), model="paper")
     begin = {"plant": truth, "state": Late(lambda: settled()[0]), "warm": Late(lambda: settled()[1])}
     kinds = {"model": "full", "vehicle_model": "half_car", "slip": 0.0, "structure": None, "tyre": None}
     place = {"x": 0.0, "y": 0.0, "yaw": 0.0, "v_x": 1.0}
@@ -202,7 +203,7 @@ def calls_of_the_simulator() -> Calls:
         "settled_state": (offroad_env.settled_state, {"plant": truth, **place}),
         "simulate": (
             offroad_env.simulate,
-            {**begin, "steer": 0.0, "force": 0.0, "duration": 0.05, "dt": 0.01},
+            {**begin, "plant": planar, "steer": 0.0, "force": 0.0, "duration": 0.05, "dt": 0.01},
         ),
         "simulate_commands": (offroad_env.simulate_commands, {**begin, **still}),
         "what_soil_holds": (what_soil_holds, {"plant": truth, "x": 0.0, "y": 0.0}),
