@@ -139,12 +139,9 @@ def _present(pairs: Sequence[tuple[tuple[str, ...], np.ndarray | None]]) -> list
 
 def _speed_routes(windows: Windows) -> list[Route]:
     r = windows.log.vehicle.r
-    velocity = windows.displacement()
-    path = None if velocity is None else np.hypot(*velocity)
     wheels = [((name,), _scaled(windows.mean(name), r)) for name in _WHEELS]
-    return _present(
-        [(("v_x",), windows.mean("v_x")), (("speed",), windows.mean("speed")), (("x", "y"), path), *wheels]
-    )
+    body = [((name,), windows.mean(name)) for name in ("v_x", "speed")]
+    return _present([*body, (("x", "y"), windows.travel()), *wheels])
 
 
 def _scaled(values: np.ndarray | None, factor: float) -> np.ndarray | None:
@@ -190,7 +187,7 @@ def _push_routes(windows: Windows) -> list[Route]:
     for name, (drive, brake) in shares.items():
         torque = windows.mean(name)
         if torque is not None:
-            share = np.where(torque > 0.0, drive, brake) if both else np.ones(len(torque))
+            share = np.where(torque * windows.direction > 0.0, drive, brake) if both else np.ones(len(torque))
             share = np.where(share > _SHARE, share, math.nan)
             pairs.append(((name,), torque / share / (vehicle.m * vehicle.r)))
     force = windows.mean("drive_force")
@@ -300,7 +297,7 @@ def _unbraked(windows: Windows, route: Route) -> Route:
     torque = windows.mean(route.channels[0].replace("omega", "torque"))
     if torque is None:
         return route
-    return Route(route.channels, np.where(np.nan_to_num(torque) < 0.0, math.nan, route.values))
+    return Route(route.channels, np.where(torque * windows.direction < 0.0, math.nan, route.values))
 
 
 def _of_body(route: Route, motion: Motion) -> bool:

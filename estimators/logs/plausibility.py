@@ -109,7 +109,7 @@ def _positions(
     velocity = windows.displacement()
     if velocity is None or speed is None or turn is None or not np.isfinite(turn).any():
         return [], set()
-    heading, stated = _heading(windows, turn, untrusted)
+    heading, stated = _heading(windows, speed, turn, untrusted)
     known = np.isfinite(heading) & np.isfinite(speed) & np.isfinite(velocity[0]) & np.isfinite(velocity[1])
     known &= stated | _uninterrupted(turn)
     columns = np.column_stack([speed * np.cos(heading), speed * np.sin(heading)])[known]
@@ -162,10 +162,13 @@ def _without_antenna(
     return {name: values - ahead * aside[name] for name, values in moved.items()}
 
 
-def _heading(windows: Windows, turn: np.ndarray, untrusted: frozenset[str]) -> tuple[np.ndarray, bool]:
-    """Direction of travel at the middle of each window [rad], and whether a channel states it.
+def _heading(
+    windows: Windows, speed: np.ndarray, turn: np.ndarray, untrusted: frozenset[str]
+) -> tuple[np.ndarray, bool]:
+    """Heading at the middle of each window [rad], and whether a channel states it.
 
-    Otherwise it is the integral of the turn, whose start is unknown.
+    A course is the opposite of it where the ``speed`` [m/s] is backwards. Without a channel it is the integral
+    of the turn, whose start is unknown.
     """
     middle = windows.starts + 0.5 * windows.length
     for name in ("course", "yaw"):
@@ -175,7 +178,8 @@ def _heading(windows: Windows, turn: np.ndarray, untrusted: frozenset[str]) -> t
                 slope = windows.slope(name, angle=True)
                 seen = None if slope is None else likeness(slope, turn)
                 if seen is not None and seen.correlation > _WAY_SHARE:
-                    return np.asarray(np.interp(middle, t, unwrapped(values))), True
+                    stated = np.interp(middle, t, unwrapped(values))
+                    return stated + math.pi * ((name == "course") & (speed < 0.0)), True
     step = 0.5 * windows.length
     filled = np.interp(middle, middle[np.isfinite(turn)], turn[np.isfinite(turn)])
     return np.concatenate([[0.0], np.cumsum(0.5 * step * (filled[1:] + filled[:-1]))]), False
