@@ -22,7 +22,17 @@ from estimators.logs.log import Log
 from estimators.logs.mounting_leaks import Leak, leaks_into_push, leaks_into_turn, without_leaks
 from estimators.logs.signals import Windows, likeness, longest_run
 
-__all__ = ["MOTIONS", "Motion", "Route", "Suspect", "median_of", "routes_of", "suspects_of", "witnesses_of"]
+__all__ = [
+    "MOTIONS",
+    "Motion",
+    "Route",
+    "Suspect",
+    "median_of",
+    "moved_in",
+    "routes_of",
+    "suspects_of",
+    "witnesses_of",
+]
 
 _WHEELS = ("omega_f", "omega_r")
 _TORQUES = ("torque_f", "torque_r", "drive_force")
@@ -116,6 +126,18 @@ def suspects_of(log: Log, untrusted: frozenset[str] = frozenset()) -> tuple[list
     return found, judged
 
 
+def moved_in(log: Log) -> set[str]:
+    """The names of the `MOTIONS` that most routes show to be excited, whether they agree or not."""
+    windows = Windows(log)
+    speed = _agreed(routes_of(windows, "speed", None), MOTIONS["speed"], frozenset())
+    found = set()
+    for name, motion in MOTIONS.items():
+        sizes = [np.nanstd(route.values) for route in routes_of(windows, name, speed)]
+        if len(sizes) > 1 and np.median(sizes) > motion.floor:
+            found.add(name)
+    return found
+
+
 # ------------------------------------------------------------------ routes
 
 
@@ -186,9 +208,9 @@ def _push_routes(windows: Windows) -> list[Route]:
     both = "torque_f" in windows.log.channels and "torque_r" in windows.log.channels
     for name, (drive, brake) in shares.items():
         torque = windows.mean(name)
-        if torque is not None:
+        # Of an axle that is only braked, or only driven, a window tells a part of what pushes the vehicle.
+        if torque is not None and not (both and min(drive, brake) <= _SHARE):
             share = np.where(torque * windows.direction > 0.0, drive, brake) if both else np.ones(len(torque))
-            share = np.where(share > _SHARE, share, math.nan)
             pairs.append(((name,), torque / share / (vehicle.m * vehicle.r)))
     force = windows.mean("drive_force")
     pairs.append((("drive_force",), _scaled(force, 1.0 / vehicle.m)))

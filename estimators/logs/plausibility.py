@@ -167,8 +167,8 @@ def _heading(
 ) -> tuple[np.ndarray, bool]:
     """Heading at the middle of each window [rad], and whether a channel states it.
 
-    A course is the opposite of it where the ``speed`` [m/s] is backwards. Without a channel it is the integral
-    of the turn, whose start is unknown.
+    A course is the opposite of it where the ``speed`` [m/s] is backwards. Without a channel it is the
+    integral of the turn, whose start is unknown.
     """
     middle = windows.starts + 0.5 * windows.length
     for name in ("course", "yaw"):
