@@ -78,7 +78,12 @@ def _of_split(finding: Finding) -> Finding:
     """The finding with the column of the file that it is about."""
     if finding.channel not in ("torque_f", "torque_r"):
         return finding
-    return replace(finding, sentence=f"{finding.sentence} ({finding.channel} is a share of torque_total)")
+    of_total = "it is a share of torque_total"
+    if finding.kind == "unchecked":
+        return replace(
+            finding, sentence=f"{finding.channel}: sign and scale could not be checked: {of_total}"
+        )
+    return replace(finding, sentence=f"{finding.sentence} ({of_total})")
 
 
 def reconciled(single: Iterable[Finding], found: Sequence[Finding], sound: set[str]) -> list[Finding]:
