@@ -28,7 +28,6 @@ __all__ = [
     "Route",
     "Suspect",
     "median_of",
-    "moved_in",
     "routes_of",
     "suspects_of",
     "witnesses_of",
@@ -124,18 +123,6 @@ def suspects_of(log: Log, untrusted: frozenset[str] = frozenset()) -> tuple[list
             if not _slides(windows, suspect, route, others, agreed):
                 found.append(suspect)
     return found, judged
-
-
-def moved_in(log: Log) -> set[str]:
-    """The names of the `MOTIONS` that most routes show to be excited, whether they agree or not."""
-    windows = Windows(log)
-    speed = _agreed(routes_of(windows, "speed", None), MOTIONS["speed"], frozenset())
-    found = set()
-    for name, motion in MOTIONS.items():
-        sizes = [np.nanstd(route.values) for route in routes_of(windows, name, speed)]
-        if len(sizes) > 1 and np.median(sizes) > motion.floor:
-            found.add(name)
-    return found
 
 
 # ------------------------------------------------------------------ routes

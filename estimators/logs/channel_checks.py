@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from estimators.logs.agreement import Suspect, moved_in, suspects_of
+from estimators.logs.agreement import Suspect, suspects_of
 from estimators.logs.log import Log
-from estimators.logs.plausibility import Violation, turns_without_steering, violations_of
+from estimators.logs.plausibility import Violation, moved_in, turns_without_steering, violations_of
 from estimators.logs.raw import SPLIT
 from estimators.logs.units import Finding
 

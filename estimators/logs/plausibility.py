@@ -15,7 +15,7 @@ from estimators.logs.mounting_leaks import antenna_limit, leaks_into_lean, witho
 from estimators.logs.signals import Likeness, Windows, likeness, noise_sd, unwrapped
 from offroad_env.physics.numerics import GRAVITY
 
-__all__ = ["Violation", "turns_without_steering", "violations_of"]
+__all__ = ["Violation", "moved_in", "turns_without_steering", "violations_of"]
 
 _ACCELEROMETERS, _GYROS = ("a_x", "a_y", "a_z"), ("roll_rate", "pitch_rate", "yaw_rate")
 #: Noise of an inertial channel over that of its sister, both in stated standard deviations: rough ground
@@ -72,6 +72,18 @@ def violations_of(log: Log, untrusted: frozenset[str] = frozenset()) -> tuple[li
         judged |= seen
     found += _noise(log, windows) + _sisters(log)
     return found, judged
+
+
+def moved_in(log: Log) -> set[str]:
+    """The names of the `MOTIONS` that most routes show to be excited, whether they agree or not."""
+    windows = Windows(log)
+    speed = _witnessed(windows, "speed", None, frozenset())
+    found = set()
+    for name, motion in MOTIONS.items():
+        sizes = [np.nanstd(route.values) for route in routes_of(windows, name, speed)]
+        if len(sizes) > 1 and np.median(sizes) > motion.floor:
+            found.add(name)
+    return found
 
 
 def _witnessed(
