@@ -153,8 +153,8 @@ class Estimate(Results):
             say(f"{finding.severity}: {finding.sentence}")
         if report.problems and not self.accept:
             raise DataError(
-                f"{report.name}: {report.problems[0].sentence} - offroad log check prints the line that "
-                "mends it; or go on with --accept"
+                f"{report.name}: {report.problems[0].sentence} - offroad log check prints a line "
+                "where one mends it; or go on with --accept"
             )
 
     def _filter(self, log: Log, known: str) -> LogEstimate:

@@ -22,7 +22,16 @@ from estimators.logs.log import Log
 from estimators.logs.mounting_leaks import Leak, leaks_into_push, leaks_into_turn, without_leaks
 from estimators.logs.signals import Windows, likeness, longest_run
 
-__all__ = ["MOTIONS", "Motion", "Route", "Suspect", "median_of", "routes_of", "suspects_of", "witnesses_of"]
+__all__ = [
+    "MOTIONS",
+    "Motion",
+    "Route",
+    "Suspect",
+    "median_of",
+    "routes_of",
+    "suspects_of",
+    "witnesses_of",
+]
 
 _WHEELS = ("omega_f", "omega_r")
 _TORQUES = ("torque_f", "torque_r", "drive_force")
@@ -139,12 +148,9 @@ def _present(pairs: Sequence[tuple[tuple[str, ...], np.ndarray | None]]) -> list
 
 def _speed_routes(windows: Windows) -> list[Route]:
     r = windows.log.vehicle.r
-    velocity = windows.displacement()
-    path = None if velocity is None else np.hypot(*velocity)
     wheels = [((name,), _scaled(windows.mean(name), r)) for name in _WHEELS]
-    return _present(
-        [(("v_x",), windows.mean("v_x")), (("speed",), windows.mean("speed")), (("x", "y"), path), *wheels]
-    )
+    body = [((name,), windows.mean(name)) for name in ("v_x", "speed")]
+    return _present([*body, (("x", "y"), windows.travel()), *wheels])
 
 
 def _scaled(values: np.ndarray | None, factor: float) -> np.ndarray | None:
@@ -189,9 +195,9 @@ def _push_routes(windows: Windows) -> list[Route]:
     both = "torque_f" in windows.log.channels and "torque_r" in windows.log.channels
     for name, (drive, brake) in shares.items():
         torque = windows.mean(name)
-        if torque is not None:
-            share = np.where(torque > 0.0, drive, brake) if both else np.ones(len(torque))
-            share = np.where(share > _SHARE, share, math.nan)
+        # Of an axle that is only braked, or only driven, a window tells a part of what pushes the vehicle.
+        if torque is not None and not (both and min(drive, brake) <= _SHARE):
+            share = np.where(torque * windows.direction > 0.0, drive, brake) if both else np.ones(len(torque))
             pairs.append(((name,), torque / share / (vehicle.m * vehicle.r)))
     force = windows.mean("drive_force")
     pairs.append((("drive_force",), _scaled(force, 1.0 / vehicle.m)))
@@ -300,7 +306,7 @@ def _unbraked(windows: Windows, route: Route) -> Route:
     torque = windows.mean(route.channels[0].replace("omega", "torque"))
     if torque is None:
         return route
-    return Route(route.channels, np.where(np.nan_to_num(torque) < 0.0, math.nan, route.values))
+    return Route(route.channels, np.where(torque * windows.direction < 0.0, math.nan, route.values))
 
 
 def _of_body(route: Route, motion: Motion) -> bool:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 from estimators.logs.agreement import Suspect, suspects_of
 from estimators.logs.log import Log
-from estimators.logs.plausibility import Violation, turns_without_steering, violations_of
+from estimators.logs.plausibility import Violation, moved_in, turns_without_steering, violations_of
+from estimators.logs.raw import SPLIT
 from estimators.logs.units import Finding
 
 __all__ = ["OUTSIDE", "channel_findings", "reconciled"]
@@ -31,6 +33,11 @@ _ALONE = {
 }
 _ALONE["y"] = _ALONE["x"]
 _LEVEL = frozenset({"a_x", "a_y"})
+#: By what motion a reason of those says that there was none; it is none where a channel shows the motion.
+_SHOWS = {
+    "yaw": "turn", "course": "turn", "steer": "turn", "yaw_rate": "turn", "a_y": "turn", "a_x": "push",
+}  # fmt: skip
+_CONTRADICTED = "the other channels that show it contradict each other, or are too few"
 _OTHERS = "the speed hardly changed, or too few other channels agree on it"
 
 
@@ -60,8 +67,23 @@ def channel_findings(log: Log, earlier: Sequence[Finding]) -> tuple[list[Finding
     if outside is not None:
         findings.append(_outside(outside))
     named = {f.channel for f in findings} | known
-    findings += [_unchecked(name) for name in log.channels if name not in judged | named]
+    moved = moved_in(log)
+    findings += [_unchecked(name, moved) for name in log.channels if name not in judged | named]
+    if SPLIT in log.config.notes:
+        findings = [_of_split(finding) for finding in findings]
     return findings, sound
+
+
+def _of_split(finding: Finding) -> Finding:
+    """The finding with the column of the file that it is about."""
+    if finding.channel not in ("torque_f", "torque_r"):
+        return finding
+    of_total = "it is a share of torque_total"
+    if finding.kind == "unchecked":
+        return replace(
+            finding, sentence=f"{finding.channel}: sign and scale could not be checked: {of_total}"
+        )
+    return replace(finding, sentence=f"{finding.sentence} ({of_total})")
 
 
 def reconciled(single: Iterable[Finding], found: Sequence[Finding], sound: set[str]) -> list[Finding]:
@@ -129,10 +151,13 @@ def _outside(sentence: str) -> Finding:
     )
 
 
-def _unchecked(name: str) -> Finding:
+def _unchecked(name: str, moved: set[str]) -> Finding:
+    reason = _ALONE.get(name, _OTHERS)
+    if _SHOWS.get(name, "speed") in moved:
+        reason = _CONTRADICTED if name in _SHOWS or name not in _ALONE else reason
     return Finding(
         kind="unchecked",
         channel=name,
         severity="note",
-        sentence=f"{name}: sign and scale could not be checked: {_ALONE.get(name, _OTHERS)}",
+        sentence=f"{name}: sign and scale could not be checked: {reason}",
     )

@@ -17,7 +17,7 @@ import numpy as np
 from estimators.logs.tables import NUMBER, Table
 from offroad_env.errors import DataError
 
-__all__ = ["PLAIN", "CsvFormat", "csv_text", "numbers_of", "parse_csv", "text_of"]
+__all__ = ["PLAIN", "THOUSANDS", "CsvFormat", "csv_text", "numbers_of", "parse_csv", "text_of"]
 
 _MAGIC = (
     (b"PAR1", "is a Parquet file: name it .parquet"),
@@ -32,6 +32,9 @@ _MARKS = ("na", "n/a", "null", "none", "-", "--", "missing")
 _NO_TEXT = re.compile("[\udc80-\udcff]")
 #: Rows that are turned into numbers at a time, and the longest line of a table [characters].
 _PIECE, _LONGEST_LINE = 2_000, 1_000_000
+#: A number with separators between thousands and a decimal sign.
+THOUSANDS = re.compile(r"[-+]?\d{1,3}([,.' ]\d{3})+[.,]\d+")
+_FOREIGN_DATE = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}\D.*\d:\d\d.*")
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:\.\d*)?)")
 
 
@@ -312,6 +315,12 @@ def _not_a_number(cell: str) -> str:
     shown = cell if len(cell) <= 24 else cell[:21] + "..."
     if re.fullmatch(r"[-+]?\d+,\d+", cell):
         return f'{shown!r} has a decimal comma: a log has a decimal point, or csv.decimal: "," in its YAML'
+    if THOUSANDS.fullmatch(cell):
+        return f"{shown!r} has a thousands separator: write the number without it"
+    if _FOREIGN_DATE.fullmatch(cell):
+        return (
+            f"{cell[:30]!r} is a date in another format than ISO 8601 (2024-06-10T23:59:45.250): write it so"
+        )
     if cell.lower() in _MARKS:
         return (
             f"{shown!r} is not a number: leave the cell empty where there is no sample, or name it under "

@@ -15,7 +15,7 @@ from estimators.logs.mounting_leaks import antenna_limit, leaks_into_lean, witho
 from estimators.logs.signals import Likeness, Windows, likeness, noise_sd, unwrapped
 from offroad_env.physics.numerics import GRAVITY
 
-__all__ = ["Violation", "turns_without_steering", "violations_of"]
+__all__ = ["Violation", "moved_in", "turns_without_steering", "violations_of"]
 
 _ACCELEROMETERS, _GYROS = ("a_x", "a_y", "a_z"), ("roll_rate", "pitch_rate", "yaw_rate")
 #: Noise of an inertial channel over that of its sister, both in stated standard deviations: rough ground
@@ -74,6 +74,18 @@ def violations_of(log: Log, untrusted: frozenset[str] = frozenset()) -> tuple[li
     return found, judged
 
 
+def moved_in(log: Log) -> set[str]:
+    """The names of the `MOTIONS` that most routes show to be excited, whether they agree or not."""
+    windows = Windows(log)
+    speed = _witnessed(windows, "speed", None, frozenset())
+    found = set()
+    for name, motion in MOTIONS.items():
+        sizes = [np.nanstd(route.values) for route in routes_of(windows, name, speed)]
+        if len(sizes) > 1 and np.median(sizes) > motion.floor:
+            found.add(name)
+    return found
+
+
 def _witnessed(
     windows: Windows, motion: str, speed: np.ndarray | None, untrusted: frozenset[str]
 ) -> np.ndarray | None:
@@ -109,7 +121,7 @@ def _positions(
     velocity = windows.displacement()
     if velocity is None or speed is None or turn is None or not np.isfinite(turn).any():
         return [], set()
-    heading, stated = _heading(windows, turn, untrusted)
+    heading, stated = _heading(windows, speed, turn, untrusted)
     known = np.isfinite(heading) & np.isfinite(speed) & np.isfinite(velocity[0]) & np.isfinite(velocity[1])
     known &= stated | _uninterrupted(turn)
     columns = np.column_stack([speed * np.cos(heading), speed * np.sin(heading)])[known]
@@ -162,10 +174,13 @@ def _without_antenna(
     return {name: values - ahead * aside[name] for name, values in moved.items()}
 
 
-def _heading(windows: Windows, turn: np.ndarray, untrusted: frozenset[str]) -> tuple[np.ndarray, bool]:
-    """Direction of travel at the middle of each window [rad], and whether a channel states it.
+def _heading(
+    windows: Windows, speed: np.ndarray, turn: np.ndarray, untrusted: frozenset[str]
+) -> tuple[np.ndarray, bool]:
+    """Heading at the middle of each window [rad], and whether a channel states it.
 
-    Otherwise it is the integral of the turn, whose start is unknown.
+    A course is the opposite of it where the ``speed`` [m/s] is backwards. Without a channel it is the
+    integral of the turn, whose start is unknown.
     """
     middle = windows.starts + 0.5 * windows.length
     for name in ("course", "yaw"):
@@ -175,7 +190,8 @@ def _heading(windows: Windows, turn: np.ndarray, untrusted: frozenset[str]) -> t
                 slope = windows.slope(name, angle=True)
                 seen = None if slope is None else likeness(slope, turn)
                 if seen is not None and seen.correlation > _WAY_SHARE:
-                    return np.asarray(np.interp(middle, t, unwrapped(values))), True
+                    stated = np.interp(middle, t, unwrapped(values))
+                    return stated + math.pi * ((name == "course") & (speed < 0.0)), True
     step = 0.5 * windows.length
     filled = np.interp(middle, middle[np.isfinite(turn)], turn[np.isfinite(turn)])
     return np.concatenate([[0.0], np.cumsum(0.5 * step * (filled[1:] + filled[:-1]))]), False

@@ -11,12 +11,17 @@ from estimators.logs.schema import RAW_COLUMNS
 from estimators.logs.tables import Table
 from offroad_env.physics.records import Vehicle
 
-__all__ = ["derived"]
+__all__ = ["SPLIT", "derived"]
+
+#: What is said where the torques of the axles are none that were measured.
+SPLIT = "torque_f and torque_r are shares of torque_total, by drive_front, and by brake_front where it brakes"
 
 #: Ellipsoid WGS 84: equatorial radius [m], square of the eccentricity.
 _EARTH, _ECCENTRICITY = 6378137.0, 6.69437999014e-3
 #: Largest angle that stands for a difference between the sides [rad], and speed below which it is none [m/s].
 _STEEPEST, _SLOWEST = 0.8, 0.2
+#: A fix further from the others is none of this drive [rad]; wheels that turn back faster roll back [rad/s].
+_FAR, _BACK = math.radians(1.0), 0.5
 
 _RATES = {"gyro_x": ("roll_rate", 1.0), "gyro_y": ("pitch_rate", -1.0), "gyro_z": ("yaw_rate", 1.0)}
 _QUATERNION = ("q_w", "q_x", "q_y", "q_z")
@@ -39,11 +44,14 @@ def derived(
         if name in channels:
             made[target] = sign * channels[name]
     made |= _attitude(table, channels)
-    made |= _place(table, channels)
+    made |= _place(table, channels, notes)
     made |= _axles(table, t, channels)
     if vehicle is not None and "torque_total" in channels:
         total = channels["torque_total"]
-        made |= {"torque_f": vehicle.drive_front * total, "torque_r": (1.0 - vehicle.drive_front) * total}
+        brakes = total * _direction(t, channels | made) < 0.0
+        front = np.where(brakes, vehicle.brake_front, vehicle.drive_front)
+        made |= {"torque_f": front * total, "torque_r": (1.0 - front) * total}
+        notes.append(SPLIT)
     if vehicle is not None and "omega_left" in channels and "steer" not in channels:
         made["steer"] = _steering(t, channels, vehicle)
         notes.append(
@@ -95,16 +103,35 @@ def _attitude(table: Table, channels: dict[str, np.ndarray]) -> dict[str, np.nda
     }
 
 
-def _place(table: Table, channels: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """East and north of the first fix [m], on the plane that touches the ellipsoid there."""
+def _direction(t: np.ndarray, channels: dict[str, np.ndarray]) -> np.ndarray:
+    """-1 in rows in which all wheels turn backwards, where a negative torque drives; otherwise 1."""
+    rims = []
+    for name in ("omega_f", "omega_r"):
+        own = np.isfinite(channels.get(name, np.full(len(t), math.nan)))
+        if own.any():
+            rims.append(np.interp(t, t[own], channels[name][own]))
+    return np.where(np.max(rims, axis=0) < -_BACK, -1.0, 1.0) if rims else np.ones(len(t))
+
+
+def _place(table: Table, channels: dict[str, np.ndarray], notes: list[str]) -> dict[str, np.ndarray]:
+    """East and north of the first fix [m], on the plane that touches the ellipsoid there.
+
+    A receiver without a fix writes 0, 0, and its first fixes may lie anywhere: no drive began there.
+    """
     fixes = _complete(table, channels, ("latitude", "longitude"))
     if fixes is None:
         return {}
     latitude, longitude = (np.radians(values) for values in fixes)
+    nowhere = (latitude == 0.0) & (longitude == 0.0)
+    if nowhere.any():
+        notes.append(
+            f"latitude and longitude are 0, 0 in {int(nowhere.sum())} rows: no fix, taken as missing"
+        )
+        latitude, longitude = (np.where(nowhere, math.nan, values) for values in (latitude, longitude))
     both = np.isfinite(latitude) & np.isfinite(longitude)
     if not both.any():
         return {}
-    first = int(np.argmax(both))
+    first = int(np.argmax(both & _together(latitude, longitude, both)))
     sine = math.sin(latitude[first])
     root = math.sqrt(1.0 - _ECCENTRICITY * sine**2)
     east, north = _EARTH / root, _EARTH * (1.0 - _ECCENTRICITY) / root**3
@@ -113,6 +140,14 @@ def _place(table: Table, channels: dict[str, np.ndarray]) -> dict[str, np.ndarra
         "x": east * math.cos(latitude[first]) * turn,
         "y": north * (latitude - latitude[first]),
     }
+
+
+def _together(latitude: np.ndarray, longitude: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Which fixes lie where most do; longitudes of 180 and -180 degrees are one."""
+    middle = math.atan2(*(float(np.median(of(longitude[known]))) for of in (np.sin, np.cos)))
+    far = np.abs(np.remainder(longitude - middle + math.pi, 2.0 * math.pi) - math.pi)
+    near = (far < _FAR) & (np.abs(latitude - np.median(latitude[known])) < _FAR)
+    return near if near.any() else known
 
 
 def _axles(table: Table, t: np.ndarray, channels: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

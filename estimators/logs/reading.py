@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from os import PathLike
@@ -217,7 +218,8 @@ def assemble(table: Table, top: Section, keys: FileKeys, name: str, digest: str)
         t, silences = shortened(t)
         channels, notes = derived(named, t, channels, config.vehicle)
         config = replace(config, notes=notes, silences=silences)
-        config = _with_drive_share(config, channels, top)
+        if "torque_total" not in named.columns:  # its shares are stated, not measured
+            config = _with_drive_share(config, channels, top)
         t, channels, references = _mounted(t, channels, references, config, named.file)
         _check_drive(named, channels, config)
         config = _started(config, channels)
@@ -283,10 +285,14 @@ def _started(config: LogConfig, channels: Mapping[str, np.ndarray]) -> LogConfig
     first = {name: float(values[~np.isnan(values)][0]) for name, values in channels.items()}
     rims = [config.vehicle.r * first[name] for name in ("omega_r", "omega_f") if name in first]
     speed = next((first[name] for name in ("v_x", "speed") if name in first), rims[0] if rims else 0.0)
+    course = first.get("course", 0.0)
+    if "v_x" not in first and rims and max(rims) < -0.5 * abs(speed):
+        # A speed over ground has no sign, and its course is opposite to the heading of a drive in reverse.
+        speed, course = -abs(speed), course + math.pi
     start = StartSpec(
         x=first.get("x", 0.0),
         y=first.get("y", 0.0),
-        yaw=first.get("yaw", first.get("course", 0.0)),
+        yaw=first.get("yaw", course),
         v_x=speed,
     )
     return replace(config, start=start)

@@ -15,6 +15,9 @@ __all__ = ["blanked", "check_time", "named_columns", "ordered", "shortened"]
 
 #: Steps between rows that a vehicle log can have [s]; outside, time is in another unit.
 _STEP_RANGE = (1e-5, 1.0)
+#: A clock of the day, or of the week, begins anew after so long [s], within this share of it: a minute and a
+#: half of a day.
+_PERIODS, _NEAR = (86_400.0, 604_800.0), 1e-3
 #: A silence is longer than so many usual steps, and than this [s]; it counts for this time at most [s], and
 #: all of them together for this share of the rest or this time [s].
 _SILENT_STEPS, _SILENT, _LONGEST_SILENCE, _SILENT_SHARE, _SILENT_ROOM = 10.0, 1.0, 30.0, 10.0, 300.0
@@ -38,6 +41,8 @@ def named_columns(table: Table, keys: FileKeys) -> Table:
         if name in columns:
             continue  # what the YAML maps goes before a column that happens to have the name
         columns[name] = values
+    if "t" in columns:
+        columns["t"] = _without_wraps(columns["t"])
     order = [name for name in ("t",) if name in columns]
     return Table(
         file=table.file,
@@ -64,6 +69,22 @@ def _column(table: Table, target: str, source: Source, count: int) -> np.ndarray
         whole = np.floor(seconds[np.isfinite(seconds)][0]) if np.isfinite(seconds).any() else 0.0
         return np.asarray((seconds - whole) + 1e-9 * nanoseconds)
     return parts[0] if len(parts) == 1 else np.asarray(np.mean(parts, axis=0))
+
+
+def _without_wraps(t: np.ndarray) -> np.ndarray:
+    """Stamps in any unit that begin anew at midnight, or with the week of a receiver, as they go on."""
+    known = np.flatnonzero(np.isfinite(t))
+    stamps = t[known]
+    before, after = stamps[:-1], stamps[1:]
+    for period in (length * unit for length in _PERIODS for unit in (1.0, 1e3, 1e6, 1e9)):
+        wraps = (
+            (before > (1.0 - _NEAR) * period) & (before <= period) & (after >= 0.0) & (after < _NEAR * period)
+        )
+        if wraps.any():
+            result = t.copy()
+            result[known[1:]] += period * np.cumsum(wraps)
+            return result
+    return t
 
 
 def _some(table: Table) -> str:

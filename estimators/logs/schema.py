@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 from types import MappingProxyType
@@ -77,7 +78,8 @@ _SPELLINGS = MappingProxyType(
     {
         "degrees": "deg", "degree": "deg", "dps": "deg/s", "radians": "rad", "radian": "rad",
         "kph": "km/h", "km/hr": "km/h", "kmh": "km/h", "nm": "n m", "mps": "m/s", "hz": "rev/s",
-        "1/min": "rpm", "rev/min": "rpm",
+        "1/min": "rpm", "rev/min": "rpm", "min^-1": "rpm", "min-1": "rpm", "u/min": "rpm", "tr/min": "rpm",
+        "1/s": "rev/s", "s^-1": "rev/s", "s-1": "rev/s", "u/s": "rev/s", "tr/s": "rev/s", "rps": "rev/s",
         "gs": "g", "g0": "g", "milli-g": "mg", "sec": "s", "seconds": "s", "m/s2": "m/s^2", "m/s/s": "m/s^2",
         "m/s**2": "m/s^2", "cm/s2": "cm/s^2", "ft/s2": "ft/s^2", "percent": "%", "knots": "kn", "inch": "in",
         "meter": "m", "metre": "m", "meters": "m", "metres": "m", "newton": "n", "usec": "us", "msec": "ms",
@@ -189,7 +191,16 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
 
 def plain_unit(unit: str) -> str:
     """One spelling of a unit: no spaces or dots, lower case, ASCII."""
-    text = unit.strip().lower().replace("²", "^2").replace("°", "deg").replace("µ", "u").replace("μ", "u")
+    # With a capital a German degree, and no gradian or a thousand million radians.
+    text = (
+        re.sub(r"^Grad\b", "deg", unit.strip())
+        .lower()
+        .replace("⁻¹", "^-1")
+        .replace("²", "^2")
+        .replace("°", "deg")
+        .replace("µ", "u")
+        .replace("μ", "u")
+    )
     for sign in (" ", "·", "*", "."):
         text = text.replace(sign, "") if text != "m/s**2" else text
     return _SPELLINGS.get(text, text)

@@ -6,6 +6,7 @@ Nothing here is handed to a filter: interpolation serves the quality checks only
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,8 @@ _JUMP = 5.0
 _GRID = 0.02
 #: A step between rows longer than this many usual ones, and than this [s], interrupts the run.
 _PAUSE_STEPS, _SHORTEST_PAUSE = 5.0, 0.15
+#: A speed that is further below zero has a sign [m/s]; correlation from which a law says which way it goes.
+_BACKWARDS, _SAYS = 0.5, 0.5
 _LONGEST_GAP = 0.25  # a window with a longer silence than this (or 3 steps) is left out [s]
 
 
@@ -178,7 +181,17 @@ class Windows:
         return result
 
     def mean(self, name: str) -> np.ndarray | None:
-        """Mean of a channel over each window (trapezium rule), NaN where it has a gap."""
+        """Mean of a channel over each window (trapezium rule), NaN where it has a gap.
+
+        A speed over ground without a sign has that of the direction of travel.
+        """
+        return self._signed(name, self._mean(name))
+
+    def _signed(self, name: str, values: np.ndarray | None) -> np.ndarray | None:
+        unsigned = name == "speed" and values is not None and self._has_no_sign
+        return values * self.direction if unsigned and values is not None else values
+
+    def _mean(self, name: str) -> np.ndarray | None:
         series = self._series(name)
         if series is None:
             return None
@@ -188,7 +201,10 @@ class Windows:
         return self._blank_gaps(t, (end - begin) / self.length)
 
     def slope(self, name: str, *, angle: bool = False) -> np.ndarray | None:
-        """Change of a channel over each window divided by its length."""
+        """Change of a channel over each window divided by its length; of a speed as `mean` has it."""
+        return self._signed(name, self._slope(name, angle=angle))
+
+    def _slope(self, name: str, *, angle: bool = False) -> np.ndarray | None:
         series = self._series(name)
         if series is None:
             return None
@@ -201,6 +217,60 @@ class Windows:
         """Mean velocity over ground (X, Y) in each window [m/s]."""
         x, y = self.slope("x"), self.slope("y")
         return None if x is None or y is None else (x, y)
+
+    def travel(self) -> np.ndarray | None:
+        """Speed of the position x, y in each window [m/s], below zero where the vehicle drives backwards."""
+        way = self._way()
+        return None if way is None else way * self.direction
+
+    def _way(self) -> np.ndarray | None:
+        velocity = self.displacement()
+        return None if velocity is None else np.hypot(*velocity)
+
+    @cached_property
+    def _has_no_sign(self) -> bool:
+        speed = self._mean("speed")
+        return speed is not None and not (speed < -_BACKWARDS).any()
+
+    @cached_property
+    def direction(self) -> np.ndarray:
+        """-1 in windows in which the vehicle drives backwards, by its wheels or v_x, otherwise 1; (W,).
+
+        A speed over ground or a path has no sign: as a forward speed it would make every channel of a drive
+        in reverse contradict it. Wheels whose own sign is reversed contradict steering, accelerations,
+        torques and heading instead: then nothing is backwards.
+        """
+        forwards = np.ones(len(self.starts))
+        signed = [self._mean("v_x"), *(self._mean(name) for name in ("omega_f", "omega_r"))]
+        sources = [values for values in signed if values is not None]
+        ground = self._mean("speed") if self._has_no_sign else self._way()
+        if not sources or ground is None:
+            return forwards
+        back = np.all([np.where(np.isfinite(values), values, -1.0) < 0.0 for values in sources], axis=0)
+        back &= np.any([np.isfinite(values) for values in sources], axis=0)
+        votes = self._votes(np.where(back & (np.abs(ground) > _BACKWARDS), ground, math.nan))
+        return np.where(back, -1.0, 1.0) if not votes or sum(votes) > 0 else forwards
+
+    def _votes(self, ground: np.ndarray) -> list[int]:
+        """1 for each law by which ``ground`` [m/s] (W,), NaN elsewhere, is a speed backwards, -1 against."""
+        turn, steer = self._mean("yaw_rate"), self._mean("steer")
+        change = self._slope("speed") if self._has_no_sign else None
+        pairs = [
+            (turn, None if steer is None else ground * steer),
+            (self._mean("a_y"), None if turn is None else ground * turn),
+            (self._mean("a_x"), None if change is None else np.where(np.isnan(ground), math.nan, change)),
+        ]
+        seen = [likeness(one, other) for one, other in pairs if one is not None and other is not None]
+        votes = [-1 if one.factor > 0.0 else 1 for one in seen if one and abs(one.correlation) > _SAYS]
+        torques = [self._mean(name) for name in ("torque_f", "torque_r", "drive_force")]
+        # On the whole a drive takes power: its torques point where it goes.
+        work = sum(float(np.nansum(torque * ground)) for torque in torques if torque is not None)
+        velocity, yaw = self.displacement(), self._mean("yaw")
+        if velocity is not None and yaw is not None:
+            ahead = np.cos(np.arctan2(velocity[1], velocity[0]) - yaw)[np.isfinite(ground)]
+            ahead = ahead[np.isfinite(ahead)]
+            votes += [-int(np.sign(np.median(ahead)))] if len(ahead) and abs(np.median(ahead)) > _SAYS else []
+        return votes + ([-int(np.sign(work))] if work else [])
 
     def course_rate(self) -> np.ndarray | None:
         """Turning rate of the direction of travel [rad/s]: from the window before to the one after."""

@@ -77,8 +77,17 @@ def _speed(log: Log, t: np.ndarray) -> np.ndarray | None:
     for name in ("v_x", "speed", "omega_r", "omega_f"):
         if name in log.channels:
             scale = log.vehicle.r if name.startswith("omega") else 1.0
-            return np.asarray(scale * np.interp(t, *log.samples(name)))
+            values = np.asarray(scale * np.interp(t, *log.samples(name)))
+            return _with_direction(log, t, values) if name == "speed" else values
     return None
+
+
+def _with_direction(log: Log, t: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """A speed over ground [m/s], below zero where all wheels turn backwards: a receiver's has no sign."""
+    rims = [np.interp(t, *log.samples(name)) for name in ("omega_f", "omega_r") if name in log.channels]
+    if not rims or (speed < -0.5).any():
+        return speed
+    return np.where(np.max(rims, axis=0) < 0.0, -speed, speed)
 
 
 def _yaw_rate(log: Log, t: np.ndarray) -> tuple[np.ndarray, str]:

@@ -88,7 +88,7 @@ def _factor(name: str, dimension: str) -> float | None:
         return unit_factor(known, dimension)
     if any(find_unit(name, other) for other in UNITS):
         return None  # a g is no gram here
-    if len(name) > _LONGEST or not _NAME.fullmatch(name):
+    if len(name) > _LONGEST or not _NAME.fullmatch(name) or (dimension.startswith("angular") and "%" in name):
         return None
     return _asked(name, _COHERENT[dimension])
 
@@ -100,13 +100,23 @@ def _registry() -> Any:
     return pint.UnitRegistry(cache_folder=None)
 
 
+def _of_turns(base: Any, coherent: str) -> float:
+    """What turns an angle or angular rate as Pint counts it, which takes any number for radians, into ours.
+
+    A rate per time alone counts turns, as ``1/min`` and Hz do; counts and shares (%) are no angle: factor 0.
+    """
+    if not coherent.startswith("radian") or "radian" in str(base.units):
+        return 1.0
+    return 2.0 * math.pi if str(base.units) == "1 / second" else 0.0
+
+
 @cache
 def _asked(name: str, coherent: str) -> float | None:
     """Factor by Pint."""
     registry = _registry()
     try:
         found = registry.Quantity(1.0, registry.parse_units(name.replace("^", "**")))
-        factor = float(found.to(coherent).magnitude)
+        factor = _of_turns(found.to_base_units(), coherent) * float(found.to(coherent).magnitude)
     except Exception:  # Pint fails in many ways on text that is no unit; all of them mean the same
         return None
     return factor if math.isfinite(factor) and factor != 0.0 else None

@@ -171,8 +171,7 @@ def _speed(windows: Windows) -> np.ndarray | None:
         mean = windows.mean(name)
         if mean is not None:
             return mean * (factor or windows.log.vehicle.r)
-    velocity = windows.displacement()
-    return None if velocity is None else np.hypot(*velocity)
+    return windows.travel()
 
 
 def _speed_change(windows: Windows) -> np.ndarray | None:

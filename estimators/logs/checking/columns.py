@@ -11,15 +11,16 @@ import numpy as np
 
 from estimators.logs import bags
 from estimators.logs.checking.mends import Line, Remark
+from estimators.logs.checking.naming import named_unit
 from estimators.logs.file_keys import FileKeys, parse_file_keys
 from estimators.logs.reading import parse_description, read_table
 from estimators.logs.row_order import named_columns
-from estimators.logs.schema import RIG_COLUMNS, UNITS, VEHICLE_INPUTS, Column
+from estimators.logs.schema import RIG_COLUMNS, UNITS, VEHICLE_INPUTS, Column, plain_unit
 from estimators.logs.tables import Table
 from estimators.logs.unit_conversion import Conversion, conversion
 from offroad_env.errors import InvalidParameter
 
-__all__ = ["STEERING_WHEEL", "table_remarks"]
+__all__ = ["STEERING_WHEELS", "table_remarks"]
 
 #: Step between rows that a log usually has [s]: of several units that which comes closest to it.
 _USUAL_STEP, _STEPS = 0.01, (1e-4, 0.5)
@@ -30,7 +31,8 @@ _RESTART = 1.0
 _SINGLE, _MOST_SPANS = 0.02, 40
 #: A steering angle beyond this is that of the steering wheel [deg]; usual ratio of a steering gear.
 _ROAD_WHEEL = 60.0
-STEERING_WHEEL = "0.0625 deg"  #: unit with a usual ratio of a steering gear
+#: By the unit of a steering wheel's angle: that of the road wheels with a usual ratio of a steering gear.
+STEERING_WHEELS = {"deg": "0.0625 deg", "rad": "0.0625 rad"}
 
 
 def table_remarks(path: Path, text: str, file: str) -> list[Remark]:
@@ -56,8 +58,17 @@ def table_remarks(path: Path, text: str, file: str) -> list[Remark]:
         if np.isnan(values).all():
             remarks.append(_empty(name, keys))
             continue
-        remarks += _value_remarks(named, VEHICLE_INPUTS[name], values, units.get(name), keys)
+        unit = units.get(name) or _unit_of_name(keys, VEHICLE_INPUTS[name])
+        remarks += _value_remarks(named, VEHICLE_INPUTS[name], values, unit, keys)
     return remarks
+
+
+def _unit_of_name(keys: FileKeys, column: Column) -> str | None:
+    """The unit that the file's own name of a column states, where it is the log's own."""
+    source = keys.columns.get(column.name)
+    found = {named_unit(name)[1] for name in source.names} if source is not None else set()
+    unit = found.pop() if len(found) == 1 else None
+    return unit if unit and plain_unit(unit) == plain_unit(column.unit) else None
 
 
 def _empty(name: str, keys: FileKeys) -> Remark:
@@ -191,14 +202,14 @@ def _unit_by_size(column: Column, values: np.ndarray, stated: str | None) -> Rem
     """The unit in which the values of a whole column are possible."""
     name, largest = column.name, float(np.quantile(np.abs(values), 0.999))
     sentence = f"{name} reaches {largest:.4g}, which no vehicle does in {stated or column.unit}"
-    if name == "steer" and largest > _ROAD_WHEEL:
-        line = Line("units.steer", STEERING_WHEEL)
+    if name == "steer" and (largest > _ROAD_WHEEL or stated is not None):
+        # A unit that the file states is not another one: what is too large is another angle.
+        unit = "rad" if stated is not None and plain_unit(stated) == "rad" else "deg"
         return Remark(
             severity="problem",
-            sentence=f"{sentence}: the angle of the steering wheel in degrees? The line divides it by 16: "
-            "put your "
-            "own ratio there",
-            lines=(line,),
+            sentence=f"{sentence}: the angle of the steering wheel in {unit}? The line divides it by 16: put "
+            "your own ratio there",
+            lines=(Line("units.steer", STEERING_WHEELS[unit]),),
         )
     for unit in _smaller_units(column):
         factor = conversion(unit, column).factor

@@ -136,8 +136,7 @@ def _speeds(windows: Windows) -> tuple[np.ndarray | None, np.ndarray | None]:
         mean, slope = windows.mean(name), windows.slope(name)
         if mean is not None:
             return mean, slope
-    moved = windows.displacement()
-    return (None, None) if moved is None else (np.hypot(*moved), None)
+    return windows.travel(), None
 
 
 def _evidence(log: Log) -> _Evidence:
@@ -345,5 +344,7 @@ def is_compass(log: Log, name: str) -> bool:
     fast = np.hypot(*moved) > _MOVING
     middle = np.interp(windows.starts + 0.5 * windows.length, t, unwrapped(yaw))
     way = np.arctan2(moved[1], moved[0])
+    if name == "yaw":
+        way = np.where(windows.direction < 0.0, way + math.pi, way)
     fits = np.cos(0.5 * math.pi - middle - way)[fast & np.isfinite(way)]
     return bool(len(fits) and np.median(fits) > 0.8)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from estimators.logs.checking.columns import STEERING_WHEEL
+from estimators.logs.checking.columns import STEERING_WHEELS
 from estimators.logs.checking.conventions import is_compass
 from estimators.logs.checking.mends import Line, Remark
 from estimators.logs.checking.weak_evidence import weak_unit_remarks
@@ -74,7 +74,7 @@ def _steering_scale(log: Log, report: QualityReport) -> list[Remark]:
     """A steering angle that is not that of the road wheels: the scale that fits the turns."""
     check = next((check for check in report.checks if check.name == _STEERED), None)
     stated = dict(log.config.units).get("steer")
-    assumed = stated == STEERING_WHEEL
+    assumed = stated in STEERING_WHEELS.values()
     if check is None or abs(check.correlation) < _FOLLOWS or not math.isfinite(check.factor):
         return []
     factor = abs(check.factor)

@@ -8,7 +8,7 @@ from typing import Any
 
 from estimators.logs import bags
 from estimators.logs.checking.mends import Line, Remark
-from estimators.logs.checking.naming import Match, column_of, match_columns
+from estimators.logs.checking.naming import Match, column_of, match_columns, named_unit
 from estimators.logs.checking.sniffing import Sniffed, sniff
 from estimators.logs.checking.topics import topic_remarks
 from estimators.logs.file_keys import AS_IS, FileKeys, parse_file_keys
@@ -26,6 +26,7 @@ __all__ = ["file_names", "log_columns", "name_remarks"]
 _SNIFFED = 16_000_000
 #: More columns than these are ignored as "others".
 _MOST_NAMED = 8
+_STEERING_WHEEL = ("wheel", "lenkrad", "volant")
 
 
 def _keys(text: str) -> FileKeys:
@@ -57,7 +58,12 @@ def name_remarks(path: Path, text: str) -> list[Remark]:
     open_ = [name for name in free if not name.startswith(REFERENCE) and name not in useless]
     stated = _stated_units(text)
     matches, rest = match_columns(open_, keys.columns)
-    remarks = sniffed.remarks + _matched(matches, sniffed, stated)
+    remarks = sniffed.remarks + _mapped_units(keys, sniffed, stated) + _matched(matches, sniffed, stated)
+    if not any(match.column == "t" for match in matches) and not {"t"} & {*keys.columns, *names}:
+        clock = next((name for name in sniffed.rising if name in rest), None)
+        if clock is not None:
+            remarks.append(_clock(clock, stated))
+            rest.remove(clock)
     rest += [name for name in free if name in useless and not name.startswith(REFERENCE)]
     rest = [name for name in names if name in {*rest}]
     if rest and keys.ignore is not None:
@@ -99,9 +105,37 @@ def _matched(matches: Iterable[Match], sniffed: Sniffed, stated: set[str]) -> li
         if match.others:
             sentence += f"; {', '.join(map(repr, match.others))} could be it, too"
         remarks.append(Remark(severity="problem", sentence=sentence, lines=tuple(lines)))
-        if column == "steer" and "wheel" in match.first.lower() and "road" not in match.first.lower():
+        words = match.first.lower()
+        if column == "steer" and any(word in words for word in _STEERING_WHEEL) and "road" not in words:
             remarks.append(_steering_wheel(match.first))
     return remarks
+
+
+def _mapped_units(keys: FileKeys, sniffed: Sniffed, stated: set[str]) -> list[Remark]:
+    """Units that the file's own names state of the columns that the YAML maps."""
+    remarks = []
+    for column, source in keys.columns.items():
+        units = {_own_unit(name, column, sniffed) for name in source.names}
+        unit = units.pop() if len(units) == 1 and column in ALL_COLUMNS else None
+        if unit is not None and column not in stated:
+            sentence = f"column {', '.join(map(repr, source.names))} is {column}, in {unit}"
+            line = Line(f"units.{column}", unit)
+            remarks.append(Remark(severity="problem", sentence=sentence, lines=(line,)))
+    return remarks
+
+
+def _own_unit(name: str, column: str, sniffed: Sniffed) -> str | None:
+    unit = named_unit(name)[1] or sniffed.units.get(name)
+    return _row_unit("ms" if column == "t" and unit == "m/s" else unit, column)
+
+
+def _clock(name: str, stated: set[str]) -> Remark:
+    unit = None if "t" in stated else _own_unit(name, "t", Sniffed(form=AS_IS.csv))
+    return Remark(
+        severity="problem",
+        sentence=f"no column is named as a time; {name!r} rises by even steps: is it t?",
+        lines=(Line("columns.t", name), *([Line("units.t", unit)] if unit else [])),
+    )
 
 
 def _quoted(match: Match) -> str:

@@ -45,6 +45,8 @@ _SAME = {
     "theta": "pitch", "phi": "roll",
     "cog": "course", "lng": "lon", "latitude": "lat", "longitude": "lon", "easting": "east",
     "northing": "north",
+    "zeit": "time", "zeitstempel": "time", "uhrzeit": "time", "horodatage": "time", "temps": "time",
+    "tow": "time",
     "timestamp": "time", "stamp": "time", "elapsed": "time", "datetime": "time", "dot": "rate",
     "ang": "angular",
     "command": "cmd", "commanded": "cmd", "back": "rear", "moment": "torque", "axle": "wheel", "revs": "rpm",

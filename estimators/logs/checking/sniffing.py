@@ -7,9 +7,10 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 from estimators.logs.checking.mends import Line, Remark
-from estimators.logs.csv_tables import PLAIN, CsvFormat, text_of
+from estimators.logs.csv_tables import PLAIN, THOUSANDS, CsvFormat, text_of
 from estimators.logs.tables import NUMBER
 from offroad_env.errors import DataError
 
@@ -18,7 +19,8 @@ __all__ = ["Sniffed", "sniff"]
 _SEPARATORS = (",", ";", "\t", "|", " ")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
-_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ].*|\d{1,2}:\d\d:\d\d.*")
+#: ISO 8601 and times of day, and dates in other formats: the reader says of these what they should be.
+_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ].*|\d{1,2}:\d\d:\d\d.*|\d{1,4}[./-]\d{1,2}[./-]\d{1,4}.*\d:\d\d.*")
 #: Numbers that loggers write where there is no sample.
 _SENTINELS = ("-999", "-9999", "-99999", "9999", "99999", "-32768", "65535", "-999.0", "-9999.0", "999.99")
 #: Rows that are looked at, of each file's beginning and middle.
@@ -27,6 +29,12 @@ _WORDS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spa
 #: Share of the rows in which a column must be a number to be one.
 _MOSTLY = 0.5
 _MOST_MARKS = 6
+#: A column of text has more words than marks for "no sample", or fewer numbers.
+_FEW_WORDS, _FEW_NUMBERS = 3, 3
+#: A cell that is this share of its column, at least so large, and so many times all others, is no sample.
+_REPEATED, _LARGE, _BEYOND = 0.2, 100.0, 20.0
+#: Steps of a clock differ from the usual one by this factor at most, in this share of the rows.
+_EVEN, _STEADY = 3.0, 0.9
 
 
 @dataclass(kw_only=True)
@@ -38,6 +46,7 @@ class Sniffed:
     units: dict[str, str] = field(default_factory=dict)  #: from a row of units, by name
     texts: tuple[str, ...] = ()  #: columns that hold text, not numbers
     empty: tuple[str, ...] = ()  #: columns without any cell
+    rising: tuple[str, ...] = ()  #: columns that rise by even steps, as a clock does
     remarks: list[Remark] = field(default_factory=list)
 
     def note(self, sentence: str, key: str, value: object, severity: str = "problem") -> None:
@@ -193,19 +202,26 @@ def _cells(lines: Sequence[str], found: Sniffed, file: str) -> None:
     if others and form.incomplete == "refuse":
         found.form = form = replace(form, incomplete="drop")
         found.note(f"{others} rows have more or fewer cells than the header", "incomplete", "drop")
-    texts, empty, marks = [], [], Counter[str]()
+    texts, empty, rising, marks = [], [], [], Counter[str]()
     for name, column in zip(names, zip(*rows, strict=True), strict=True):
         cells = [cell.replace(",", ".") if form.decimal == "," else cell for cell in column]
         wrong = Counter(cell for cell in cells if cell and not _is_number(cell) and cell not in form.missing)
+        if _rises(cells):
+            rising.append(name)
+        thousands = next((cell for cell in wrong if THOUSANDS.fullmatch(cell)), None)
         if not any(cells):
             empty.append(name)
+        elif thousands is not None:
+            found.remarks.append(_separated(name, column[cells.index(thousands)]))
+        elif 0 < len(wrong) <= _FEW_WORDS and len(set(filter(_is_number, cells))) >= _FEW_NUMBERS:
+            marks += wrong
         elif wrong and sum(wrong.values()) > (1.0 - _MOSTLY) * sum(bool(cell) for cell in cells):
             if not all(_DATE.match(cell) for cell in wrong):
                 texts.append(name)
         else:
             marks += wrong
         marks += _sentinels(cells, form)
-    found.texts, found.empty = tuple(texts), tuple(empty)
+    found.texts, found.empty, found.rising = tuple(texts), tuple(empty), tuple(rising)
     if marks:
         kept = [mark for mark, _ in marks.most_common(_MOST_MARKS)]
         shown = ", ".join(f"{mark!r} ({marks[mark]})" for mark in kept)
@@ -213,15 +229,37 @@ def _cells(lines: Sequence[str], found: Sniffed, file: str) -> None:
         found.note(f"cells that are no samples: {shown}", "missing", [*form.missing, *kept])
 
 
+def _separated(name: str, cell: str) -> Remark:
+    sentence = (
+        f"column {name!r} has thousands separators ({cell!r}): write its numbers without them; no line of "
+        "the YAML can"
+    )
+    return Remark(severity="problem", sentence=sentence)
+
+
+def _rises(cells: Sequence[str]) -> bool:
+    """Whether a column is a clock by its numbers: it rises by even steps, which no counter of rows has."""
+    if len(cells) < _FEW_NUMBERS or not all(_is_number(cell) for cell in cells):
+        return False
+    values = [float(cell) for cell in cells]
+    steps = sorted(after - before for before, after in pairwise(values))
+    usual = steps[len(steps) // 2]
+    even = sum(usual / _EVEN <= step <= usual * _EVEN for step in steps)
+    return usual > 0.0 and not steps[0] == steps[-1] == 1.0 and even >= _STEADY * len(steps)
+
+
 def _sentinels(cells: Sequence[str], form: CsvFormat) -> Counter[str]:
     """Numbers that stand for "no sample": far beyond all others of their column, more than once."""
     count = Counter(cells)
     found = Counter[str]()
-    for mark in _SENTINELS:
-        if count[mark] < 2 or mark in form.missing or count[mark] > 0.9 * len(cells):
+    usual, times = count.most_common(1)[0]
+    repeated = _is_number(usual) and times > _REPEATED * len(cells) and abs(float(usual)) > _LARGE
+    for mark in dict.fromkeys((*_SENTINELS, *([usual] if repeated else []))):
+        if count[mark] < 2 or mark in form.missing:
             continue
         rest = [abs(float(cell)) for cell in cells if _is_number(cell) and cell != mark]
         finite = [value for value in rest if value == value and value not in (float("inf"),)]
-        if finite and max(finite) < 0.5 * abs(float(mark)):
+        least = 2.0 if mark in _SENTINELS else _BEYOND
+        if finite and least * max(finite) < abs(float(mark)):
             found[mark] = count[mark]
     return found
