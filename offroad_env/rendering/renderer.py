@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import replace
 from typing import Any
 
@@ -105,6 +106,10 @@ class Renderer:
         self._window = self._panels = None
 
 
+#: Drivers of SDL whose windows nobody sees.
+_NO_SCREEN = ("offscreen", "dummy")
+
+
 class _Window:
     """A window on the screen."""
 
@@ -112,6 +117,10 @@ class _Window:
         self.pygame = pygame
         try:
             pygame.display.init()
+            # Without a screen SDL draws into memory, unless somebody asks for that, as tests do.
+            if pygame.display.get_driver() in _NO_SCREEN and "SDL_VIDEODRIVER" not in os.environ:
+                pygame.display.quit()
+                raise pygame.error("there is no screen")
             self._surface = pygame.display.set_mode(FRAME_SIZE)
         except pygame.error as error:
             raise Error(

@@ -234,6 +234,18 @@ def test_a_screen_is_not_needed_and_pygame_comes_late():
     assert output.strip() == f"({HEIGHT}, {WIDTH}, 3)"
 
 
+def test_a_window_that_nobody_can_see_is_refused():
+    output = run_fresh(
+        "import os\n"
+        "for name in ('SDL_VIDEODRIVER', 'DISPLAY', 'WAYLAND_DISPLAY'): os.environ.pop(name, None)\n"
+        "import gymnasium as gym\n"
+        "env = gym.make('offroad_env:OffroadBekker-v0', render_mode='human')\n"
+        "try: env.reset(seed=0)\n"
+        "except gym.error.Error as error: print(error)\n"
+    )
+    assert "no window can be opened (there is no screen)" in output
+
+
 @pytest.mark.parametrize(("mode", "fps"), [("ansi", 50.0), ("human", 0.0), ("human", math.nan)])
 def test_a_renderer_refuses_what_it_cannot_do(mode, fps):
     with pytest.raises(InvalidParameter, match="must be"):
