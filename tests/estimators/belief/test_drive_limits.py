@@ -10,7 +10,7 @@ import pytest
 
 from estimators.belief import drive_scatter
 from estimators.belief.drive_errors import GROUPS
-from estimators.belief.drive_fit import DriveFit, fit_drive
+from estimators.belief.drive_fit import LEAST_SCATTER, DriveFit, fit_drive
 from estimators.belief.drive_limits import FittedLimitSettings, drive_limits, fitted_limits, limit_slopes
 from estimators.belief.drive_numbers import (
     DRIVE_NUMBERS,
@@ -27,7 +27,7 @@ from estimators.experiments.adaptation import nominal_plant, samples_until, true
 from estimators.experiments.soil_bound import limit_bounds
 from estimators.experiments.unknown_soils import draw_run
 from estimators.filters.soil_belief_holds import LIMITS, least_sd
-from estimators.filters.soil_belief_points import LOG_K, LOG_MASS, LOG_PRESSURE, PHI, N
+from estimators.filters.soil_belief_points import LOG_C, LOG_K, LOG_MASS, LOG_PRESSURE, PHI, N
 from estimators.numerics.importance_sampling import WeightedSamples
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics.records import SoilField
@@ -131,6 +131,20 @@ def test_errors_are_adequate_up_to_three_times_the_usual_ones_and_sideways_up_to
         assert fitted_limits(NOMINAL, replace(fit, scales=scales), posterior).valid
         scales[group] = 1.8 if name == "sideways" else 3.5
         assert not fitted_limits(NOMINAL, replace(fit, scales=scales), posterior).valid
+
+
+def test_a_fit_counts_with_most_of_the_usual_scatter_where_there_is_none() -> None:
+    run = draw_run("matched", 0, split="tuning", duration=_END)
+    fit = fit_drive(NOMINAL, replace(samples_until(run, _END), unit=ImuConfig()), None, SURROUNDINGS)
+    assert fit.scales[-1] == LEAST_SCATTER == 0.8
+
+
+def test_the_ends_of_the_ridge_are_sampled(fitted: Fitted) -> None:
+    """The first draws come from three starts: the fit, little cohesion, much cohesion."""
+    cohesion = fitted.posterior.values[: 200 // 3 * 3, LOG_C]
+    first, low, high = np.split(cohesion, 3)
+    assert np.median(low) < np.median(first) < np.median(high)
+    assert np.median(high) - np.median(low) > 2.0
 
 
 def test_settings_are_positive() -> None:
