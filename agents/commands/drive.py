@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["Drive"]
 
 VehicleModel = Literal["half_car", "bicycle", "four_wheel"]
+TerrainInfo = Literal["none", "estimate", "truth", "belief", "limits"]
 _USUAL = "track"
 _KEYBOARD = "keyboard"  # agent that is a person
 _CONTROL_RATE = 50  # steps a second
@@ -46,8 +47,7 @@ class Drive(Results):
     scenario: str | None = None  #: name, *.yaml or inline YAML; default: that of the policy, or track
     agent: str = "pure_pursuit"  #: one of those above, or module:Class
     policy: Path | None = None  #: a folder of offroad train: its policy drives, in the world of its training
-    #: What the agent is shown of the soil; default: what it needs.
-    terrain_info: Literal["none", "estimate", "truth", "belief", "limits"] | None = None
+    terrain_info: TerrainInfo | None = None  #: what the agent is shown of the soil; default: what it needs
     n: float | None = None  #: true sinkage exponent; default: drawn from the scenario's range [-]
     seed: int = 0  #: of course, soil and noise
     model: Literal["full", "paper"] = "full"  #: full: wheel spin and slopes; paper: as published

@@ -101,7 +101,7 @@ def sample_drive(
     starts = []
     for numbers, covariance in found:
         information = (np.linalg.inv(covariance) - problem.information) / settings.tempered**2
-        near = np.linalg.inv(information + problem.information)
+        near: FloatArray = np.linalg.inv(information + problem.information).astype(np.float64)
         starts.append((numbers[:SAMPLED], near[:SAMPLED, :SAMPLED]))
     return importance_samples(_Target(problem, fit, errors, settings.tempered), starts)
 
