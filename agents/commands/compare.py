@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
 from agents.commands.benchmark import Form, known_forms, write_results
-from agents.commands.options import Jobs, Scenarios
+from agents.commands.options import Jobs, Scenarios, TerrainInfo
 from agents.driving.world_options import WorldOptions, known_scenario
 from agents.reports.output import say
 
@@ -33,9 +33,6 @@ def paired_lines(result: Benchmark, name: str) -> list[str]:
             interval = f"[{found.low:+.3g}, {found.high:+.3g}]"
             lines.append(f"  {arm.name}: {found.value:+.3g} {result.unit} {interval} - {sign}")
     return lines
-
-
-TerrainInfo = Literal["none", "estimate", "truth", "belief", "limits"]
 
 
 @dataclass(kw_only=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from agents.commands.options import option_value
+from agents.commands.options import TerrainInfo, option_value
 from agents.driving.world_options import WorldOptions, known_scenario
 from agents.reports.output import OutputError, Results, console, say, table, write_bytes
 from offroad_env.errors import DataError, InvalidParameter, OffroadError
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 __all__ = ["Drive"]
 
 VehicleModel = Literal["half_car", "bicycle", "four_wheel"]
-TerrainInfo = Literal["none", "estimate", "truth", "belief", "limits"]
 _USUAL = "track"
 _KEYBOARD = "keyboard"  # agent that is a person
 _CONTROL_RATE = 50  # steps a second

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
-__all__ = ["FORMER", "Jobs", "Scenarios", "option_value", "present_spelling"]
+__all__ = ["FORMER", "Jobs", "Scenarios", "TerrainInfo", "option_value", "present_spelling"]
 
 #: Local processes.
 Jobs = Annotated[int, tyro.conf.arg(name="jobs")]
 #: Scenarios by name or file.
 Scenarios = Annotated[tuple[str, ...], tyro.conf.arg(name="scenario")]
+#: What an agent is shown of the soil.
+TerrainInfo = Literal["none", "estimate", "truth", "belief", "limits"]
 
 #: Former spelling of an option -> the present one.
 FORMER = {"--n-jobs": "--jobs", "--n_jobs": "--jobs", "--tasks": "--scenario"}

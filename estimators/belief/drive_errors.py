@@ -23,7 +23,7 @@ from estimators.filters.online_soil_belief import SoilBeliefSettings
 from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.sensors import GnssConfig, WheelSpeedConfig
 
-__all__ = ["DISCREPANCY", "GROUPS", "HEADING", "UNEVEN", "DriveErrors", "Process", "errors_of"]
+__all__ = ["DISCREPANCY", "GROUPS", "HEADING", "ROAD_ERRORS", "DriveErrors", "Process", "errors_of"]
 
 
 class Process(NamedTuple):
@@ -48,7 +48,7 @@ DISCREPANCY = {
 }
 #: The same without the scatter of the soil: what a rough road leaves, on 30 tuning drives, with half of it
 #: again for what covariances of the scatter leave out.
-UNEVEN = {
+ROAD_ERRORS = {
     "speed": Process("along", 0.006, 1.0),
     "a_x": Process("along", 0.021, 0.05),
     "wheel_f": Process("rims", 0.017, 0.05),

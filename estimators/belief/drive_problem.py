@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from estimators.belief.drive_errors import UNEVEN, DriveErrors, errors_of
+from estimators.belief.drive_errors import ROAD_ERRORS, DriveErrors, errors_of
 from estimators.belief.drive_numbers import bounds_of_drive, plant_of_drive, prior_of_drive, steps_of_drive
 from estimators.belief.drive_samples import COMPARED, DriveSamples, simulated_drive
 from estimators.belief.drive_scatter import scatter_covariance
@@ -107,7 +107,7 @@ class DriveProblem:
         spread = self.surroundings.scatter
         if spread is None or numbers is None:
             return errors_of(self.samples, self.counts, self.speed)
-        errors = errors_of(self.samples, self.counts, self.speed, UNEVEN)
+        errors = errors_of(self.samples, self.counts, self.speed, ROAD_ERRORS)
         try:
             scatter = scatter_covariance(plant_of_drive(self.plant, numbers), self.samples, spread)
         except SolverFailure:

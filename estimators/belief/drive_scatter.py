@@ -28,12 +28,10 @@ CORRELATION_LENGTH = 5.0
 _WAVES, _SHARE = 32, 0.5
 
 
-def scatter_covariance(
-    plant: Plant, samples: DriveSamples, spread: SoilSpread, *, waves: int = _WAVES
-) -> FloatArray:
+def scatter_covariance(plant: Plant, samples: DriveSamples, spread: SoilSpread) -> FloatArray:
     """(7 B, 7 B) covariance of the channels, one after the other as `COMPARED`, to first order.
 
-    Takes ``2 waves`` simulations of the drive for each number that scatters.
+    Takes 64 simulations of the drive for each number that scatters: 32 waves in two phases.
 
     Parameters
     ----------
@@ -51,7 +49,7 @@ def scatter_covariance(
     """
     even = simulated_drive(plant, samples)
     effects = []
-    for wave in wave_vectors(waves, CORRELATION_LENGTH):
+    for wave in wave_vectors(_WAVES, CORRELATION_LENGTH):
         for number, sd in enumerate(astuple(spread)):
             for phase in range(2 if sd > 0.0 else 0):
                 row = np.zeros((1, 12))
@@ -61,7 +59,7 @@ def scatter_covariance(
     if not effects:
         return np.zeros((even.size, even.size))
     # Every wave has the same share of the variance, half of it in each phase on average.
-    columns = np.stack(effects, axis=1) / math.sqrt(waves)
+    columns = np.stack(effects, axis=1) / math.sqrt(_WAVES)
     found: FloatArray = columns @ columns.T
     return found
 

@@ -157,7 +157,7 @@ def driven(fit: FitResult, manoeuvre: Manoeuvre, *, usual: float) -> FitResult:
     SolverFailure
         When the vehicle cannot drive this.
     DataError
-        When nothing of it can be compared, since the sensors sample too seldom.
+        When nothing of it can be compared, as on hard ground where the vehicle stands.
     """
     source = drives(fit.runs)[0]
     config = source.log.config

@@ -345,16 +345,14 @@ class VehicleDiagnosis(Diagnosis):
     @property
     def restructured(self) -> StructureComparison | None:
         """The comparison of structures, if it names another one."""
-        return self.structure if self._compared and not self.beyond_structures else None
+        found = self.structure
+        return found if found is not None and found.found and found.adequate else None
 
     @property
-    def _compared(self) -> bool:
-        return self.structure is not None and self.structure.found
-
-    @property
-    def beyond_structures(self) -> bool:
-        """Whether another structure predicts better, and still not the runs: its laws are not theirs."""
-        return self._compared and self.structure is not None and not self.structure.adequate
+    def beyond_structures(self) -> StructureComparison | None:
+        """The comparison, if another structure predicts the runs better, and still not well."""
+        found = self.structure
+        return found if found is not None and found.found and not found.adequate else None
 
     @property
     def overlapping(self) -> bool:
@@ -366,7 +364,7 @@ class VehicleDiagnosis(Diagnosis):
         """Outcome; the data come first, then the numerics, then what remains unexplained."""
         if self.restructured is not None:
             return Verdict.ONE_OF if self.restructured.tied else Verdict.NAMED
-        if self.beyond_structures:
+        if self.beyond_structures is not None:
             return Verdict.UNEXPLAINED
         if NOMINAL in self.failed:
             return Verdict.NUMERICS

@@ -83,8 +83,8 @@ def verdict_sentence(
     """The verdict on a diagnosis in one plain sentence."""
     if isinstance(diagnosis, VehicleDiagnosis) and diagnosis.restructured is not None:
         return _structure_sentence(diagnosis.restructured, diagnosis.stand_ins)
-    if isinstance(diagnosis, VehicleDiagnosis) and diagnosis.beyond_structures:
-        return _beyond_sentence(diagnosis.structure)
+    if isinstance(diagnosis, VehicleDiagnosis) and diagnosis.beyond_structures is not None:
+        return _beyond_sentence(diagnosis.beyond_structures)
     if verdict is Verdict.UNEXPLAINED:
         rest = _discrepancy_phrase(diagnosis, causes, unexplained)
         return f"The model is wrong in a way that no effect of the library explains: {rest}."
@@ -121,8 +121,7 @@ def _structure_sentence(found: StructureComparison, effects: Sequence[str]) -> s
     return sentence
 
 
-def _beyond_sentence(found: StructureComparison | None) -> str:
-    assert found is not None
+def _beyond_sentence(found: StructureComparison) -> str:
     left = zip(found.best.channels(), found.best.pooled, strict=True)
     errors = ", ".join(f"{value:.2g} {CHANNELS[name]} in {name}" for name, value in left if value is not None)
     return (

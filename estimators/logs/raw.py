@@ -8,6 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from estimators.logs.schema import RAW_COLUMNS
+from estimators.logs.signals import roll_back
 from estimators.logs.tables import Table
 from offroad_env.physics.records import Vehicle
 
@@ -20,8 +21,8 @@ SPLIT = "torque_f and torque_r are shares of torque_total, by drive_front, and b
 _EARTH, _ECCENTRICITY = 6378137.0, 6.69437999014e-3
 #: Largest angle that stands for a difference between the sides [rad], and speed below which it is none [m/s].
 _STEEPEST, _SLOWEST = 0.8, 0.2
-#: A fix further from the others is none of this drive [rad]; wheels that turn back faster roll back [rad/s].
-_FAR, _BACK = math.radians(1.0), 0.5
+#: A fix further from the others is none of this drive [rad].
+_FAR = math.radians(1.0)
 
 _RATES = {"gyro_x": ("roll_rate", 1.0), "gyro_y": ("pitch_rate", -1.0), "gyro_z": ("yaw_rate", 1.0)}
 _QUATERNION = ("q_w", "q_x", "q_y", "q_z")
@@ -48,7 +49,7 @@ def derived(
     made |= _axles(table, t, channels)
     if vehicle is not None and "torque_total" in channels:
         total = channels["torque_total"]
-        brakes = total * _direction(t, channels | made) < 0.0
+        brakes = np.where(_rolls_back(t, channels | made), -total, total) < 0.0
         front = np.where(brakes, vehicle.brake_front, vehicle.drive_front)
         made |= {"torque_f": front * total, "torque_r": (1.0 - front) * total}
         notes.append(SPLIT)
@@ -103,14 +104,10 @@ def _attitude(table: Table, channels: dict[str, np.ndarray]) -> dict[str, np.nda
     }
 
 
-def _direction(t: np.ndarray, channels: dict[str, np.ndarray]) -> np.ndarray:
-    """-1 in rows in which all wheels turn backwards, where a negative torque drives; otherwise 1."""
-    rims = []
-    for name in ("omega_f", "omega_r"):
-        own = np.isfinite(channels.get(name, np.full(len(t), math.nan)))
-        if own.any():
-            rims.append(np.interp(t, t[own], channels[name][own]))
-    return np.where(np.max(rims, axis=0) < -_BACK, -1.0, 1.0) if rims else np.ones(len(t))
+def _rolls_back(t: np.ndarray, channels: dict[str, np.ndarray]) -> np.ndarray:
+    """Rows in which all wheels turn backwards, where a negative torque drives."""
+    rims = [channels[name] for name in ("omega_f", "omega_r") if name in channels]
+    return roll_back(t, ((t[np.isfinite(rim)], rim[np.isfinite(rim)]) for rim in rims))
 
 
 def _place(table: Table, channels: dict[str, np.ndarray], notes: list[str]) -> dict[str, np.ndarray]:

@@ -6,6 +6,7 @@ Nothing here is handed to a filter: interpolation serves the quality checks only
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import cached_property
 from typing import NamedTuple
 
@@ -26,6 +27,7 @@ __all__ = [
     "noise_sd",
     "offset",
     "resolution",
+    "roll_back",
     "timing",
     "uninterrupted",
     "unwrapped",
@@ -39,6 +41,8 @@ _JUMP = 5.0
 _GRID = 0.02
 #: A step between rows longer than this many usual ones, and than this [s], interrupts the run.
 _PAUSE_STEPS, _SHORTEST_PAUSE = 5.0, 0.15
+#: Wheels that turn backwards faster roll back [rad/s].
+_ROLLS_BACK = 0.5
 #: A speed that is further below zero has a sign [m/s]; correlation from which a law says which way it goes.
 _BACKWARDS, _SAYS = 0.5, 0.5
 _LONGEST_GAP = 0.25  # a window with a longer silence than this (or 3 steps) is left out [s]
@@ -150,6 +154,12 @@ def uninterrupted(log: Log, times: np.ndarray) -> np.ndarray:
     for start, stop in jumps(log):
         fine &= (times < start) | (times > stop)
     return np.asarray(fine)
+
+
+def roll_back(t: np.ndarray, rims: Iterable[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Whether all wheels turn backwards at ``t`` [s]; ``rims``: times [s] and speeds [rad/s] of each."""
+    found = [np.interp(t, times, values) < -_ROLLS_BACK for times, values in rims if len(times)]
+    return np.all(found, axis=0) if found else np.zeros(len(t), dtype=bool)
 
 
 class Windows:

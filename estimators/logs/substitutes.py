@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.logs.log import Log
 from estimators.logs.schema import IMU
-from estimators.logs.signals import unwrapped
+from estimators.logs.signals import roll_back, unwrapped
 from offroad_env.errors import DataError
 from offroad_env.physics.numerics import GRAVITY
 
@@ -84,10 +84,10 @@ def _speed(log: Log, t: np.ndarray) -> np.ndarray | None:
 
 def _with_direction(log: Log, t: np.ndarray, speed: np.ndarray) -> np.ndarray:
     """A speed over ground [m/s], below zero where all wheels turn backwards: a receiver's has no sign."""
-    rims = [np.interp(t, *log.samples(name)) for name in ("omega_f", "omega_r") if name in log.channels]
-    if not rims or (speed < -0.5).any():
+    if (speed < -0.5).any():
         return speed
-    return np.where(np.max(rims, axis=0) < 0.0, -speed, speed)
+    back = roll_back(t, (log.samples(name) for name in ("omega_f", "omega_r") if name in log.channels))
+    return np.where(back, -speed, speed)
 
 
 def _yaw_rate(log: Log, t: np.ndarray) -> tuple[np.ndarray, str]:

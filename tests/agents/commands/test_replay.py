@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from agents.commands.cli import main
-from estimators.logs import log_from_run, write_log
+from estimators.logs import log_from_run, read_log, write_log
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
 from offroad_env.simulation.simulator import make_plant, settled_state, simulate_commands
 from offroad_env.world.soils import make_soil
@@ -50,6 +51,16 @@ def test_numbers_and_picture_are_written_and_the_table_names_every_model(drive, 
         assert {"v_x", "v_y", "yaw_rate", "omega_f", "omega_r", "a_y", "position"} <= set(run["rms"])
         assert all(0.0 < error < 10.0 for error in run["rms"].values())
     assert (tmp_path / "replay.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_is_wrong_with_the_data_is_printed_and_the_log_is_replayed(drive, tmp_path, capsys):
+    log = read_log(drive)
+    channels = {**log.channels, "yaw_rate": -log.channels["yaw_rate"]}
+    path = write_log(tmp_path / "reversed.csv", replace(log, channels=channels))
+    offroad("replay", path, "--structure", "full", "--window", "2", "--jobs", "1", "--out", tmp_path)
+    assert "reversed: problem: yaw_rate" in capsys.readouterr().out
+    offroad("replay", drive, "--structure", "full", "--window", "2", "--jobs", "1", "--out", tmp_path)
+    assert "problem: yaw_rate" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

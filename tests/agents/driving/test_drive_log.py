@@ -10,6 +10,7 @@ import pytest
 
 from agents.commands.cli import main
 from agents.driving.recording import MeasuredRun
+from agents.reports.figures import soil_belief
 from estimators.logs import commands_at, f1tenth_log, plant_of, read_log, start_of, write_log
 from offroad_env.physics import state as at
 from offroad_env.physics.paper_vehicle import paper_advance
@@ -151,6 +152,19 @@ def test_estimate_gives_the_soil_with_one_number_and_one_interval_a_quantity(tmp
     assert printed.count("sinkage exponent n") == 1
     assert found["sentence"] in printed
     assert "n given it" in printed
+
+
+def test_a_figure_that_fails_loses_no_number(tmp_path, capsys, monkeypatch):
+    def broken(report):
+        raise ValueError("no axis has room for this")
+
+    monkeypatch.setattr(soil_belief, "soil_belief_figure", broken)
+    path = write_log(tmp_path / "weave.csv", driven(duration=6.0))
+    numbers = tmp_path / "n.json"
+    with pytest.raises(ValueError, match="no axis"):
+        main(["estimate", str(path), "--structure", "full", "--out", str(tmp_path), "--json", str(numbers)])
+    assert "sinkage exponent n" in capsys.readouterr().out
+    assert json.loads(numbers.read_text())["runs"][0]["log"] == "weave"
 
 
 def test_estimate_falls_back_to_a_filter_where_no_torque_was_measured(tmp_path, capsys):

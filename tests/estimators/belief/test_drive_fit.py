@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimators.belief import drive_fit, drive_problem
-from estimators.belief.drive_errors import DISCREPANCY, GROUPS, HEADING, UNEVEN, errors_of
+from estimators.belief.drive_errors import DISCREPANCY, GROUPS, HEADING, ROAD_ERRORS, errors_of
 from estimators.belief.drive_fit import fit_drive
 from estimators.belief.drive_numbers import (
     DRIVE_NUMBERS,
@@ -166,7 +166,7 @@ def test_discrepancies_are_those_of_the_tuning_drives() -> None:
     times = [process.time for process in DISCREPANCY.values()]
     assert times == [4.0, 0.4, 0.8, 0.7, 0.45, 0.7, 0.45]
     assert {process.group for process in DISCREPANCY.values()} == set(GROUPS)
-    assert {name: process.sd for name, process in UNEVEN.items()} == {
+    assert {name: process.sd for name, process in ROAD_ERRORS.items()} == {
         "speed": 0.006,
         "a_x": 0.021,
         "wheel_f": 0.017,
@@ -175,8 +175,8 @@ def test_discrepancies_are_those_of_the_tuning_drives() -> None:
         "side": 0.01,
         "a_y": 0.014,
     }
-    assert [process.time for process in UNEVEN.values()] == [1.0, 0.05, 0.05, 0.05, 0.3, 0.5, 0.1]
-    assert {name: process.group for name, process in UNEVEN.items()} == {
+    assert [process.time for process in ROAD_ERRORS.values()] == [1.0, 0.05, 0.05, 0.05, 0.3, 0.5, 0.1]
+    assert {name: process.group for name, process in ROAD_ERRORS.items()} == {
         name: process.group for name, process in DISCREPANCY.items()
     }
     assert math.degrees(HEADING) == pytest.approx(1.0)
