@@ -9,10 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import qmc
 
 from estimators.belief.drive_errors import GROUPS
 from estimators.belief.drive_fit import DriveFit
-from estimators.belief.drive_numbers import DRIVE_NUMBERS, STEPS, plant_of_drive
+from estimators.belief.drive_numbers import DRIVE_NUMBERS, plant_of_drive
 from estimators.filters.soil_belief_holds import LIMITS, least_sd, transform_limits
 from estimators.filters.soil_belief_points import N
 from estimators.numerics.importance_sampling import WeightedSamples
@@ -24,8 +25,8 @@ from offroad_env.simulation.soil_holds import what_soil_holds
 
 __all__ = ["FittedLimitSettings", "FittedLimits", "drive_limits", "fitted_limits", "limit_slopes"]
 
-#: Share of the steps of `STEPS` over which limits are differentiated.
-_SHARE = 0.2
+#: Draws for the slopes of limits, a power of two.
+_DRAWS = 512
 #: Least standard deviation of n.
 _LEAST_SD = 1e-3
 #: Weights below this share of the mean one do not count: their limits need not be found.
@@ -66,13 +67,22 @@ def drive_limits(plant: Plant, numbers: FloatArray) -> FloatArray:
     return found
 
 
-def limit_slopes(plant: Plant, numbers: FloatArray) -> FloatArray:
-    """(6, 10) derivatives of the limits by the numbers of a drive."""
-    columns = [
-        (drive_limits(plant, numbers + step) - drive_limits(plant, numbers - step)) / (2.0 * step[i])
-        for i, step in enumerate(_SHARE * np.diag(STEPS))
-    ]
-    return np.array(columns).T
+def limit_slopes(plant: Plant, numbers: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(7, 10) derivatives of the limits, then of n, by the numbers of a drive, averaged near ``numbers``.
+
+    Averaged over a normal distribution with ``covariance`` (10, 10), as the bound of a function of uncertain
+    numbers needs it: by Stein's lemma the regression of the limits on 512 quasi-random draws. A limit may
+    bend within the distribution, where the best slip reaches the end of its range. Draws whose limits do not
+    exist are left out.
+    """
+    root = np.linalg.cholesky(covariance)
+    draws = qmc.MultivariateNormalQMC(np.zeros(len(numbers)), rng=np.random.default_rng(0)).random(_DRAWS)
+    rows = np.array([_limits_and_n(plant, numbers + root @ draw) for draw in draws])
+    sound = np.isfinite(rows).all(axis=1)
+    design = np.column_stack([np.ones(sound.sum()), draws[sound]])
+    by_draw = np.linalg.lstsq(design, rows[sound])[0][1:]
+    slopes: FloatArray = np.linalg.solve(root.T, by_draw).T
+    return slopes
 
 
 def fitted_limits(

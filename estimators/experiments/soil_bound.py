@@ -13,7 +13,6 @@ from estimators.belief.drive_problem import Surroundings
 from estimators.experiments.adaptation import nominal_plant, samples_until
 from estimators.experiments.unknown_soils import CASES, SoilRun, sloping
 from estimators.filters.online_soil_belief import SoilBeliefSettings
-from estimators.filters.soil_belief_points import N
 from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.sensors import ImuConfig
 from offroad_env.simulation.soil_holds import SoilHolds
@@ -27,7 +26,9 @@ def limit_bounds(run: SoilRun, end: float) -> FloatArray:
 
     The unknowns and their prior are those of the belief over whole soils, with lag and drag; so is the
     slope of the ground unless it is known. First row: the model is exact, sensors err; second row: road and
-    scatter are unknown, too, of the usual size. On the scale of `BeliefHistory`.
+    scatter are unknown, too, of the usual size. The bound of these numbers (`drive_bound`) is carried over to
+    the limits by draws (`limit_slopes`): slopes at the truth would promise too much where a limit bends
+    within it. On the scale of `BeliefHistory`.
 
     Raises
     ------
@@ -40,11 +41,11 @@ def limit_bounds(run: SoilRun, end: float) -> FloatArray:
     samples = samples_until(run, end)
     if not CASES[run.case].nuisances:
         samples = replace(samples, unit=ImuConfig())
-    kept = [i for i, name in enumerate(SoilHolds._fields) if name != "pull_slip"]
-    slopes = np.vstack([limit_slopes(nominal, truth)[kept], np.eye(len(truth))[N]])
+    kept = [i for i, name in enumerate((*SoilHolds._fields, "n")) if name != "pull_slip"]
     rows = []
     for scatter in (None, SoilSpread()):
         surroundings = Surroundings(grade=grade, scatter=scatter)
         covariance = drive_bound(nominal, samples, truth, surroundings)
+        slopes = limit_slopes(nominal, truth, covariance)[kept]
         rows.append(np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes)))
     return np.array(rows)
