@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from estimators.logs.checking.languages import english, plain_letters
 from estimators.logs.schema import ALL_COLUMNS, VEHICLE_INPUTS, plain_unit
 from estimators.logs.unit_conversion import conversion
 from offroad_env.errors import InvalidParameter
@@ -45,7 +46,6 @@ _SAME = {
     "theta": "pitch", "phi": "roll",
     "cog": "course", "lng": "lon", "latitude": "lat", "longitude": "lon", "easting": "east",
     "northing": "north",
-    "zeit": "time", "zeitstempel": "time", "uhrzeit": "time", "horodatage": "time", "temps": "time",
     "tow": "time",
     "timestamp": "time", "stamp": "time", "elapsed": "time", "datetime": "time", "dot": "rate",
     "ang": "angular",
@@ -201,10 +201,13 @@ def named_unit(name: str) -> tuple[str, str | None]:
 
 
 def _words(name: str) -> set[str]:
+    own = [word.lower() for word in _WORD.findall(plain_letters(name))]
     words: list[str] = []
-    for found in _WORD.findall(name):
-        word = found.lower()
-        words += _PAIRS[word].split() if word in _PAIRS else [_SAME.get(word, word)]
+    for word, foreign in zip(own, english(own), strict=True):
+        if foreign is not None:
+            words += foreign
+        else:
+            words += _PAIRS[word].split() if word in _PAIRS else [_SAME.get(word, word)]
     # a_x, v_x, w_z, q_w: the letter before an axis names the quantity.
     for letter, meaning in (("q", "quaternion"), ("a", "accel"), ("v", "velocity"), ("w", "gyro")):
         axes = ("w", "x", "y", "z") if letter == "q" else ("x", "y", "z")

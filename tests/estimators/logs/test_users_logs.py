@@ -11,6 +11,7 @@ from foreign_logs import Foreign, drive, write
 from estimators.logs import quality, read_log
 from estimators.logs.checking.check import check_log
 from estimators.logs.checking.names import name_remarks
+from estimators.logs.checking.naming import column_of
 from estimators.logs.schema import VEHICLE_INPUTS
 from estimators.logs.substitutes import substituted
 from estimators.logs.unit_conversion import conversion
@@ -212,6 +213,26 @@ def test_a_clock_is_recognised_by_its_name_or_its_numbers(tmp_path, name, unit, 
     found = {line.key: line.value for line in _named_lines(path)}
     assert found.get("columns.t") == name
     assert found.get("units.t") == unit
+
+
+_GERMAN = {
+    "Lenkwinkel": "steer", "Giergeschwindigkeit": "yaw_rate", "Längsbeschleunigung": "a_x",
+    "Querbeschleunigung": "a_y", "Vertikalbeschleunigung": "a_z", "Nickrate": "pitch_rate",
+    "Wankwinkel": "roll", "Gierwinkel": "yaw", "Raddrehzahl vorne links": "omega_fl",
+    "Raddrehzahl_HR": "omega_rr", "Antriebsmoment Hinterachse": "torque_r", "Fahrgeschwindigkeit": "speed",
+    "Breitengrad": "latitude", "Kurs": "course", "Motordrehzahl": None, "Bremsdruck": None, "Rad": None,
+}  # fmt: skip
+_FRENCH = {
+    "angle_braquage": "steer", "vitesse_lacet": "yaw_rate", "accélération longitudinale": "a_x",
+    "acceleration_laterale": "a_y", "tangage": "pitch", "vitesse roue arrière gauche": "omega_rl",
+    "vitesse_roue_AVD": "omega_fr", "couple avant": "torque_f", "vitesse": "speed", "cap": "yaw",
+    "régime moteur": None, "pression de frein": None, "arg": None,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "column"), [*_GERMAN.items(), *_FRENCH.items()])
+def test_german_and_french_names_are_understood(name: str, column: str | None) -> None:
+    assert column_of(name) == column
 
 
 def _named_lines(path):

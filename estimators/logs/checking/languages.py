@@ -1,0 +1,86 @@
+"""German and French names of channels, as English words.
+
+German names are compounds: ``Lenkradwinkel`` is split into its stems, steering wheel and angle.
+"""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Sequence
+from functools import cache
+
+__all__ = ["english", "plain_letters"]
+
+#: Stems of German compounds -> words of `estimators.logs.checking.naming`; longer ones are tried first.
+_STEMS = {
+    "lenkrad": "steer wheel", "lenk": "steer", "lenkung": "steer", "einschlag": "", "gier": "yaw",
+    "nick": "pitch", "wank": "roll", "roll": "roll", "winkel": "angle", "rate": "rate",
+    "geschwindigkeit": "velocity", "beschleunigung": "accel", "laengs": "x", "quer": "y",
+    "vertikal": "z", "hoch": "z", "fahr": "", "fahrzeug": "", "rad": "wheel", "raeder": "wheel",
+    "drehzahl": "rpm", "motor": "motor", "dreh": "angular", "drehmoment": "torque", "moment": "torque",
+    "antriebs": "drive", "antrieb": "drive", "brems": "brake", "kraft": "force", "vorne": "front",
+    "vorn": "front", "vorder": "front", "vorderachse": "front wheel", "hinten": "rear", "hinter": "rear",
+    "hinterachse": "rear wheel", "links": "left", "rechts": "right", "breitengrad": "lat",
+    "laengengrad": "lon", "rechtswert": "east", "hochwert": "north", "kurs": "course",
+    "kurswinkel": "course", "zeit": "time", "stempel": "", "uhr": "",
+}  # fmt: skip
+#: Stems that are words of their own in English, or a unit: only within a compound.
+_NEVER_ALONE = {"rad", "rate", "motor", "roll", "moment", "hoch", "dreh", "brems", "uhr", "stempel", "fahr"}
+_FRENCH = {
+    "vitesse": "velocity", "lacet": "yaw", "tangage": "pitch", "roulis": "roll", "longitudinale": "x",
+    "laterale": "y", "verticale": "z", "braquage": "steer", "volant": "steer wheel", "roue": "wheel",
+    "roues": "wheel", "avant": "front", "arriere": "rear", "gauche": "left", "droite": "right",
+    "droit": "right", "couple": "torque", "cap": "yaw", "horodatage": "time", "temps": "time",
+    "moteur": "motor", "regime": "rpm", "frein": "brake", "freinage": "brake",
+}  # fmt: skip
+#: Wheels in names with another word of these languages.
+_CORNERS = {
+    "vl": "front left", "vr": "front right", "hl": "rear left", "hr": "rear right", "avg": "front left",
+    "avd": "front right", "arg": "rear left", "ard": "rear right",
+}  # fmt: skip
+
+
+def plain_letters(name: str) -> str:
+    """``Längsbeschleunigung`` -> ``Laengsbeschleunigung``, ``arrière`` -> ``arriere``."""
+    for umlaut, letters in (
+        ("ä", "ae"),
+        ("ö", "oe"),
+        ("ü", "ue"),
+        ("Ä", "Ae"),
+        ("Ö", "Oe"),
+        ("Ü", "Ue"),
+        ("ß", "ss"),
+    ):
+        name = name.replace(umlaut, letters)
+    apart = unicodedata.normalize("NFKD", name)
+    return "".join(letter for letter in apart if not unicodedata.combining(letter))
+
+
+def english(words: Sequence[str]) -> list[list[str] | None]:
+    """English words for each word of a name, in small, plain letters; None for those of no other language."""
+    found = [_english(word) for word in words]
+    if all(one is None for one in found):
+        return found
+    return [
+        _CORNERS[word].split() if one is None and word in _CORNERS else one
+        for word, one in zip(words, found, strict=True)
+    ]
+
+
+def _english(word: str) -> list[str] | None:
+    if word in _FRENCH:
+        return _FRENCH[word].split()
+    stems = None if word in _NEVER_ALONE else _split(word)
+    return None if stems is None else " ".join(_STEMS[stem] for stem in stems).split()
+
+
+@cache
+def _split(word: str) -> tuple[str, ...] | None:
+    """The stems that a compound consists of, the longest first."""
+    if not word:
+        return ()
+    for length in range(len(word), 2, -1):
+        rest = _split(word[length:]) if word[:length] in _STEMS else None
+        if rest is not None:
+            return (word[:length], *rest)
+    return None
