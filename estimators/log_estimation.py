@@ -31,7 +31,7 @@ from estimators.logs.schema import IMU
 from estimators.logs.substitutes import substituted
 from estimators.models.half_car_on_map import CHANNELS, JointSettings
 from estimators.numerics.bounded import belief_of
-from offroad_env.errors import DataError, SolverFailure
+from offroad_env.errors import DataError, InvalidParameter, SolverFailure
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig
 from offroad_env.simulation.simulator import Plant, settled_state
@@ -56,6 +56,8 @@ LOG_FILTERS = (*ONLINE_FILTERS, *LOG_MAP_FILTERS)
 _WIDEST = (0.2, 1.4)
 _STEP = 0.05
 _ROOM = 0.15
+#: Priors of n that leave two steps of this search on either side [-].
+_PRIORS = (0.3, 1.3)
 #: A stamp may be this share of a period away from an even grid.
 _JITTER = 0.25
 _RATES = (50.0, 1000.0)  # [Hz]
@@ -235,7 +237,11 @@ def usable_range(plant: Plant, around: float) -> tuple[float, float]:
         return True
 
     if not bears(around):
-        raise DataError(f"the soil of the description (n = {around:g}) does not carry the vehicle")
+        own = plant.soil.n
+        soil = "the soil of the description"
+        if around == own:
+            raise DataError(f"{soil} (n = {own:g}) does not carry the vehicle")
+        raise DataError(f"{soil} does not carry the vehicle with n_prior = {around:g} (its own n is {own:g})")
     low = high = around
     while low - _STEP >= _WIDEST[0] - 1e-9 and bears(low - _STEP):
         low -= _STEP
@@ -310,9 +316,9 @@ def estimate_log(
     known = filter_id(name, LOG_FILTERS)
     if log.config.soil.rigid > 0.5:
         raise DataError(f"{log.name}: stands on hard ground, which has no sinkage exponent to estimate")
+    around = _prior_mean(log, n_prior)
     complete, notes = substituted(log)
     samples, plant = log_samples(complete), plant_of(log)
-    around = plant.soil.n if n_prior is None else n_prior
     n_range = usable_range(plant, around)
     belief_of(around, sd, n_range[0] - _STEP, n_range[1] + _STEP)  # refuses a prior that is too wide
     prepare = _online_run if FILTERS[known].make is not None else _map_run
@@ -327,6 +333,20 @@ def estimate_log(
     stated = replace(history, t=samples.t)
     robust = _robust(log, samples, plant, n_range, stated)
     return LogEstimate(log=log.name, filter=known, stated=stated, robust=robust, n_range=n_range, notes=notes)
+
+
+def _prior_mean(log: Log, n_prior: float | None) -> float:
+    """The option, else n of the description; where no range of n can be laid around it, it is refused."""
+    n: float = log.config.soil.n if n_prior is None else n_prior
+    low, high = _PRIORS
+    if low <= n <= high:
+        return n
+    if n_prior is None:
+        raise DataError(
+            f"{log.name}: a filter needs a prior of n in [{low:g}, {high:g}], soil.n of the description is "
+            f"{n:g}: give n_prior"
+        )
+    raise InvalidParameter(f"n_prior must be in [{low:g}, {high:g}], got {n_prior}")
 
 
 def _pose(log: Log) -> Pose:

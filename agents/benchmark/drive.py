@@ -29,14 +29,15 @@ def drive_section(args: BenchmarkArgs, *, terrain_info: str | None = None) -> Se
     name = _SHOWN if _SHOWN in args.agents else args.agents[0]
     own = terrain_info if ":" in name else None
     agent, shown = find_agent(args.driver(name, form), task, own, form=form)
-    options = {**options_of(task, form), **(json.loads(args.world) if args.world else {})}
-    env = gym.make(ENV_ID, terrain_info=shown, **options)
-    draw = draw_episodes(task, args.episodes, args.seed, form=form)[0]
+    world = json.loads(args.world) if args.world else {}
+    env = gym.make(ENV_ID, terrain_info=shown, **options_of(task, form, world))
+    draw = draw_episodes(task, args.episodes, args.seed, form=form, world=world)[0]
     drive = Drive(env, agent, seed=draw.seed, options=draw.options)
     try:
         for _ in drive:
             pass
-        playback = episode_playback(drive.log, bekker_env(env).briefing)
+        shown_env = bekker_env(env)
+        playback = episode_playback(drive.log, shown_env.briefing, shown_env.plant)
     finally:
         env.close()
     return Section(

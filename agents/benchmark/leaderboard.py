@@ -14,6 +14,7 @@ import sys
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+from agents.benchmark.study import usual_knobs
 from agents.reports.output import say, write_bytes
 from offroad_env.errors import DataError
 from offroad_env.world.files import read_json, require_keys
@@ -146,7 +147,7 @@ def write_boards(numbers: Path, folder: Path) -> list[Path]:
             unit=result["unit"],
             episodes=len(result["arms"][0]["episodes"]),
             seed=int(result["seed"]),
-            knobs=run["arguments"]["knobs"],
+            knobs=run["arguments"]["knobs"] or usual_knobs(result["form"]),
             entries=tuple(sorted(entries, key=lambda entry: entry.score)),
         )
         path = folder / f"{board.task}.{board.form}.json"

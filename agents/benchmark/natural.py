@@ -21,8 +21,9 @@ from typing import Any
 from agents.controllers.natural_arms import NATURAL_FORMS, NATURAL_LAWS
 from offroad_env.environment.randomisation import LogUniform, Normal
 from offroad_env.environment.scenario_descriptions import find_scenario
-from offroad_env.environment.scenarios import Scenario, draw_steep_climb
+from offroad_env.environment.scenarios import SCENARIOS, Scenario, draw_steep_climb
 from offroad_env.environment.soil_draws import MeasuredSoils
+from offroad_env.errors import InvalidParameter
 from offroad_env.world.vehicles import VEHICLES
 
 __all__ = [
@@ -42,7 +43,7 @@ NATURAL_TASKS = ("track", "speed", "climb", "brake", "ride")
 #: White noise of a fix [m]; the drift of the car receiver, 0.17 m over 100 s, stays.
 _FIX, _COARSE_FIX = 0.03, 1.5
 #: Half widths of the corridors with coarse fixes [m]: the given ones and one standard deviation of a fix.
-CORRIDORS = {"track": 5.5, "speed": 3.0, "climb": 4.0, "brake": 3.5, "ride": 3.5}
+CORRIDORS = {task: SCENARIOS[task].corridor + _COARSE_FIX for task in NATURAL_TASKS}
 
 #: Tolerances of a vehicle: relative standard deviations of numbers that load, wear and assembly change.
 #: Mass: a passenger or fuel; height of the centre of gravity with it; inertia and springs: parts of a kind;
@@ -105,17 +106,39 @@ def natural_options(form: str = "natural") -> dict[str, Any]:
 
 
 def natural_scenario(task: str, form: str = "natural") -> Scenario:
-    """The task as it is in this form; what differs follows from what tyres hold (docs/benchmark.md)."""
+    """The task as it is in this form; what differs follows from what tyres hold (docs/benchmark.md).
+
+    A scenario of one's own keeps its own course and the width of its corridor, to which a coarse fix adds:
+    only a hill that it has from `climb` becomes the steep one.
+    """
     scenario = find_scenario(task)
-    if task == "climb":
-        scenario = replace(scenario, draw=draw_steep_climb, like="climb")
+    like = scenario.task  # of its course, which is replaced below, the rules could no longer tell
+    if scenario.draw is SCENARIOS["climb"].draw:
+        scenario = replace(scenario, draw=draw_steep_climb, like=like)
     if form == "natural_gnss":
-        scenario = replace(scenario, corridor=CORRIDORS[task], like=task)
+        scenario = replace(scenario, corridor=scenario.corridor + _COARSE_FIX, like=like)
     return scenario
 
 
-def options_of(task: str, form: str) -> Mapping[str, Any]:
-    """Arguments of ``gym.make`` for a task in any form, without ``terrain_info``."""
+def options_of(task: str, form: str, world: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
+    """Arguments of ``gym.make`` for a task in any form; ``world`` holds further ones of a user's own.
+
+    What a natural form draws for each episode it still draws beside what ``world["randomise"]`` adds.
+
+    Raises
+    ------
+    InvalidParameter
+        For a soil of one's own in a natural form, which draws the soil of every episode.
+    """
+    own = dict(world or {})
     if not is_natural(form):
-        return {"scenario": task}
-    return {"scenario": natural_scenario(task, form), **natural_options(form)}
+        return {"scenario": task, **own}
+    if "soil" in own:
+        raise InvalidParameter(
+            f"soil: the form {form!r} draws a whole soil for every episode - leave soil out, or drive "
+            'the form "matched"'
+        )
+    found = natural_options(form)
+    if "randomise" in own:
+        own["randomise"] = {**found["randomise"], **own["randomise"]}
+    return {"scenario": natural_scenario(task, form), **found, **own}

@@ -32,6 +32,7 @@ from offroad_env.environment.control_period import announce_compilation
 from offroad_env.environment.scenario_descriptions import find_scenario
 from offroad_env.environment.scenarios import Scenario
 from offroad_env.errors import InvalidParameter
+from offroad_env.world.soils import SOILS
 
 __all__ = [
     "ENV_ID",
@@ -88,6 +89,7 @@ def draw_episodes(
     training: bool = False,
     form: str = "matched",
     split: str = "test",
+    world: Mapping[str, Any] | None = None,
 ) -> list[Draw]:
     """Episodes with n spread evenly over the prior: one in each of as many equal intervals.
 
@@ -107,6 +109,8 @@ def draw_episodes(
     form
         In `FORMS`.
     split : {"test", "training", "validation"}
+    world
+        Further arguments of ``gym.make``. Where they decide n, the episodes leave it to the environment.
     """
     if split not in SPLITS:
         raise InvalidParameter(f"split must be one of {', '.join(SPLITS)}, got {split!r}")
@@ -120,6 +124,8 @@ def draw_episodes(
     if form not in OVER_N:
         return [Draw(int(s), None) for s in seeds]
     draws = [Draw(int(s), float(low + p * (high - low))) for s, p in zip(seeds, place, strict=True)]
+    if not _draws_n(world or {}):
+        draws = [draw._replace(n=None) for draw in draws]
     if form == "matched":
         return draws
     ends = np.log(np.array(list(MISMATCH.values())))
@@ -128,6 +134,13 @@ def draw_episodes(
         draw._replace(mismatch=(float(row[0]), float(row[1]), float(row[2])))
         for draw, row in zip(draws, factors, strict=True)
     ]
+
+
+def _draws_n(world: Mapping[str, Any]) -> bool:
+    """Whether episodes have an n of the scenario's prior: a soil of one's own has its n, others are drawn."""
+    soil = world.get("soil")
+    known = soil is None or (isinstance(soil, str) and soil in SOILS)
+    return known and not {"n", "soil", "soil.n"} & set(world.get("randomise") or ())
 
 
 def run_episode(

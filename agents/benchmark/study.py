@@ -32,19 +32,24 @@ from agents.driving.episode import (
     is_agent,
     trained_name,
 )
-from agents.driving.own_agents import own_content
+from agents.driving.own_agents import course_content, own_content
 from agents.learning.policies import LEARNED, WEIGHTS, learned_folder, shipped_seeds
 from agents.studies.runner import Key, run_units, stamp_of
 from offroad_env.environment.scenario_descriptions import find_scenario, scenario_mapping
 from offroad_env.environment.scenarios import BUILT_IN
 from offroad_env.errors import InvalidParameter
 
-__all__ = ["EPISODES", "BenchmarkArgs", "drive_unit", "run_learned", "run_study"]
+__all__ = ["EPISODES", "BenchmarkArgs", "drive_unit", "run_learned", "run_study", "usual_knobs"]
 
 #: What is driven: everything that decides a result. A change of any of it makes its units anew.
 _SOURCES = ("agents.benchmark.runner", "agents.driving.episode", "offroad_env.environment.env")
 #: File of the units in the folder of the results.
 EPISODES = "episodes.jsonl"
+
+
+def usual_knobs(form: str) -> str:
+    """Knobs with which the arms drive a form where none are asked for."""
+    return "common" if is_natural(form) else "own"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,8 +77,8 @@ class BenchmarkArgs:
 
     def driver(self, agent: str, form: str) -> str:
         """The name of an agent among the units: other knobs than the form's usual ones make another one."""
-        usual, other = ("common", OWN_KNOBS) if is_natural(form) else ("own", COMMON_KNOBS)
-        return f"{agent}{other}" if agent in ARMS and self.knobs not in (None, usual) else agent
+        other = OWN_KNOBS if is_natural(form) else COMMON_KNOBS
+        return f"{agent}{other}" if agent in ARMS and self.knobs not in (None, usual_knobs(form)) else agent
 
     def check(self) -> None:
         """Refuse what cannot be run, by name.
@@ -83,6 +88,10 @@ class BenchmarkArgs:
         InvalidParameter
             For an unknown task, agent or form, or fewer than two episodes.
         """
+        if not self.agents:
+            raise InvalidParameter("agents must name at least one, got none")
+        if self.n_jobs == 0:
+            raise InvalidParameter("n_jobs must be 1 or more, or -1 for all processors, got 0")
         for task in self.tasks:
             find_scenario(task)
         for agent in self.agents:
@@ -112,10 +121,10 @@ def drive_unit(
     world: str = "",
 ) -> dict[str, Any]:
     """Drive episode number ``episode`` of ``episodes``; a unit of `run_units`."""
-    draw = draw_episodes(task, episodes, seed, form=form)[episode]
+    own = json.loads(world) if world else {}
+    draw = draw_episodes(task, episodes, seed, form=form, world=own)[episode]
     driver, terrain_info = find_agent(agent, task, terrain_info, form=form)
-    options = {**options_of(task, form), **(json.loads(world) if world else {})}
-    env = gym.make(ENV_ID, terrain_info=terrain_info, **options)
+    env = gym.make(ENV_ID, terrain_info=terrain_info, **options_of(task, form, own))
     try:
         return asdict(run_episode(env, driver, draw.seed, options=draw.options))
     finally:
@@ -140,7 +149,10 @@ def _stamp(task: str, agent: str, form: str) -> str:
     else:
         own = repr(SETTINGS.get((find_scenario(task).task, agent.removeprefix("lqr_")))).encode()
     if task not in BUILT_IN:
-        own += repr(scenario_mapping(find_scenario(task))).encode()
+        mapping = scenario_mapping(find_scenario(task)) or {}
+        own += repr(mapping).encode()
+        if isinstance(course := mapping.get("course"), str):
+            own += course_content(course)
     return f"{stamp_of(*_SOURCES)}-{hashlib.sha256(own).hexdigest()[:10]}"
 
 
@@ -171,6 +183,8 @@ def run_study(
         Terrain information for agents that are given as ``module:Class``; default "none".
     """
     args.check()
+    for task, form in args.cells:
+        options_of(task, form, json.loads(args.world) if args.world else {})  # refuses what does not fit
 
     def key(task: str, form: str, agent: str, episode: int) -> Key:
         unit = (task, form, args.driver(agent, form), episode)

@@ -13,6 +13,7 @@ from agents.commands.options import Jobs, Scenarios
 from agents.driving.world_options import WorldOptions, known_scenario
 from agents.reports.output import console, say, table, write_bytes, write_json
 from offroad_env.environment.scenarios import BUILT_IN
+from offroad_env.errors import InvalidParameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -100,6 +101,11 @@ class BenchmarkRun:
         """What is compared on what."""
         from agents.benchmark.study import BenchmarkArgs
 
+        for option, given in (("scenario", self.tasks), ("agents", self.agents), ("forms", self.forms)):
+            if not given:
+                raise InvalidParameter(
+                    f"{option} must name at least one, got none - an option without a value?"
+                )
         args = BenchmarkArgs(
             tasks=tuple(map(known_scenario, self.tasks)),
             agents=self.agents,

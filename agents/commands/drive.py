@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from agents.commands.options import TerrainInfo, option_value
 from agents.driving.world_options import WorldOptions, known_scenario
 from agents.reports.output import OutputError, Results, console, say, table, write_bytes
+from offroad_env.environment.scenario_descriptions import register_scenario
+from offroad_env.environment.scenarios import BUILT_IN
 from offroad_env.errors import DataError, InvalidParameter, OffroadError
 from offroad_env.world.yaml_text import shown
 
@@ -23,7 +25,9 @@ if TYPE_CHECKING:
 __all__ = ["Drive"]
 
 VehicleModel = Literal["half_car", "bicycle", "four_wheel"]
-_USUAL = "track"
+_USUAL, _AGENT = "track", "pure_pursuit"
+#: Terrain information of which a policy can be given one for the other.
+_ALIKE = (("estimate", "truth"), ("belief", "limits"))
 _KEYBOARD = "keyboard"  # agent that is a person
 _CONTROL_RATE = 50  # steps a second
 _BEYOND = 2.0  # an action so large is no share in [-1, 1] that misses it by a little
@@ -44,7 +48,7 @@ class Drive(Results):
     """
 
     scenario: str | None = None  #: name, *.yaml or inline YAML; default: that of the policy, or track
-    agent: str = "pure_pursuit"  #: one of those above, or module:Class
+    agent: str = _AGENT  #: one of those above, or module:Class
     policy: Path | None = None  #: a folder of offroad train: its policy drives, in the world of its training
     terrain_info: TerrainInfo | None = None  #: what the agent is shown of the soil; default: what it needs
     n: float | None = None  #: true sinkage exponent; default: drawn from the scenario's range [-]
@@ -64,7 +68,7 @@ class Drive(Results):
         """What the command does, with the agents that exist for the scenario among the arguments."""
         from agents.driving.episode import agent_list
 
-        scenario = option_value(arguments, "--scenario", _USUAL)
+        scenario = known_scenario(option_value(arguments, "--scenario", _USUAL))
         return f"{inspect.getdoc(cls)}\n\nAgents of {scenario}: {agent_list(scenario)}."
 
     def run(self) -> None:
@@ -73,6 +77,10 @@ class Drive(Results):
 
         from agents.driving.figure import drive_figure
 
+        if self.policy is not None and self.agent != _AGENT:
+            raise InvalidParameter(f"give --policy or --agent, not both: got --agent {self.agent}")
+        if self.picture is not None and self.picture.suffix.lower() != ".png":
+            raise InvalidParameter(f"picture must end in .png, got {self.picture}")
         self.window = self.window or self.agent == _KEYBOARD
         if self.window and (self.video or self.picture):
             raise InvalidParameter(
@@ -111,33 +119,32 @@ class Drive(Results):
         steps = None if self.duration is None else max(round(self.duration * _CONTROL_RATE), 1)
         env = gym.make(
             ENV_ID,
-            scenario=scenario,
             terrain_info=terrain_info,
             model=self.model,
             vehicle_model=self.vehicle_model,
             render_mode=mode,
             max_episode_steps=steps,
-            **{**self._world_of_training(), **self.world.env_options()},
+            **self._world(scenario),
         )
         return env, agent
 
     def _usual_scenario(self) -> str:
         """What is driven where nothing is asked for."""
-        return _USUAL if self.policy is None else str(_kind_of_policy(self.policy)["scenario"])
+        return _USUAL if self.policy is None else _scenario_of_policy(self.policy)
 
-    def _world_of_training(self) -> dict[str, Any]:
-        """Options of the environment that the policy has learnt in; what is asked for takes their place."""
+    def _world(self, scenario: str) -> dict[str, Any]:
+        """Options of the environment: those that the policy has learnt in, but for what is asked for."""
+        asked = self.world.env_options()
         if self.policy is None:
-            return {}
-        world = _kind_of_policy(self.policy).get("world", {})
-        known = {entry.name for entry in fields(WorldOptions)}
-        if not isinstance(world, dict) or not set(world) <= known:
-            raise DataError(f"{self.policy}: world must hold {', '.join(sorted(known))}, got {shown(world)}")
-        if world:
-            say(
-                f"world of the policy: {', '.join(f'{name} {shown(value)}' for name, value in world.items())}"
-            )
-        return world
+            return {"scenario": scenario, **asked}
+        from agents.benchmark.natural import options_of
+
+        form, world = _world_of_policy(self.policy)
+        differs = [] if form == "matched" else [f"form {form}"]
+        differs += [f"{name} {shown(value)}" for name, value in world.items()]
+        if differs:
+            say(f"world of the policy: {', '.join(differs)}")
+        return dict(options_of(scenario, form, {**world, **asked}))
 
     def _driver(self, scenario: str) -> tuple[Agent, str]:
         """The agent, and the terrain information of the environment that it drives in."""
@@ -265,15 +272,47 @@ def _kind_of_policy(folder: Path) -> dict[str, Any]:
     return policy_kind(folder)
 
 
+def _scenario_of_policy(folder: Path) -> str:
+    """What it has learnt; of a folder from somebody else no function is called that draws courses."""
+    kind = _kind_of_policy(folder)
+    name, stated = kind["scenario"], kind.get("course")
+    if stated is None and name in BUILT_IN:
+        return str(name)
+    course = dict(stated) if isinstance(stated, dict) else {"course": None}
+    if not isinstance(course.get("course", {}), dict) or course.get("base", _USUAL) not in BUILT_IN:
+        raise InvalidParameter(
+            f"{folder}: its scenario {shown(name)} is not built in, nor described in the folder - give "
+            "--scenario (the file it was trained with)"
+        )
+    return register_scenario(course).name
+
+
+def _world_of_policy(folder: Path) -> tuple[str, dict[str, Any]]:
+    """Form and options of the environment of its training."""
+    from agents.benchmark.runner import FORMS
+
+    kind = _kind_of_policy(folder)
+    form, world = kind.get("form", "matched"), kind.get("world", {})
+    known = {entry.name for entry in fields(WorldOptions)}
+    if form not in FORMS:
+        raise DataError(f"{folder}: form must be one of {', '.join(FORMS)}, got {shown(form)}")
+    if not isinstance(world, dict) or not set(world) <= known:
+        raise DataError(f"{folder}: world must hold {', '.join(sorted(known))}, got {shown(world)}")
+    return form, world
+
+
 def _load_policy(folder: Path, terrain_info: str | None) -> tuple[Agent, str]:
     """The policy, and the terrain information it gets: by default that of its training."""
     from agents.learning.policies import load_policy
 
     trained = _kind_of_policy(folder)["terrain_info"]
-    agent = load_policy(folder)
-    if terrain_info == "none" and trained != "none":
-        raise InvalidParameter(f'terrain_info must not be "none": the policy was trained with {trained!r}')
-    return agent, terrain_info or trained
+    alike = next((group for group in _ALIKE if trained in group), None)
+    if alike is not None and terrain_info is not None and terrain_info not in alike:
+        raise InvalidParameter(
+            f"terrain_info must be {' or '.join(alike)}, got {terrain_info}: the policy was trained with "
+            f"{trained!r}, which has other numbers"
+        )
+    return load_policy(folder), terrain_info or trained
 
 
 def _shown(episode: Episode) -> Iterator[dict[str, Any]]:

@@ -65,21 +65,18 @@ class Check(Results):
         from estimators.logs.checking.check import check_description, check_log
 
         if self.log.suffix.lower() in (".yaml", ".yml"):
-            remarks = check_description(self.log)
-            _print_remarks(remarks)
-            _print_lines(self.log, (line for remark in remarks for line in remark.lines))
-            _refuse(self.log, remarks)
-            say(f"{self.log}: no problem in the description")
-            return
-        report = check_log(self.log)
+            report = check_description(self.log)
+        else:
+            report = check_log(self.log)
         _print_remarks(report.remarks)
         self._show_data(report)
-        lines = report.lines
-        _print_lines(report.description, lines)
-        if self.append and lines:
-            self._add(report)
+        _print_lines(report)
+        if self.append and report.lines:
+            _add(report)
         self.save_numbers(_numbers(report))
         _refuse(self.log, report.remarks)
+        if report.description == self.log and not any(r.severity == "problem" for r in report.remarks):
+            say(f"{self.log}: no problem in the description")
 
     def _show_data(self, report: CheckReport) -> None:
         from agents.reports.figures.log_channels import log_channels_figure
@@ -94,13 +91,6 @@ class Check(Results):
         for command, reason in report.commands.items():
             say(f"offroad {command}: {'takes it' if not reason else f'does not take it: {reason}'}")
 
-    def _add(self, report: CheckReport) -> None:
-        from estimators.logs.checking.check import with_lines
-
-        path = report.description
-        text = path.read_text(encoding="utf-8-sig") if path.is_file() else ""
-        say(f"added: {write_bytes(path, with_lines(text, report.lines).encode())}")
-
 
 def _print_remarks(remarks: Iterable[Remark]) -> None:
     """Every finding with its lines."""
@@ -110,14 +100,26 @@ def _print_remarks(remarks: Iterable[Remark]) -> None:
             say(f"    {line}")
 
 
-def _print_lines(path: Path, lines: Iterable[object]) -> None:
+def _print_lines(report: CheckReport) -> None:
     """The block to be added."""
-    texts = [str(line) for line in lines]
-    if texts:
-        say(f"\nadd to {path}:\n")
-        for text in texts:
-            say(text)
+    if report.lines:
+        once = ", once it is there and can be read" if report.obstacle else ""
+        say(f"\nadd to {report.description}{once}:\n")
+        for line in report.lines:
+            say(str(line))
         say("")
+
+
+def _add(report: CheckReport) -> None:
+    """Add the lines to a YAML that there is; to make one, somebody must say which vehicle it was."""
+    from estimators.logs.checking.check import with_lines
+    from offroad_env.world.files import read_text
+
+    path = report.description
+    if report.obstacle:
+        say(f"nothing was added: {report.obstacle}")
+        return
+    say(f"added: {write_bytes(path, with_lines(read_text(path), report.lines).encode())}")
 
 
 def _refuse(path: Path, remarks: Iterable[Remark]) -> None:

@@ -7,10 +7,33 @@ from typing import Annotated, Literal
 
 import tyro
 
+from offroad_env.errors import InvalidParameter
+
 __all__ = ["FORMER", "Jobs", "Scenarios", "TerrainInfo", "option_value", "present_spelling"]
 
+
+def _processes(words: list[str]) -> int:
+    """A number of local processes, as joblib takes it."""
+    jobs = int(words[0])
+    if jobs == 0:
+        raise InvalidParameter(
+            "jobs must be 1 or more, or -1 for all processors, got 0 - 1 runs in this process"
+        )
+    return jobs
+
+
 #: Local processes.
-Jobs = Annotated[int, tyro.conf.arg(name="jobs")]
+Jobs = Annotated[
+    int,
+    tyro.constructors.PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="INT",
+        instance_from_str=_processes,
+        is_instance=lambda value: isinstance(value, int),
+        str_from_instance=lambda value: [str(value)],
+    ),
+    tyro.conf.arg(name="jobs"),
+]
 #: Scenarios by name or file.
 Scenarios = Annotated[tuple[str, ...], tyro.conf.arg(name="scenario")]
 #: What an agent is shown of the soil.

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from agents.learning.arguments import check_arguments
 from agents.learning.train import BOARD, REPORT, TrainArgs, TrainResult, configuration_hash, train
 from agents.reports.output import console, say, table, write_json
 from offroad_env.environment.scenario_descriptions import find_scenario
 from offroad_env.environment.scenarios import MEASURES
-from offroad_env.errors import DataError, InvalidParameter
+from offroad_env.errors import DataError
 from offroad_env.world.files import read_json
 
 __all__ = ["Train"]
@@ -31,7 +31,7 @@ class Train(TrainArgs):
         """Train with a progress bar, then print what the saved policy does."""
         from rich.progress import Progress
 
-        self._check()
+        check_arguments(self)
         if self.resume and self._is_finished():
             say(f"finished already: {self.total_steps} steps, policy: {self.out} - another --out, or --seed?")
             return
@@ -78,31 +78,3 @@ class Train(TrainArgs):
         if rows:
             title = f"{self.check_episodes} tuning episodes, driven without noise"
             console().print(table(title, ("steps", "time [s]", f"mean score [{unit}]"), rows, texts=0))
-
-    def _check(self) -> None:
-        for name in ("total_steps", "frames", "n_envs", "n_steps", "batch_size", "n_epochs", "check_steps"):
-            if getattr(self, name) < 1:
-                raise InvalidParameter(f"{name} must be >= 1, got {getattr(self, name)}")
-        for name in ("checkpoint_steps", "check_from", "check_episodes", "eval_episodes"):
-            if getattr(self, name) < 0:
-                raise InvalidParameter(f"{name} must be >= 0, got {getattr(self, name)}")
-        for name in ("gamma", "gae_lambda", "held_noise"):
-            if not 0.0 < getattr(self, name) <= 1.0:
-                raise InvalidParameter(f"{name} must be in (0, 1], got {getattr(self, name):g}")
-        for name in ("learning_rate", "charge", "first_charge"):
-            if (value := getattr(self, name)) is not None and not value > 0.0:
-                raise InvalidParameter(f"{name} must be > 0, got {value:g}")
-        if not 0.0 <= self.centre < math.inf:
-            raise InvalidParameter(f"centre must be >= 0, got {self.centre:g}")
-        last = self.last_log_std
-        if last is not None and not -20.0 <= last <= self.log_std:
-            allowed = f"last_log_std must be in [-20, log_std = {self.log_std:g}]"
-            raise InvalidParameter(f"{allowed}, got {last:g}")
-        if last is not None and self.held_noise >= 1.0:
-            raise InvalidParameter(f"last_log_std needs held_noise < 1, got {self.held_noise:g}")
-        if self.most_failures is not None and not 0.0 <= self.most_failures <= 1.0:
-            raise InvalidParameter(f"most_failures must be in [0, 1], got {self.most_failures:g}")
-        if self.algorithm == "sac" and self.frames > 1:
-            raise InvalidParameter("frames must be 1 with sac, whose memory holds single observations")
-        if not self.hidden or min(self.hidden) < 1:
-            raise InvalidParameter(f"hidden must hold sizes >= 1, got {self.hidden}")

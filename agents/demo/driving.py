@@ -35,13 +35,14 @@ def drive_section(run: Run) -> Section:
     if driven.frame is not None:
         pictures.insert(0, frame_picture(driven.frame, caption))
     left_out = "The picture of the environment needs pygame-ce: pip install 'offroad-bekker[view]'."
+    shown = bekker_env(driven.drive.env)
     kept = ("n", "time", "progress", "path_length", "success", "failure")
     return Section(
         name="drive",
         title=f"One episode of the scenario {settings.scenario!r}",
         sees=sees,
         command=f"offroad drive --scenario {settings.scenario} --agent aware --seed {settings.seed}",
-        playback=episode_playback(log, bekker_env(driven.drive.env).briefing),
+        playback=episode_playback(log, shown.briefing, shown.plant),
         pictures=tuple(pictures),
         notes=() if driven.frame is not None else (left_out,),
         data={key: info[key] for key in kept},

@@ -8,21 +8,22 @@ import importlib.util
 import os
 import sys
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from agents.controllers.protocol import Agent
 from offroad_env.errors import InvalidParameter
 
-__all__ = ["made_from", "make_own_agent", "own_content"]
+__all__ = ["course_content", "made_from", "make_own_agent", "own_content", "search_here"]
 
+_OURS = tuple(str(Path(__file__).parents[2] / package) for package in ("agents", "estimators", "offroad_env"))
 #: Where Python, the libraries and this project lie: what is read there is not the user's.
 _LIBRARIES = tuple(
     Path(folder).resolve()
     for folder in {
         *(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")),
-        *(str(Path(__file__).parents[2] / package) for package in ("agents", "estimators", "offroad_env")),
+        *_OURS,
         "/proc",
         "/sys",
         "/dev",
@@ -32,15 +33,22 @@ _LIBRARIES = tuple(
 #: What is made from other files, and folders of what programs keep for themselves.
 _MADE, _KEPT = {".pyc", ".nbi", ".nbc"}, {"__pycache__", ".cache"}
 
+#: Files that were opened while an agent was made: what its module reads is opened at its first import only.
+_read_before: dict[str, set[Path]] = {}
 #: Where the files that are opened for reading are noted; None: nowhere. Hooks of Python cannot be taken away.
 _opened: list[str] | None = None
 _hooked = False
 
 
-def _importable(name: str) -> str:
-    """The module of ``module:Class``, which may lie in the working directory."""
+def search_here() -> None:
+    """Let modules of the working directory be found: the installed command does not look there by itself."""
     if os.getcwd() not in sys.path:
         sys.path.insert(0, os.getcwd())
+
+
+def _importable(name: str) -> str:
+    """The module of ``module:Class``, which may lie in the working directory."""
+    search_here()
     return name.partition(":")[0]
 
 
@@ -57,9 +65,9 @@ def _agent_file(name: str) -> Path:
             "module:Class names an agent of your own"
         )
     file = Path(found.origin)
-    if not file.is_file():
+    if not file.is_file() or module.partition(".")[0] in sys.stdlib_module_names:
         raise InvalidParameter(
-            f"module {module!r} is a part of Python and has no file, asked for by {name!r} - "
+            f"module {module!r} is a part of Python, asked for by {name!r} - "
             "module:Class names an agent of your own"
         )
     return file
@@ -110,18 +118,41 @@ def made_from(name: str) -> tuple[Path, ...]:
     file = _agent_file(name).resolve()
     with _noting() as opened:
         make_own_agent(name)
-    modules = [getattr(module, "__file__", None) for module in list(sys.modules.values())]
-    beside = {Path(path).resolve() for path in modules if path is not None}
-    found = {path for path in beside if path.is_relative_to(file.parent)}
-    found |= {Path(path).resolve() for path in opened}
+    read = _read_before.setdefault(name, set())
+    read |= {Path(path).resolve() for path in opened}
     package = file.parent if (file.parent / "__init__.py").exists() else None
+    found = _loaded_beside(file) | read
     return tuple(sorted({file, *(path for path in found if _is_own(path, package))}))
+
+
+def _loaded_beside(file: Path) -> set[Path]:
+    """Files of the modules that are loaded from the folder of a module, and from folders in it."""
+    modules = [getattr(module, "__file__", None) for module in list(sys.modules.values())]
+    loaded = {Path(path).resolve() for path in modules if path is not None}
+    return {path for path in loaded if path.is_relative_to(file.parent)}
 
 
 def own_content(name: str) -> bytes:
     """What tells an agent of your own from itself after a change: the content of the files behind it."""
+    return _content_of(made_from(name))
+
+
+def course_content(name: str) -> bytes:
+    """The same of a function ``module:function`` that draws courses, once it is loaded."""
+    module = sys.modules.get(name.partition(":")[0])
+    path = getattr(module, "__file__", None)
+    if path is None:
+        return b""
+    file = Path(path).resolve()
+    if any(file.is_relative_to(Path(folder).resolve()) for folder in _OURS):
+        return b""  # `stamp_of` covers it
+    package = file.parent if (file.parent / "__init__.py").exists() else None
+    return _content_of(sorted(path for path in _loaded_beside(file) if _is_own(path, package)))
+
+
+def _content_of(paths: Iterable[Path]) -> bytes:
     digest = hashlib.sha256()
-    for path in made_from(name):
+    for path in paths:
         with path.open("rb") as file:
             digest.update(hashlib.file_digest(file, "sha256").digest())
     return digest.digest()

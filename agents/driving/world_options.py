@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+import re
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from agents.driving.own_agents import search_here
 from offroad_env.environment.choices import plain_arguments
-from offroad_env.environment.scenario_descriptions import find_scenario, register_scenario
-from offroad_env.environment.scenarios import SCENARIOS
+from offroad_env.environment.scenario_descriptions import (
+    find_scenario,
+    register_scenario,
+    scenario_mapping,
+)
+from offroad_env.environment.scenarios import BUILT_IN, SCENARIOS
+from offroad_env.errors import InvalidParameter
 from offroad_env.world.documents import is_name, open_document
 
 __all__ = ["WorldOptions", "known_scenario"]
@@ -48,7 +55,16 @@ def known_scenario(given: str) -> str:
     """The name of a scenario that is given by name, file or inline YAML; one's own is registered by it."""
     if is_name(given) and given in SCENARIOS:
         return given
+    search_here()  # a course may be drawn by a function of one's own
     scenario = find_scenario(given)
-    if SCENARIOS.get(scenario.name) == scenario:
-        return scenario.name
+    name = re.sub(r"\W", "_", scenario.name)
+    former = SCENARIOS.get(name)
+    if former == scenario:
+        return name
+    if former is not None and name not in BUILT_IN:
+        content = scenario_mapping(replace(scenario, name=name, like=scenario.task))
+        if content is None or content != scenario_mapping(former):
+            raise InvalidParameter(
+                f"scenario: two different ones are called {name!r} - give each a name of its own (name: ...)"
+            )
     return register_scenario(scenario).name

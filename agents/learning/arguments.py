@@ -11,15 +11,18 @@ from typing import Annotated, Any
 
 import tyro
 
-from agents.benchmark.natural import is_natural, natural_scenario, options_of
+from agents.benchmark.natural import NATURAL_TASKS, is_natural, natural_scenario, options_of
+from agents.benchmark.runner import FORMS
 from agents.driving.world_options import WorldOptions
 from agents.learning.policies import SCALING, WEIGHTS
 from offroad_env.environment.scenario_descriptions import find_scenario, scenario_mapping
 from offroad_env.environment.scenarios import BUILT_IN, Scenario
+from offroad_env.errors import InvalidParameter
 from offroad_env.world.files import MOST_ARRAYS, read_file
 
 __all__ = [
     "TrainArgs",
+    "check_arguments",
     "configuration_hash",
     "decisive",
     "failure_charge",
@@ -49,6 +52,28 @@ _ADDED: dict[str, Any] = {
     "gradient_steps": 1,
     "critic_steps": 0,
 }
+#: Smallest counts, by argument.
+_LEAST = {
+    **dict.fromkeys(
+        ("total_steps", "frames", "n_envs", "n_steps", "batch_size", "n_epochs", "check_steps"), 1
+    ),
+    **dict.fromkeys(("noise_steps", "buffer_size", "gradient_steps"), 1),
+    **dict.fromkeys(("checkpoint_steps", "check_from", "check_episodes", "eval_episodes", "critic_steps"), 0),
+}
+#: Shares of more than nothing, and numbers that must be more than 0 where they are given.
+_SHARES = ("gamma", "gae_lambda")
+_POSITIVE = ("learning_rate", "charge", "first_charge", "clip_reward", "idle", "time_budget")
+#: What leaves such a number out.
+_LEFT_OUT = {
+    "idle": " - without it standing costs nothing more",
+    "time_budget": " - without it total_steps alone decides",
+    "first_charge": " - without it the charge holds from the start",
+}
+#: The largest networks, and the longest memory, of policies that `policies.load_policy` reads.
+_WIDEST, _DEEPEST, _MOST_FRAMES = 4096, 16, 1000
+#: Range of log standard deviations, and the largest seed of NumPy's former generators, which learners use.
+_LOG_STD, _LARGEST_SEED = (-20.0, 2.0), 2**32 - 1
+
 #: With the option's former spelling.
 ActionInterfaceName = Annotated[str, tyro.conf.arg(aliases=["--guide"])]  # alias
 
@@ -161,4 +186,129 @@ def task_of(args: TrainArgs) -> Scenario:
 def world_of(args: TrainArgs) -> dict[str, Any]:
     """Arguments of the environment that the policy is driven in."""
     chosen = {"terrain_info": args.terrain_info, **args.world.env_options()}
-    return {**options_of(args.scenario, args.form), **chosen}
+    return dict(options_of(args.scenario, args.form, chosen))
+
+
+def check_arguments(args: TrainArgs) -> None:
+    """Refuse, by name, what could not be trained with, or would be found out after training only.
+
+    Raises
+    ------
+    InvalidParameter
+        With what is allowed.
+    """
+    _check_counts(args)
+    _check_numbers(args)
+    _check_noise(args)
+    _check_learner(args)
+    _check_form(args)
+
+
+def _check_counts(args: TrainArgs) -> None:
+    for name, least in _LEAST.items():
+        if getattr(args, name) < least:
+            raise InvalidParameter(f"{name} must be >= {least}, got {getattr(args, name)}")
+    if not 0 <= args.seed <= _LARGEST_SEED:
+        raise InvalidParameter(
+            f"seed must be in [0, {_LARGEST_SEED}], got {args.seed} - learners take 32 bits"
+        )
+    if args.frames > _MOST_FRAMES:
+        raise InvalidParameter(
+            f"frames must be in [1, {_MOST_FRAMES}], got {args.frames} - steps, not seconds"
+        )
+    sizes = args.hidden
+    if not sizes or len(sizes) > _DEEPEST or not 1 <= min(sizes) <= max(sizes) <= _WIDEST:
+        raise InvalidParameter(
+            f"hidden must hold 1 to {_DEEPEST} sizes in [1, {_WIDEST}], got {' '.join(map(str, sizes))!r} - "
+            "one number for each layer"
+        )
+
+
+def _check_numbers(args: TrainArgs) -> None:
+    for name in _SHARES:
+        if not 0.0 < getattr(args, name) <= 1.0:
+            raise InvalidParameter(f"{name} must be in (0, 1], got {getattr(args, name):g} - in percent?")
+    for name in _POSITIVE:
+        value = getattr(args, name)
+        if value is not None and not 0.0 < value < math.inf:
+            raise InvalidParameter(
+                f"{name} must be a positive number, got {value:g}{_LEFT_OUT.get(name, '')}"
+            )
+    edge = args.edge or (0.0, 0.0)
+    for name, value in (("centre", args.centre), ("pace", args.pace), ("edge", edge[0]), ("edge", edge[1])):
+        if not 0.0 <= value < math.inf:
+            raise InvalidParameter(f"{name} must be >= 0, got {value:g} - a price, which is subtracted?")
+    for name in ("most_failures", "held_noise"):
+        value = getattr(args, name)
+        if value is not None and not 0.0 <= value <= 1.0:
+            raise InvalidParameter(f"{name} must be in [0, 1], got {value:g} - in percent?")
+
+
+def _check_noise(args: TrainArgs) -> None:
+    low, high = _LOG_STD
+    if not low <= args.log_std <= high:
+        hint = "a natural logarithm: -3.2 is a standard deviation of 0.04"
+        raise InvalidParameter(f"log_std must be in [{low:g}, {high:g}], got {args.log_std:g} - {hint}")
+    last = args.last_log_std
+    if last is not None and not low <= last <= args.log_std:
+        allowed = f"last_log_std must be in [{low:g}, log_std = {args.log_std:g}]"
+        raise InvalidParameter(f"{allowed}, got {last:g} - noise that shall grow?")
+    if last is not None and args.held_noise >= 1.0:
+        raise InvalidParameter(
+            f"last_log_std needs held_noise < 1, got {args.held_noise:g} - it bounds the noise after that "
+            "share of the steps"
+        )
+    if not -1.0 <= args.first_drive <= 1.0:
+        raise InvalidParameter(
+            f"first_drive must be in [-1, 1], got {args.first_drive:g} - a share of the largest torque"
+        )
+
+
+def _check_learner(args: TrainArgs) -> None:
+    """What only some of the algorithms take."""
+    if args.algorithm != "sac":
+        _check_batches(args)
+        return
+    if args.frames > 1:
+        raise InvalidParameter(
+            f"frames must be 1 with sac, got {args.frames} - its memory holds single observations"
+        )
+    if args.buffer_size < args.n_envs:
+        raise InvalidParameter(
+            f"buffer_size must be >= n_envs = {args.n_envs}, got {args.buffer_size} - it counts steps of all "
+            "environments together"
+        )
+    for name, usual in (("first_drive", 0.0), ("last_log_std", None)):
+        if getattr(args, name) != usual:
+            raise InvalidParameter(
+                f'{name} needs algorithm="ppo" or "recurrent_ppo", got "sac" - which decides it by itself'
+            )
+
+
+def _check_batches(args: TrainArgs) -> None:
+    """Of PPO, which divides advantages by their standard deviation in the batch: one sample has none."""
+    samples, size = args.n_envs * args.n_steps, args.batch_size
+    if size < 2:
+        raise InvalidParameter(
+            f"batch_size must be >= 2 with {args.algorithm}, got {size} - samples of a gradient step"
+        )
+    if samples < 2:
+        raise InvalidParameter(
+            f"n_envs x n_steps must be >= 2 with {args.algorithm}, got {args.n_envs} x {args.n_steps} - it "
+            "learns from as many samples at a time"
+        )
+    if args.algorithm == "recurrent_ppo" and samples % size == 1:  # PPO leaves such a batch as it is
+        raise InvalidParameter(
+            f"batch_size must not leave one of the n_envs x n_steps = {samples} samples alone, got {size}"
+        )
+
+
+def _check_form(args: TrainArgs) -> None:
+    task = find_scenario(args.scenario).task
+    if args.form not in FORMS:
+        raise InvalidParameter(f"form must be one of {', '.join(FORMS)}, got {args.form!r}")
+    if is_natural(args.form) and task not in NATURAL_TASKS:
+        raise InvalidParameter(
+            f"natural forms have {', '.join(NATURAL_TASKS)}, got {task} - there n alone changes, which no "
+            "soils side by side do"
+        )

@@ -44,7 +44,7 @@ def drive_each(
     agent: Agent, task: str, draws: Sequence[Draw], *, form: str, **options: Any
 ) -> tuple[EpisodeResult, ...]:
     """One episode after the other, as the benchmark drives them; ``options`` are of ``gym.make``."""
-    env = gym.make(ENV_ID, **{**options_of(task, form), **options})
+    env = gym.make(ENV_ID, **options_of(task, form, options))
     try:
         return tuple(run_episode(env, agent, draw.seed, options=draw.options) for draw in draws)
     finally:
@@ -78,7 +78,7 @@ def scores_together(
     """
     count = len(draws)
     lanes = min(count, _LANES)
-    envs = make_vec(lanes, autoreset_mode="Disabled", **{**options_of(task, form), **options})
+    envs = make_vec(lanes, autoreset_mode="Disabled", **options_of(task, form, options))
     assert isinstance(envs, OffroadBekkerVectorEnv)
     first = envs.envs[0]
     scenario: Scenario = first.scenario

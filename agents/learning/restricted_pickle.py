@@ -18,6 +18,8 @@ from collections.abc import Callable, Mapping
 from pickle import _Unpickler as PlainUnpickler  # the one written in Python, whose steps can be replaced
 from typing import Any, ClassVar
 
+from numpy.random import PCG64
+
 from offroad_env.environment.scenarios import Scenario
 from offroad_env.errors import DataError
 
@@ -50,6 +52,8 @@ _CALLED = (
     "slice", "OrderedDict", "deque", "AutoresetMode", "dtype", "_reconstruct", "scalar", "_frombuffer",
     "__bit_generator_ctor", "__generator_ctor", "__pyx_unpickle_SeedSequence", "device",
 )  # fmt: skip
+#: Of random generators: they call the class that they are given.
+_MAKERS = ("__bit_generator_ctor", "__generator_ctor")
 #: Where classes of this project may come from; functions never do.
 _OWN = (
     "agents.controllers.",
@@ -96,6 +100,8 @@ class _Reader(PlainUnpickler):
             raise pickle.UnpicklingError(f"it calls {getattr(function, '__name__', 'an object')!s}"[:160])
         if function.__name__ == "_reconstruct" and tuple(arguments[1]) != (0,):
             raise pickle.UnpicklingError("an array of it does not begin empty")
+        if function.__name__ in _MAKERS and not _makes_generator(function.__name__, arguments):
+            raise pickle.UnpicklingError("it calls the maker of a random generator with something else")
         super().load_reduce()  # type: ignore[misc]
 
     def load_bytearray(self) -> None:
@@ -166,6 +172,16 @@ class _Reader(PlainUnpickler):
             if not own or (isinstance(found, type) and found.__module__ == module):
                 return found
         raise pickle.UnpicklingError(f"it names {module}.{name}, which is no part of a training run"[:160])
+
+
+def _makes_generator(maker: str, arguments: tuple[Any, ...]) -> bool:
+    """Whether a maker is called with what NumPy calls it with: the one bit generator in use, or its name."""
+    if len(arguments) != 1:
+        return False
+    given = arguments[0]
+    if maker == "__bit_generator_ctor":
+        return given is PCG64 or (isinstance(given, str) and given == "PCG64")
+    return type(given) is PCG64 or (isinstance(given, str) and given == "PCG64")
 
 
 def pack(state: Mapping[str, Any]) -> bytes:

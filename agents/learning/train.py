@@ -27,6 +27,7 @@ from agents.controllers.protocol import EpisodeResult
 from agents.learning.action_interface import find_interface
 from agents.learning.arguments import (
     TrainArgs,
+    check_arguments,
     configuration_hash,
     decisive,
     failure_charge,
@@ -332,9 +333,10 @@ def _callback(watch: _Watch) -> Any:
 
 def _check(model: Any, scaler: Any, args: TrainArgs) -> tuple[np.ndarray, np.ndarray]:
     """Scores (E,) and successes (E,) of tuning or validation episodes, driven without noise."""
-    options = {"terrain_info": args.terrain_info, **args.world.env_options()}
     split = "training" if args.most_failures is None else "validation"
-    draws = draw_episodes(args.scenario, args.check_episodes, 0, split=split, form=args.form)
+    world = args.world.env_options()
+    draws = draw_episodes(args.scenario, args.check_episodes, 0, split=split, form=args.form, world=world)
+    options = {"terrain_info": args.terrain_info, **world}
     network = Network.of(model) if args.algorithm == "ppo" else model
     agent = PolicyAgent(
         network, _scaling(scaler, args), frames=args.frames, action_interface=args.action_interface
@@ -378,6 +380,7 @@ def train(args: TrainArgs, *, progress: Callable[[int, float], None] | None = No
     DataError
         For a policy to go on from that is damaged or does not fit.
     """
+    check_arguments(args)
     find_learner(args.algorithm)
     if args.algorithm != "ppo" and (args.start is not None or args.critic_steps):
         raise InvalidParameter(f'start and critic_steps need algorithm="ppo", got {args.algorithm!r}')
@@ -424,8 +427,9 @@ def _result(args: TrainArgs, steps: int, wall_time: float, curve: tuple[CurvePoi
 
 def _evaluate(args: TrainArgs) -> tuple[EpisodeResult, ...]:
     """Episodes of the policy as it was saved."""
-    draws = draw_episodes(args.scenario, args.eval_episodes, args.seed, form=args.form)
-    options = {"terrain_info": args.terrain_info, **args.world.env_options()}
+    world = args.world.env_options()
+    draws = draw_episodes(args.scenario, args.eval_episodes, args.seed, form=args.form, world=world)
+    options = {"terrain_info": args.terrain_info, **world}
     return drive_each(load_policy(args.out), args.scenario, draws, form=args.form, **options)
 
 

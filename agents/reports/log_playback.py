@@ -130,7 +130,7 @@ def _above(log: Log, motion: PlanarMotion) -> Above:
 def _wheels(log: Log, motion: PlanarMotion) -> tuple[WheelSide, ...]:
     v, r = motion.states[:, V_X], log.vehicle.r
     wheels = []
-    for name, rate in (("front", motion.omega_f), ("rear", motion.omega_r)):
+    for name, axle, rate in (("front", "f", motion.omega_f), ("rear", "r", motion.omega_r)):
         if not np.isfinite(rate).any():
             continue
         rim = r * np.nan_to_num(rate)
@@ -140,7 +140,7 @@ def _wheels(log: Log, motion: PlanarMotion) -> tuple[WheelSide, ...]:
                 name=name,
                 radius=r,
                 turned=np.cumsum(rim) * motion.step / r,
-                sinkage=_reference(log, motion.t, f"sinkage_{name}"),
+                sinkage=_reference(log, motion.t, f"sinkage_{axle}"),
                 slip=(rim - v) / largest,
             )
         )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 
-from estimators.filters.navigation import NavigationFilter
+from estimators.filters.navigation import NavigationFilter, NavigationNoise
 from estimators.filters.protocol import Estimate, Pose
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
@@ -141,6 +141,8 @@ class OnlineFilter(ABC):
         Time between samples [s].
     navigation : NavigationFilter, optional
         Default: one of its own.
+    noise : NavigationNoise, optional
+        Of its own one: of the sensors that it gets.
     navigates : bool
         Whether the navigation filter is reset and updated here.
 
@@ -158,10 +160,11 @@ class OnlineFilter(ABC):
         dt: float,
         navigation: NavigationFilter | None,
         navigates: bool,
+        noise: NavigationNoise | None = None,
     ) -> None:
         self.n_range = checked_range(plant, n_range, dt)
         self.plant, self.dt = plant, float(dt)
-        self.navigation = navigation or NavigationFilter(plant.vehicle)
+        self.navigation = navigation or NavigationFilter(plant.vehicle, noise)
         self._navigates = navigates
 
     def _start(self) -> None:

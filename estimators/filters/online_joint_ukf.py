@@ -38,7 +38,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.filters.change_test import WINDOW
-from estimators.filters.navigation import V_SIDE, YAW, NavigationFilter, V, X, Y
+from estimators.filters.navigation import V_SIDE, YAW, NavigationFilter, NavigationNoise, V, X, Y
 from estimators.filters.online_base import (
     CHANGE_FIELDS,
     OnlineFilter,
@@ -157,7 +157,8 @@ class OnlineJointUKF(OnlineFilter):
         navigation: NavigationFilter | None = None,
     ) -> None:
         require_plain_plant(plant)
-        super().__init__(plant, n_range, dt=dt, navigation=navigation, navigates=True)
+        noise = NavigationNoise.of(gnss, imu)
+        super().__init__(plant, n_range, dt=dt, navigation=navigation, navigates=True, noise=noise)
         self.settings = settings or OnlineJointSettings()
         self._full = plant_model(plant) == "full"
         self._packed = pack(plant)

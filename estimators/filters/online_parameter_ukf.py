@@ -45,7 +45,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.filters.navigation import NavigationFilter
+from estimators.filters.navigation import NavigationFilter, NavigationNoise
 from estimators.filters.online_base import (
     CHANGE_FIELDS,
     OnlineFilter,
@@ -66,7 +66,7 @@ from estimators.numerics.unscented import check_alpha
 from offroad_env.physics._jit import kernel
 from offroad_env.physics.packing import pack
 from offroad_env.physics.records import FloatArray
-from offroad_env.simulation.sensors import ImuConfig, WheelSpeedConfig
+from offroad_env.simulation.sensors import GnssConfig, ImuConfig, WheelSpeedConfig
 from offroad_env.simulation.simulator import Plant, plant_model
 
 __all__ = ["CHANGING_SOIL", "OnlineParameterSettings", "OnlineParameterUKF"]
@@ -166,6 +166,8 @@ class OnlineParameterUKF(OnlineFilter):
         Time between samples [s].
     imu : ImuConfig, optional
         How the inertial unit is mounted, what it measures and how noisy it is, as far as known.
+    gnss : GnssConfig, optional
+        The receiver, for the navigation filter.
     settings : OnlineParameterSettings, optional
     navigation : NavigationFilter, optional
         Somebody else's, who keeps it up to date: then it is only read here. Default: one of its own.
@@ -183,11 +185,15 @@ class OnlineParameterUKF(OnlineFilter):
         *,
         dt: float = 0.01,
         imu: ImuConfig | None = None,
+        gnss: GnssConfig | None = None,
         settings: OnlineParameterSettings | None = None,
         navigation: NavigationFilter | None = None,
     ) -> None:
         require_plain_plant(plant)
-        super().__init__(plant, n_range, dt=dt, navigation=navigation, navigates=navigation is None)
+        noise = NavigationNoise.of(gnss, imu)
+        super().__init__(
+            plant, n_range, dt=dt, navigation=navigation, navigates=navigation is None, noise=noise
+        )
         self.settings = settings or OnlineParameterSettings()
         packed = pack(plant)
         self._map = (packed.waves, packed.patches)

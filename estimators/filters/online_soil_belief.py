@@ -246,8 +246,10 @@ class OnlineSoilBelief(OnlineFilter):
         settings: SoilBeliefSettings | None = None,
         navigation: NavigationFilter | None = None,
     ) -> None:
-        own = navigation or NavigationFilter(plant.vehicle, NavigationNoise.of(gnss))
-        super().__init__(plant, n_range, dt=dt, navigation=own, navigates=navigation is None)
+        noise = NavigationNoise.of(gnss, imu)
+        super().__init__(
+            plant, n_range, dt=dt, navigation=navigation, navigates=navigation is None, noise=noise
+        )
         if plant_model(plant) != "full" or plant.four_wheel is not None:
             raise InvalidParameter("the belief over soils needs a half-car or bicycle of the full model")
         self.settings = settings or SoilBeliefSettings()

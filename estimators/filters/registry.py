@@ -60,7 +60,9 @@ def _parameter_filter(setup: OnlineSetup) -> Estimator:
     from estimators.filters.online_parameter_ukf import CHANGING_SOIL, OnlineParameterUKF
 
     settings = CHANGING_SOIL if setup.changing else None
-    return OnlineParameterUKF(setup.belief, setup.n_range, dt=setup.dt, imu=setup.imu, settings=settings)
+    return OnlineParameterUKF(
+        setup.belief, setup.n_range, dt=setup.dt, imu=setup.imu, gnss=setup.gnss, settings=settings
+    )
 
 
 def _joint_filter(setup: OnlineSetup) -> Estimator:

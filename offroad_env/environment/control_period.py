@@ -329,7 +329,7 @@ def _observe(e: np.record, rules: np.record, path: PathTable, shown: np.ndarray)
     n, n_sd, valid = estimate.mean, estimate.sd, estimate.valid
     if rules.truth_shown > 0:
         n, n_sd, valid = e.readings[at.EXPONENT], 0.0, 1.0
-    steer = action[0] * rules.steer_max
+    steer = action[0] * rules.steer_stated
     e.seen_index = write_observation(
         path,
         SeenPose(nav[X], nav[Y], nav[YAW], nav[V], e.seen_index),

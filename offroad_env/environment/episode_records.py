@@ -173,6 +173,7 @@ RULES = np.dtype(
     [
         ("dt", "f8"),  # step of the plant [s]
         ("steer_max", "f8"),  # road-wheel angle of action 1 [rad]
+        ("steer_stated", "f8"),  # the same by the data sheet: what is observed
         ("drive_max", "f8"),  # drive torque of action 1 [N m]
         ("brake_max", "f8"),  # brake torque of action -1 [N m]
         ("mass", "f8"),
@@ -339,6 +340,7 @@ class Memory:
         for name, value in (
             ("dt", FULL_STEP),
             ("steer_max", vehicle.steer_max),
+            ("steer_stated", layout.steer_max),
             ("drive_max", vehicle.drive_torque_max),
             ("brake_max", vehicle.brake_torque_max),
             ("mass", vehicle.m),

@@ -131,7 +131,7 @@ class Layout:
     """
 
     def __init__(self, steer_max: float, *, terrain_info: str) -> None:
-        self._belief = terrain_info in WHOLE_SOIL
+        self._belief, self.steer_max = terrain_info in WHOLE_SOIL, steer_max
         speeds = (_SPEED_HIGH,) * 3
         high = np.array(
             [

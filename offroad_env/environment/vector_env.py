@@ -144,6 +144,11 @@ class OffroadBekkerVectorEnv(PlainSpec, VectorEnv):
     ) -> None:
         #: Episodes.
         self.num_envs = require_count("num_envs", num_envs)
+        if self.num_envs > 1 and options.get("render_mode") == "human":
+            raise InvalidParameter(
+                f'render_mode="human" shows one environment, got num_envs={num_envs} - "rgb_array" gives a '
+                "picture of each"
+            )
         self.autoreset_mode = _autoreset(autoreset_mode)
         self.envs = [self.single(**options) for _ in range(self.num_envs)]
         first = self.envs[0]

@@ -6,6 +6,7 @@ import math
 import os
 from dataclasses import replace
 from typing import Any
+from weakref import WeakSet
 
 import numpy as np
 from gymnasium.error import Error
@@ -111,7 +112,7 @@ _NO_SCREEN = ("offscreen", "dummy")
 
 
 class _Window:
-    """A window on the screen."""
+    """A window on the screen: pygame has one display, in which all environments of a process draw."""
 
     def __init__(self, pygame: Any) -> None:
         self.pygame = pygame
@@ -128,19 +129,33 @@ class _Window:
             ) from error
         pygame.display.set_caption("OffroadBekker")
         self._clock = pygame.time.Clock()
+        _OPEN.add(self)
 
     def show(self, canvas: Canvas, fps: float) -> bool:
-        """Show a picture and wait for its time; False when the user has closed the window."""
-        if any(event.type == self.pygame.QUIT for event in self.pygame.event.get()):
+        """Show a picture and wait for its time; False when the user has closed the window.
+
+        So it is for everybody who draws in it: the others find that the display is gone.
+        """
+        try:
+            if any(event.type == self.pygame.QUIT for event in self.pygame.event.get()):
+                self.pygame.display.quit()
+                return False
+            self._surface.blit(canvas.surface, (0, 0))
+            self.pygame.display.flip()
+        except self.pygame.error:
             return False
-        self._surface.blit(canvas.surface, (0, 0))
-        self.pygame.display.flip()
         self._clock.tick(fps)
         return True
 
     def close(self) -> None:
-        """Remove it from the screen."""
-        self.pygame.display.quit()
+        """Leave the window; the last one to do so removes it from the screen."""
+        _OPEN.discard(self)
+        if not _OPEN:
+            self.pygame.display.quit()
+
+
+#: Who draws on the display. Weak, since an environment that was dropped without `close` needs it no more.
+_OPEN: WeakSet[_Window] = WeakSet()
 
 
 class _Panels:

@@ -153,6 +153,18 @@ def test_torque_and_steering_limits_are_those_of_the_drawn_vehicle(worlds):
     assert env.unwrapped.command == (0.4, 1500.0, 0.0)
 
 
+@pytest.mark.parametrize("true", [0.2, 0.8])
+def test_the_observed_steering_is_that_of_the_nominal_vehicle(worlds, true):
+    """Otherwise the last action and its angle would tell an agent what was drawn."""
+    env = worlds["soil"]
+    env.reset(seed=2, options={"context": {"vehicle.steer_max": true}})
+    nominal = env.unwrapped.vehicle.steer_max
+    for action in (1.0, -0.3):
+        observation, *_ = env.step(np.array([action, 0.5]))
+        assert env.unwrapped.command[0] == action * true
+        assert observation["motion"][3] == pytest.approx(action * nominal, rel=1e-6)
+
+
 def test_single_and_vector_environments_draw_and_drive_the_same_to_the_last_bit():
     options = {"scenario": "speed", "terrain_info": "estimate", "randomise": KEYS}
     many = make_vec(3, threads=1, **options)

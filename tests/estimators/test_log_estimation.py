@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimators.filters.registry import ONLINE_FILTERS
-from estimators.log_estimation import LOG_FILTERS, LOG_MAP_FILTERS, estimate_log, log_samples
+from estimators.log_estimation import LOG_FILTERS, LOG_MAP_FILTERS, estimate_log, log_samples, usable_range
 from estimators.logs import Log, TerrainSpec, log_from_run
 from offroad_env.errors import DataError, InvalidParameter
 from offroad_env.simulation.sensors import GnssConfig, ImuConfig, SensorSuite, WheelSpeedConfig
@@ -232,6 +232,32 @@ def test_soil_that_drowns_the_vehicle_is_refused(full):
     bog = full.config.soil._replace(k_phi=2e3, k_c=0.0)
     with pytest.raises(DataError, match="does not carry the vehicle"):
         estimate_log(replace(full, config=replace(full.config, soil=bog)), "joint")
+
+
+def test_a_prior_with_which_the_soil_drowns_the_vehicle_is_blamed_on_the_option(full):
+    bog = full.config.soil._replace(k_phi=2e3, k_c=0.0)
+    soft = replace(full, config=replace(full.config, soil=bog))
+    blamed = r"does not carry the vehicle with n_prior = 0\.5 \(its own n is 0\.7\)"
+    with pytest.raises(DataError, match=blamed):
+        estimate_log(soft, "joint", n_prior=0.5)
+
+
+@pytest.mark.parametrize("n", [9.0, math.nan, math.inf, -0.7, 0.29, 1.31])
+def test_a_prior_beyond_the_range_of_n_is_refused_as_the_option_that_it_is(n, full):
+    with pytest.raises(InvalidParameter, match=rf"^n_prior must be in \[0\.3, 1\.3\], got {n}$"):
+        estimate_log(full, "joint", n_prior=n)
+
+
+@pytest.mark.parametrize("n", [0.3, 1.3])
+def test_the_ends_of_the_range_of_priors_leave_room_to_look_in(n):
+    low, high = usable_range(make_plant(VEHICLES["f1tenth"], make_soil("dry_sand"), flat()), n)
+    assert low < n < high
+
+
+def test_a_soil_beyond_the_range_of_priors_asks_for_the_option(full):
+    steep = full.config.soil._replace(n=1.6)
+    with pytest.raises(DataError, match=r"soil\.n of the description is 1\.6: give n_prior"):
+        estimate_log(replace(full, config=replace(full.config, soil=steep)), "joint")
 
 
 def test_an_unknown_filter_is_refused(full):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import gc
 import io
 import math
 import pickle
@@ -20,6 +21,7 @@ from agents.driving.recording import EpisodeLog, record_video
 from helpers import run_fresh
 from offroad_env.environment.env import OffroadBekkerEnv
 from offroad_env.environment.rewards import ENDINGS
+from offroad_env.environment.vector_env import make_vec
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
 from offroad_env.rendering import FRAME_SIZE, Renderer
@@ -201,6 +203,59 @@ def test_a_window_is_fed_by_every_step_until_it_is_closed():
         assert env.render() is None
     finally:
         env.close()
+
+
+def test_a_window_stays_open_until_the_last_environment_that_draws_in_it_is_closed():
+    pygame = pytest.importorskip("pygame")
+    one, other = (started(render_mode="human") for _ in range(2))
+    try:
+        one.close()
+        other.step(ACTIONS[0])
+        assert not other._renderer.closed_by_user
+        assert pygame.display.get_init()
+    finally:
+        other.close()
+    assert not pygame.display.get_init()
+
+
+def test_an_environment_that_was_dropped_does_not_hold_the_window_open():
+    pygame = pytest.importorskip("pygame")
+    one, other = (started(render_mode="human") for _ in range(2))
+    del one
+    gc.collect()
+    other.close()
+    assert not pygame.display.get_init()
+
+
+def test_a_display_that_is_gone_counts_as_closed_by_the_user():
+    pygame = pytest.importorskip("pygame")
+    one, other = (started(render_mode="human") for _ in range(2))
+    third = None
+    try:
+        pygame.event.post(pygame.event.Event(pygame.QUIT))
+        one.step(ACTIONS[0])
+        third = started(render_mode="human")  # opens a window of its own
+        other.step(ACTIONS[0])
+        assert one._renderer.closed_by_user
+        assert other._renderer.closed_by_user
+        third.step(ACTIONS[0])
+        assert not third._renderer.closed_by_user
+        pygame.display.quit()  # as other code in the process may do
+        third.step(ACTIONS[1])
+        assert third._renderer.closed_by_user
+        third.step(ACTIONS[2])  # the episode goes on unseen
+    finally:
+        for env in (one, other, third):
+            if env is not None:
+                env.close()
+
+
+def test_a_window_for_many_environments_at_once_is_refused():
+    with pytest.raises(InvalidParameter, match='"human" shows one environment, got num_envs=2'):
+        gym.make_vec("offroad_env:OffroadBekker-v0", 2, render_mode="human")
+    alone = make_vec(1, render_mode="human")
+    alone.reset(seed=0)
+    alone.close()
 
 
 def test_closing_twice_is_harmless_and_rendering_opens_again():

@@ -33,6 +33,10 @@ _NAMED = (
     Line("time.missing", "drop"),
     Line("csv.incomplete", "drop"),
 )
+#: Why no command takes a log that is read with a stand-in for something.
+_UNMENDED = "a problem above has no line that mends it"
+#: How a YAML is read that is not UTF-8: Latin-1 with the signs that editors on Windows add to it.
+_FALLBACK = "cp1252"
 #: Rounds of mounting, signs and units: one may show another.
 _ROUNDS = 6
 
@@ -47,6 +51,7 @@ class CheckReport:
     log: Log | None  #: as it is read with the lines added; None where no line mends it
     quality: QualityReport | None  #: of that log
     commands: dict[str, str]  #: command -> "" if it takes the log with these lines, or why it does not
+    obstacle: str = ""  #: why no line can be added to the YAML as it is; empty where lines can be
 
     @property
     def lines(self) -> tuple[Line, ...]:
@@ -65,7 +70,13 @@ class _Session:
     def __init__(self, path: Path, description: Path, text: str) -> None:
         self.path, self.description, self._text = path, description, text
         self.remarks: list[Remark] = []
+        self.obstacle = ""
         self._stand_ins: list[Line] = []
+
+    @property
+    def unmended(self) -> bool:
+        """Whether there is a problem that no line mends."""
+        return any(remark.severity == "problem" and not remark.lines for remark in self.remarks)
 
     @property
     def text(self) -> str:
@@ -86,6 +97,11 @@ class _Session:
     def fail(self, sentence: str) -> None:
         """Keep a problem that no line mends."""
         self.remarks.append(Remark(severity="problem", sentence=sentence))
+
+    def go_on(self, obstacle: str, how: str) -> None:
+        """Keep why the YAML cannot be read as it is, and how the check goes on all the same."""
+        self.obstacle = obstacle
+        self.fail(f"{obstacle} - {how}, so that the rest can be checked")
 
     def put_in(self, lines: Iterable[Line]) -> None:
         """Values that only this check uses, to go on."""
@@ -115,6 +131,8 @@ def check_log(path: Path) -> CheckReport:
     usable = _try(session, lambda: name_remarks(path, session.text))
     session.add(description_remarks(session.text, str(session.description), session.put_in))
     usable = usable and _try(session, lambda: table_remarks(path, session.text, str(session.description)))
+    # Of the file and its description; in spite of what the numbers show later a command may go on.
+    unmended = session.unmended
     log = _read(session) if usable else None
     report = None
     if log is not None:
@@ -122,6 +140,8 @@ def check_log(path: Path) -> CheckReport:
     if log is not None:
         session.add(unjudged(log))
     commands = {} if log is None else fitness(log)
+    if unmended:
+        commands = {command: reason or _UNMENDED for command, reason in commands.items()}
     return CheckReport(
         name=path.stem,
         description=session.description,
@@ -129,10 +149,11 @@ def check_log(path: Path) -> CheckReport:
         log=log,
         quality=report,
         commands=commands,
+        obstacle=session.obstacle,
     )
 
 
-def check_description(path: Path) -> list[Remark]:
+def check_description(path: Path) -> CheckReport:
     """Check a YAML without its data.
 
     Raises
@@ -140,8 +161,17 @@ def check_description(path: Path) -> list[Remark]:
     DataError
         If it cannot be read.
     """
-    text = read_file(path, most=MOST_TEXT).decode("utf-8-sig", "replace")
-    return description_remarks(text, str(path), lambda lines: None)
+    session = _described(path, path)
+    session.add(description_remarks(session.text, str(path), lambda lines: None))
+    return CheckReport(
+        name=path.stem,
+        description=path,
+        remarks=tuple(session.remarks),
+        log=None,
+        quality=None,
+        commands={},
+        obstacle=session.obstacle,
+    )
 
 
 def _session(path: Path) -> _Session:
@@ -149,9 +179,24 @@ def _session(path: Path) -> _Session:
         description = find_description(path)
     except DataError as error:
         session = _Session(path, shared_description(path), stand_in())
-        session.fail(f"{error} - here the vehicle is a stand-in, so that the rest can be checked")
+        session.go_on(str(error), "here the vehicle is a stand-in")
         return session
-    return _Session(path, description, read_file(description, most=MOST_TEXT).decode("utf-8-sig", "replace"))
+    return _described(path, description)
+
+
+def _described(path: Path, description: Path) -> _Session:
+    """With the text of the YAML; the reader refuses what is not UTF-8, and so does this, but goes on."""
+    content = read_file(description, most=MOST_TEXT)
+    try:
+        return _Session(path, description, content.decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        session = _Session(path, description, content.decode(_FALLBACK, "replace"))
+        line = error.object.count(b"\n", 0, error.start) + 1
+        session.go_on(
+            f"{description}: is not UTF-8 text (line {line}): save it as UTF-8",
+            "here it is read as Windows-1252",
+        )
+        return session
 
 
 def _try(session: _Session, work: Callable[[], list[Remark]]) -> bool:

@@ -9,6 +9,7 @@ from estimators.logs.checking.mends import Line, Remark
 from estimators.logs.config_parsing import parse_config
 from estimators.logs.file_keys import parse_file_keys
 from estimators.logs.reading import parse_description
+from estimators.logs.schema import nearest
 from estimators.logs.yaml_sections import KeyedError, Section
 from offroad_env.errors import DataError
 
@@ -24,6 +25,17 @@ _MISSING = (
     ("imu", {"kinematic": False, "sd": {"a": 0.2, "rate": 0.01}}, "the IMU", ""),
     ("start", "log", "the start", ": taken from the first samples"),
 )
+#: The same for what a section about the IMU must hold.
+_MISSING_INSIDE = {
+    "imu": (
+        ("kinematic", False, "false where a_z reads 9.81 at rest, true where gravity is taken out"),
+        ("sd", {"a": 0.2, "rate": 0.01}, "the noise of a sample [m/s^2, rad/s]"),
+    ),
+    "imu.sd": (
+        ("a", 0.2, "the noise of a sample of an acceleration [m/s^2]"),
+        ("rate", 0.01, "the noise of a sample of a rate [rad/s]"),
+    ),
+}
 _MOST_ERRORS = 30
 
 
@@ -46,8 +58,26 @@ def description_remarks(text: str, file: str, put_in: Callable[[Sequence[Line]],
         if key not in top:
             sentence = f"{file}: {key} is missing: {meaning}{more}"
             remarks.append(Remark(severity="problem", sentence=sentence, lines=(Line(key, value),)))
+    remarks += _missing_of_imu(top)
     added = "".join(f"{line}\n" for remark in remarks for line in remark.lines)
     return remarks + _errors(f"{text.rstrip()}\n{added}", file, put_in, rig=False)
+
+
+def _missing_of_imu(top: Section) -> list[Remark]:
+    """Keys that the sections of an IMU lack; no line for one that may be there misspelt."""
+    imu = top.peek("imu")
+    given = {"imu": imu, "imu.sd": imu.get("sd") if isinstance(imu, dict) else None}
+    remarks = []
+    for section, keys in _MISSING_INSIDE.items():
+        inner = given[section]
+        if not isinstance(inner, dict):
+            continue
+        for key, value, meaning in keys:
+            if key not in inner and nearest(key, map(str, inner)) is None:
+                path = f"{section}.{key}"
+                sentence = str(top.error(f"{path} is missing: {meaning}", section))
+                remarks.append(Remark(severity="problem", sentence=sentence, lines=(Line(path, value),)))
+    return remarks
 
 
 def _errors(text: str, file: str, put_in: Callable[[Sequence[Line]], None], *, rig: bool) -> list[Remark]:

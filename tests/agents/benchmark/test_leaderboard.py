@@ -57,7 +57,7 @@ def test_a_score_outside_of_its_interval_is_refused(tmp_path):
         read_board(path)
 
 
-def _run(folder: Path, scores: dict[str, float], seed: int = 4) -> Path:
+def _run(folder: Path, scores: dict[str, float], seed: int = 4, knobs: str | None = "own") -> Path:
     """``benchmark.json`` of a run of these agents, as far as a board needs it."""
     summaries = [
         {
@@ -70,7 +70,7 @@ def _run(folder: Path, scores: dict[str, float], seed: int = 4) -> Path:
     result = {"scenario": "brake", "form": "natural", "unit": "s", "seed": seed, "summaries": summaries}
     run = {
         "results": {"brake.natural": {**result, "arms": [{"episodes": [1, 2, 3]}]}},
-        "arguments": {"knobs": "own"},
+        "arguments": {"knobs": knobs},
     }
     numbers = folder / "benchmark.json"
     numbers.write_text(json.dumps(run), encoding="utf-8")
@@ -82,6 +82,11 @@ def test_a_board_comes_from_the_numbers_of_a_run(tmp_path):
     board = read_board(path)
     assert (board.episodes, board.seed, board.knobs) == (3, 4, "own")
     assert board.entries[0].failures == 0.25
+
+
+def test_knobs_that_nobody_asked_for_are_those_of_the_form(tmp_path):
+    (path,) = write_boards(_run(tmp_path, {"own": 9.0}, knobs=None), tmp_path)
+    assert read_board(path).knobs == "common"
 
 
 def test_agents_that_a_run_lacks_stay_on_the_board_and_are_named(tmp_path, capsys):

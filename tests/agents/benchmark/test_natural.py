@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from agents.benchmark.natural import (
+    CORRIDORS,
     NATURAL_TASKS,
     natural_options,
     natural_scenario,
@@ -20,9 +21,11 @@ from agents.controllers.arms import ArmSettings
 from agents.controllers.natural_arms import NATURAL_FORMS, NATURAL_LAWS, make_natural_arm
 from agents.controllers.population_limits import coordinate_of, population_limits, population_range
 from agents.controllers.pure_pursuit import PurePursuitAgent
+from agents.driving.world_options import known_scenario
 from estimators.filters.online_soil_belief import BELIEF_VECTOR
 from offroad_env.environment.env import OffroadBekkerEnv
-from offroad_env.environment.scenarios import BUILT_IN
+from offroad_env.environment.scenario_descriptions import find_scenario
+from offroad_env.environment.scenarios import BUILT_IN, SCENARIOS
 from offroad_env.environment.soil_draws import MeasuredSoils, surprise
 from offroad_env.errors import InvalidParameter
 from offroad_env.simulation.simulator import make_plant
@@ -208,6 +211,34 @@ def test_the_hill_of_the_natural_form_stops_tyres_on_all_but_the_best_soils():
     assert scenario.task == "climb"
 
 
+@pytest.fixture
+def own():
+    """Registers scenarios of one's own, as the commands do, and forgets them."""
+    known = set(SCENARIOS)
+    yield known_scenario
+    for name in set(SCENARIOS) - known:
+        del SCENARIOS[name]
+
+
+def test_a_scenario_of_one_s_own_drives_natural_forms_as_the_task_that_it_is_like(own):
+    hill = natural_scenario(own("{base: climb, name: my_hill, time_limit: 60}"))
+    assert hill.draw is natural_scenario("climb").draw
+    assert (hill.name, hill.task, hill.time_limit) == ("my_hill", "climb", 60.0)
+    slope = own("{base: climb, name: my_slope, course: {path: straight, slope: 0.2}}")
+    assert natural_scenario(slope).draw == find_scenario(slope).draw
+    speed = natural_scenario(own("{base: speed, name: my_speed}"), "natural_gnss")
+    assert (speed.corridor, speed.task) == (CORRIDORS["speed"], "speed")
+    wide = natural_scenario(own("{base: speed, name: my_wide, corridor: 6.0}"), "natural_gnss")
+    assert wide.corridor == 7.5
+
+
+@pytest.mark.parametrize("task", NATURAL_TASKS)
+def test_coarse_fixes_widen_corridors_by_their_standard_deviation(task):
+    given = {"track": 5.5, "speed": 3.0, "climb": 4.0, "brake": 3.5, "ride": 3.5}
+    assert natural_scenario(task, "natural_gnss").corridor == CORRIDORS[task] == given[task]
+    assert natural_scenario(task).corridor == SCENARIOS[task].corridor
+
+
 def test_unknown_regions_and_splits_are_refused():
     with pytest.raises(InvalidParameter, match="region"):
         MeasuredSoils(region="rare")
@@ -215,3 +246,17 @@ def test_unknown_regions_and_splits_are_refused():
         draw_episodes("speed", 2, 0, split="exam")
     assert dataclasses.is_dataclass(MeasuredSoils())
     assert set(NATURAL_FORMS) == {"natural", "natural_unusual", "natural_gnss"}
+
+
+def test_what_a_user_randomises_is_added_to_the_form():
+    options = options_of("speed", "natural", {"randomise": {"vehicle.m": [1300, 1310]}, "tyre": "mrzr"})
+    usual = options_of("speed", "natural")
+    assert set(options["randomise"]) == set(usual["randomise"])
+    assert options["randomise"]["vehicle.m"] == [1300, 1310]
+    assert options["randomise"]["soil"] == usual["randomise"]["soil"]
+    assert options_of("speed", "matched", {"tyre": "mrzr"}) == {"scenario": "speed", "tyre": "mrzr"}
+
+
+def test_a_soil_of_ones_own_is_refused_in_a_natural_form():
+    with pytest.raises(InvalidParameter, match="soil: the form 'natural' draws a whole soil"):
+        options_of("speed", "natural", {"soil": "clay"})

@@ -145,3 +145,29 @@ def test_the_figure_shows_every_arm_and_every_episode(comparison):
 def test_one_episode_has_no_interval():
     with pytest.raises(InvalidParameter, match="at least 2"):
         run_arms("speed", 1)
+
+
+@pytest.mark.parametrize(
+    "world",
+    [
+        {"soil": {"base": "clay", "n": 0.9}},
+        {"randomise": {"n": [0.5, 0.55]}},
+        {"randomise": {"soil": ["clay"]}},
+    ],
+    ids=["own soil", "own n", "own soils"],
+)
+@pytest.mark.parametrize("form", ["matched", "mismatch"])
+def test_an_n_that_the_world_decides_is_left_to_it(world, form):
+    draws = draw_episodes("speed", 4, 0, form=form, world=world)
+    plain = draw_episodes("speed", 4, 0, form=form)
+    assert all(draw.n is None for draw in draws)
+    assert [draw.seed for draw in draws] == [draw.seed for draw in plain]
+    assert [draw.mismatch for draw in draws] == [draw.mismatch for draw in plain]
+    assert draw_episodes("speed", 4, 0, form=form, world={"soil": "clay", "tyre": None}) == plain
+    with gym.make(ENV_ID, scenario="speed", **world) as env:
+        for draw in draws:
+            n = env.reset(seed=draw.seed, options=draw.options)[1]["n"]
+            if "soil" in world:
+                assert n == pytest.approx(0.9)
+            elif "n" in world["randomise"]:
+                assert 0.5 <= n <= 0.55

@@ -178,7 +178,7 @@ def test_wrong_arguments_are_wrong_usage_and_no_traceback(arguments, capsys):
         (("data", "get", "cmu"), "name must be one of cmu_single_wheel"),
         (("train", "--n-envs", "0"), "n_envs must be >= 1, got 0"),
         (("train", "--gamma", "99"), "gamma must be in (0, 1], got 99"),
-        (("train", "--held-noise", "40"), "held_noise must be in (0, 1], got 40"),
+        (("train", "--held-noise", "40"), "held_noise must be in [0, 1], got 40"),
         (("train", "--centre", "-0.3"), "centre must be >= 0, got -0.3"),
         (
             ("train", "--last-log-std", "-3", "--log-std", "-3.2"),

@@ -229,3 +229,14 @@ def test_the_example_is_short_and_stands_on_the_page():
     page = (REPOSITORY / "docs" / "own.md").read_text(encoding="utf-8")
     assert "examples/own_laboratory.py" in page
     assert Path(example).is_file()
+
+
+def test_two_scenarios_of_one_name_are_refused(monkeypatch):
+    monkeypatch.setenv("OFFROAD_BEKKER_REGISTERED", "{}")
+    try:
+        assert known_scenario("{base: speed, name: twin, corridor: 2.0}") == "twin"
+        assert known_scenario("{base: speed, name: twin, corridor: 2.0}") == "twin"
+        with pytest.raises(InvalidParameter, match="two different ones are called 'twin'"):
+            known_scenario("{base: brake, name: twin, corridor: 3.0}")
+    finally:
+        SCENARIOS.pop("twin", None)

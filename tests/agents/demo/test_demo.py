@@ -242,11 +242,12 @@ def test_without_drawing_the_episode_is_still_told(small, by_name, monkeypatch):
     run = Run(small)
     driven = Driven(drive=_Stub(), frame=None)
     object.__setattr__(driven, "briefing", None)
+    object.__setattr__(driven, "plant", None)
     run.__dict__["driven"] = driven
     monkeypatch.setattr(driving, "drive_figure", lambda log: None)
     monkeypatch.setattr(driving, "figure_picture", lambda figure, caption: None)
     monkeypatch.setattr(driving, "bekker_env", lambda env: driven)
-    monkeypatch.setattr(driving, "episode_playback", lambda log, briefing: None)
+    monkeypatch.setattr(driving, "episode_playback", lambda log, briefing, plant: None)
     section = driving.drive_section(run)
     assert "ends (left corridor) 12 m into the 300 m course" in section.sees
     assert "pygame-ce" in section.notes[0]

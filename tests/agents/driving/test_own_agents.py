@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import zlib
 
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 
 from agents.benchmark.study import EPISODES, BenchmarkArgs, run_study
-from agents.driving.own_agents import made_from, own_content
+from agents.driving.own_agents import course_content, made_from, own_content
+from offroad_env.errors import InvalidParameter
 
 MODULE = """
 import numpy as np
@@ -73,3 +75,49 @@ def test_an_agent_with_new_weights_is_driven_again(pusher, tmp_path):
     assert lines() == 6
     assert again.arm("oracle") == first.arm("oracle")
     assert again.arm(pusher).episodes != first.arm(pusher).episodes
+
+
+READER = """
+from pathlib import Path
+import numpy as np
+
+GAIN = float(Path("gain.txt").read_text())
+
+class Pusher:
+    def reset(self, briefing): ...
+
+    def act(self, observation):
+        return np.array([0.0, GAIN])
+"""
+
+
+def test_what_a_module_reads_at_its_first_import_counts_the_second_time_too(tmp_path, monkeypatch):
+    (tmp_path / "reader_of_gains.py").write_text(READER, encoding="utf-8")
+    (tmp_path / "gain.txt").write_text("0.3")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(os.fspath(tmp_path))
+    first, again = (own_content("reader_of_gains:Pusher") for _ in range(2))
+    assert again == first
+    (tmp_path / "gain.txt").write_text("0.4")
+    assert own_content("reader_of_gains:Pusher") != first
+
+
+def test_a_course_with_other_code_is_driven_again(tmp_path, monkeypatch):
+    module = tmp_path / "drawer_of_lanes.py"
+    text = (
+        "from offroad_env.environment.scenarios import SCENARIOS\n"
+        "def draw(*given):\n    return SCENARIOS['brake'].draw(*given)\n"
+    )
+    module.write_text(text)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(os.fspath(tmp_path))
+    importlib.import_module("drawer_of_lanes")
+    before = course_content("drawer_of_lanes:draw")
+    module.write_text(f"{text}# another one\n")
+    assert course_content("drawer_of_lanes:draw") != before
+    assert course_content("offroad_env.environment.scenarios:draw_steep_climb") == b""
+
+
+def test_a_part_of_python_is_no_agent():
+    with pytest.raises(InvalidParameter, match="is a part of Python"):
+        own_content("json:JSONDecoder")

@@ -155,7 +155,7 @@ def test_the_time_budget_ends_a_run(tmp_path):
     args = TrainArgs(
         scenario="track",
         terrain_info="none",
-        time_budget=0.0,
+        time_budget=1e-9,
         n_envs=1,
         n_steps=64,
         batch_size=64,

@@ -85,6 +85,12 @@ GREEDY = {
     "a space of a terabyte": b"cgymnasium.spaces.box\nBox\n(I0\nI1\n(I1000000000000\nttR.",
     "the constructor of a class of this project": b"coffroad_env.environment.env\nOffroadBekkerEnv\n(tR.",
     "a constructor called by another opcode": b"(coffroad_env.environment.env\nOffroadBekkerEnv\no.",
+    "a class called by the maker of bit generators": b"cnumpy.random._pickle\n__bit_generator_ctor\n"
+    b"(coffroad_env.environment.env\nOffroadBekkerEnv\ntR.",
+    "a class called by the maker of generators": b"cnumpy.random._pickle\n__generator_ctor\n"
+    b"(Vhello\ncagents.controllers.keyboard\nKeyboardAgent\ntR.",
+    "an array made by the maker of generators": b"cnumpy.random._pickle\n__generator_ctor\n"
+    b"(I300000000\ncnumpy\nndarray\ntR.",
     "bytes that are not there": b"\x80\x05\x96" + (1 << 40).to_bytes(8, "little") + b"x.",
 }
 

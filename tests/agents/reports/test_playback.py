@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from bad_logs import good_rows, rig, text_of, write
 
-from agents.benchmark.runner import ENV_ID
+from agents.benchmark.natural import options_of
+from agents.benchmark.runner import ENV_ID, draw_episodes
 from agents.controllers.arms import make_arm
 from agents.driving.episode import Drive
 from agents.driving.playback import episode_playback
+from agents.driving.recording import EpisodeLog
 from agents.driving.unwrapped import bekker_env
 from agents.reports.log_playback import log_playback
 from agents.reports.output import Record, recorded, say, table
@@ -20,6 +22,7 @@ from agents.reports.page import Section, render_page
 from agents.reports.playback import Above, Chart, Line, Playback, WheelSide
 from agents.reports.study import render_study
 from estimators.logs import read_log
+from offroad_env.simulation.soil_holds import what_soil_holds
 
 
 def long_drive(count=5000):
@@ -91,6 +94,42 @@ def test_an_episode_shows_n_and_what_the_soil_holds_with_bands(driven):
         assert estimate.high[-1] - estimate.low[-1] < estimate.high[0] - estimate.low[0]
         assert np.ptp(true.values) < 1e-9  # one soil
     assert all(chart.unit for chart in played.charts)
+
+
+def _coasting(plant, **options):
+    """Charts of an episode that rolls straight on, by title, and what the true soil holds, by title."""
+    env = gym.make(ENV_ID, **{"scenario": "speed", **options})
+    base, draw = bekker_env(env), draw_episodes("speed", 2, 0, form="natural")[0]
+    log = EpisodeLog.start(env, env.reset(seed=draw.seed)[1])
+    for _ in range(60):
+        log.add((0.0, 0.3), env.step(np.array([0.0, 0.3], np.float32))[4])
+    played = episode_playback(log, base.briefing, *([base.plant] if plant else []))
+    held = what_soil_holds(base.plant._replace(soil_field=None))
+    true = {
+        "largest lateral acceleration that the soil holds": held.lateral,
+        "largest pull": 1e-3 * held.pull,
+    }
+    return {chart.title: chart for chart in played.charts}, true
+
+
+def test_the_limits_of_an_episode_of_the_natural_form_are_those_of_its_true_soil_or_none():
+    """A soil that is drawn whole, under flexible tyres, holds another limit than the believed one has."""
+    options = {"terrain_info": "belief", **options_of("speed", "natural")}
+    charts, true = _coasting(plant=False, **options)
+    assert not set(true) & set(charts)
+    charts, true = _coasting(plant=True, **options)
+    for title, value in true.items():
+        (line,) = charts[title].lines  # it does not follow from the estimate of n
+        assert line.values == pytest.approx(value)
+
+
+def test_the_true_limits_of_an_unusual_vehicle_and_soil_are_their_own():
+    drawn = {"soil.k_phi": (3.0e5, 3.0e5), "vehicle.m": (1500.0, 1500.0)}
+    charts, true = _coasting(plant=True, terrain_info="estimate", randomise=drawn)
+    for title, value in true.items():
+        estimate, line = charts[title].lines
+        assert line.values == pytest.approx(value, rel=1e-3)
+        assert estimate.values[-1] != pytest.approx(value, rel=1e-3)
 
 
 def test_wheels_turn_as_fast_as_the_vehicle_and_its_slip_ask_for(driven):

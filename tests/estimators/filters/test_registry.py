@@ -14,7 +14,8 @@ from estimators.experiments.filter_comparison import row_run
 from estimators.experiments.simulated_rows import simulate_row
 from estimators.filters.belief_history import BeliefHistory, history_of_estimates
 from estimators.filters.joint_ukf import run_joint_filter
-from estimators.filters.online import KINDS, OnBoard
+from estimators.filters.navigation import NavigationNoise
+from estimators.filters.online import KINDS, OnBoard, Thinned, make_estimator
 from estimators.filters.protocol import Estimate
 from estimators.filters.registry import FILTERS, MAP_FILTERS, ONLINE_FILTERS, SENSORS, SOIL_FILTERS, filter_id
 from estimators.filters.whole_run import run_filter
@@ -22,6 +23,11 @@ from estimators.log_estimation import LOG_FILTERS
 from estimators.models.half_car_on_map import CHANNELS, ETA, JointSettings
 from offroad_env.errors import InvalidParameter
 from offroad_env.physics import state as at
+from offroad_env.simulation.sensors import GnssConfig, ImuConfig
+from offroad_env.simulation.simulator import make_plant
+from offroad_env.world.soils import SOILS
+from offroad_env.world.terrain import flat
+from offroad_env.world.vehicles import VEHICLES
 
 
 def test_every_table_of_filters_holds_ids_of_the_registry():
@@ -138,3 +144,13 @@ def test_the_flag_and_the_count_of_channels_are_added_to_a_filter_without_them()
     assert model_run.channels == 5
     assert not model_run.flag.any(), "not before the innovations have been watched for 2 s"
     assert run_joint_filter.__module__ == FILTERS["map_joint_ukf"].module
+
+
+@pytest.mark.parametrize("name", [name for name, entry in FILTERS.items() if entry.make is not None])
+def test_every_filter_on_board_navigates_with_the_noise_of_its_sensors(name: str) -> None:
+    imu = ImuConfig(accel_bias_sd=0.2, misalignment_sd=(0.02, 0.0, 0.0))
+    receiver = GnssConfig(position_sd=2.0, velocity_sd=0.3, latency=0.1)
+    plant = make_plant(VEHICLES["mrzr"], SOILS["dry_sand"], flat(), model="full")
+    own = make_estimator(OnBoard(kind=name), plant, (0.3, 1.1), imu, receiver)
+    inner = own.inner if isinstance(own, Thinned) else own
+    assert inner.navigation.noise == NavigationNoise.of(receiver, imu)

@@ -146,10 +146,10 @@ def test_a_drive_as_published_with_a_template_is_read_by_the_lines_alone(tmp_pat
 def test_a_template_has_no_problem(vehicle, tmp_path):
     settings = tmp_path / "run.yaml"
     settings.write_text(log_template(vehicle, "clay"))
-    assert check_description(settings) == []
+    assert check_description(settings).remarks == ()
     path = write(tmp_path, Foreign(names=PLAIN | IMU))
     settings.write_text(log_template(vehicle, "clay"))
-    assert not [r for r in check_description(settings) if r.severity == "problem"]
+    assert not [r for r in check_description(settings).remarks if r.severity == "problem"]
     assert read_log(path).config.start.v_x == pytest.approx(drive()["v_x"][0])
 
 
@@ -166,6 +166,66 @@ def test_problems_of_the_description_are_listed_at_once_with_those_of_the_data(t
     problems = " | ".join(remark.sentence for remark in report.remarks if remark.severity == "problem")
     for part in ("-2", "imu.sd.rate", "start is missing", "SteeringAngle", "turned"):
         assert part in problems
+
+
+def test_a_description_that_is_not_utf8_is_a_problem_as_for_the_reader(tmp_path):
+    path = write(tmp_path, Foreign(names=PLAIN | IMU))
+    settings = path.with_suffix(".yaml")
+    settings.write_bytes(f"# first\n# Versuch Günzburg\n{DESCRIPTION}".encode("latin-1"))
+    with pytest.raises(DataError) as refused:
+        read_log(path)
+    for report in (check_log(path), check_description(settings)):
+        (found,) = [remark for remark in report.remarks if remark.severity == "problem"]
+        assert found.sentence.startswith(str(refused.value))
+        assert "(line 2): save it as UTF-8" in found.sentence
+        assert found.lines == ()
+        assert report.obstacle
+    assert set(check_log(path).commands) == {"estimate", "diagnose", "replay"}
+    assert all(check_log(path).commands.values())
+
+
+def test_names_in_a_description_that_is_not_utf8_are_still_found_in_the_file(tmp_path):
+    path = write(tmp_path, Foreign(names=PLAIN | IMU | {"v_x": "v_längs"}))
+    settings = path.with_suffix(".yaml")
+    settings.write_bytes(f"{DESCRIPTION}columns.v_x: v_längs\n".encode("latin-1"))
+    report = check_log(path)
+    assert "v_x" in report.log.channels
+    assert len([remark for remark in report.remarks if remark.severity == "problem"]) == 1
+
+
+def test_no_command_takes_a_log_whose_description_is_a_stand_in(tmp_path):
+    path = write(tmp_path, Foreign(names=PLAIN | IMU))
+    path.with_suffix(".yaml").unlink()
+    report = check_log(path)
+    assert "offroad log template VEHICLE" in report.obstacle
+    assert all(report.commands.values())
+
+
+@pytest.mark.parametrize(
+    ("imu", "keys"),
+    [
+        ("{kinematic: false}", {"imu.sd"}),
+        ("{sd: {a: 0.05, rate: 0.003}}", {"imu.kinematic"}),
+        ("{kinematic: false, sd: {a: 0.05}}", {"imu.sd.rate"}),
+        ("{sd: {}}", {"imu.kinematic", "imu.sd.a", "imu.sd.rate"}),
+    ],
+)
+def test_what_the_section_of_an_imu_lacks_is_mended_by_lines(imu, keys, tmp_path):
+    path = write(tmp_path, Foreign(names=PLAIN | IMU))
+    settings = path.with_suffix(".yaml")
+    given = "{kinematic: false, sd: {a: 0.05, rate: 0.003}}"
+    settings.write_text(DESCRIPTION.replace(given, imu))
+    assert {line.key for line in check_description(settings).lines} == keys
+    mended(path)
+    assert check_log(path).lines == ()
+
+
+def test_a_misspelt_key_of_an_imu_gets_no_line(tmp_path):
+    settings = tmp_path / "run.yaml"
+    settings.write_text(DESCRIPTION.replace("kinematic", "kinematc"))
+    report = check_description(settings)
+    assert report.lines == ()
+    assert "is it 'kinematc'?" in report.remarks[0].sentence
 
 
 def test_left_and_right_wheel_speeds_take_the_place_of_a_steering_angle(tmp_path):
