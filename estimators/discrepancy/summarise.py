@@ -13,8 +13,8 @@ from estimators.discrepancy.families import DRIVE_FAMILIES, RIG_FAMILIES, famili
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.rig.jackknife import jackknife_deviation
 from estimators.discrepancy.rig_diagnosis import RigRest
+from estimators.discrepancy.search.alternatives import p_value_of_score
 from estimators.discrepancy.search.result import Alternative, Cause
-from estimators.discrepancy.search.stepwise import p_value_of_score
 from estimators.discrepancy.summary import (
     CauseMember,
     CauseSummary,

@@ -128,7 +128,7 @@ def counted_naturally(results: Mapping[Key, Numbers]) -> dict[str, Numbers]:
 
 
 def _shares(own: Sequence[tuple[str, Numbers]]) -> Numbers:
-    truths = [(one, result) for name, result in own for one in name.split("+")]
+    truths = [(one, result) for name, result in own for one in _causes_of(name)]
     return {
         "detected": share_of(sum(r["verdict"] not in QUIET for _, r in own), len(own)),
         "family in the sets": share_of(sum(_family_in(one, r) for one, r in truths), len(truths)),
@@ -143,7 +143,12 @@ def _family_in(name: str, result: Numbers) -> bool:
 
 def _family(name: str) -> set[str]:
     """Effects that name a cause, or one of several, right."""
-    return {effect for one in name.split("+") for effect in FAMILIES.get(one, ())}
+    return {effect for one in _causes_of(name) for effect in FAMILIES.get(one, ())}
+
+
+def _causes_of(name: str) -> list[str]:
+    """The cause of a log, or both of two; a wrong number may have a sign of its own in its name."""
+    return [name] if name in FAMILIES else name.split("+")
 
 
 def _wrong(name: str, result: Numbers) -> bool:

@@ -22,9 +22,10 @@ from estimators.discrepancy.physical_ranges import at_end
 from estimators.discrepancy.rig.fit import held_out_trials
 from estimators.discrepancy.rig.repeat_noise import rig_noise
 from estimators.discrepancy.rig.trial_model import RigModel, trials_of
+from estimators.discrepancy.search.alternatives import p_value_of_score
 from estimators.discrepancy.search.result import EQUIVALENT, Alternative, Cause, SearchResult
 from estimators.discrepancy.search.score_test import ScoreTest, candidates_for, score_test, score_threshold
-from estimators.discrepancy.search.stepwise import MOST, outside, p_value_of_score
+from estimators.discrepancy.search.stepwise import MOST, outside
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 

@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from estimators.discrepancy.model.fit import fitted_afresh, settled
 from estimators.discrepancy.model.fit_result import FitResult
-from estimators.discrepancy.model.normal_equations import projected
 from estimators.discrepancy.model.null_simulations import inflation_along
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.protocol import ForwardModel
-from estimators.discrepancy.physical_ranges import at_end
+from estimators.discrepancy.search.alternatives import (
+    FIRST_LOOK,
+    NEAR_BEST,
+    REFITS,
+    best_by_effect,
+    cause_of,
+    order_of,
+)
 from estimators.discrepancy.search.finite_delays import delayed
 from estimators.discrepancy.search.holdout import HoldOutResult, HoldOutTest
 from estimators.discrepancy.search.lower_minimum import LEFT, begun_again, deviations_off, lower_minimum
 from estimators.discrepancy.search.pair_search import Proposal, linearised_gain, proposed_pairs
 from estimators.discrepancy.search.refitting import refit
-from estimators.discrepancy.search.result import EQUIVALENT, Alternative, Cause, SearchResult, separation
+from estimators.discrepancy.search.result import EQUIVALENT, Cause, SearchResult, separation
 from estimators.discrepancy.search.score_test import (
     ScoreTest,
     candidates_for,
@@ -31,14 +38,10 @@ from estimators.discrepancy.search.score_test import (
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 
-__all__ = ["MOST", "outside", "p_value_of_score", "scored_only", "search", "strayed"]
+__all__ = ["MOST", "outside", "scored_only", "search", "strayed"]
 
 #: Most effects in one model.
 MOST = 4
-#: Alternatives that are refitted, and how close a first look must find them.
-_REFITS, _FIRST_LOOK = 4, 3.0 * EQUIVALENT
-#: The variance along the difference of two models may exceed that of a size so many times.
-_WIDER = 4.0
 #: Fitted windows and those apart together must show more than noise does in this share of the logs in which
 #: the first scores may find something.
 _CONFIRMED = 0.4
@@ -50,8 +53,6 @@ _IMPOSSIBLE = 6.0
 _RESTARTS = 2
 #: Models as good as the best that are tested on windows apart.
 _TESTED = 3
-#: Alternatives of the first step: scores that are this share of the best.
-_NEAR_BEST = 0.8
 #: Effects whose scores exceed so many thresholds, which noise does not, are sought closely along the route.
 _LARGE = 2.0
 #: Effects of so many numbers, those furthest from what is stated, are fitted afresh, from this share of a
@@ -73,6 +74,15 @@ class _Accepted(NamedTuple):
     gains: list[float]  #: of each model tested, in the log-likelihood of windows apart
     refused: bool  #: one was rejected that the fitted windows support
     rejected: frozenset[str] = frozenset()  #: effects of the first models that were rejected before this one
+    evidence: float = math.inf  #: for it, of fitted windows and those apart together
+    #: Models that were rejected, with their evidence.
+    others: tuple[tuple[FitResult, float], ...] = ()
+
+    @property
+    def stronger(self) -> tuple[FitResult, ...]:
+        """Models of one effect that windows apart reject and that have more evidence in all nevertheless."""
+        pairs = self.others if self.fit is not None else ()
+        return tuple(fit for fit, found in pairs if found > self.evidence and len(fit.candidates) == 1)
 
 
 def outside(fit: FitResult, candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -81,25 +91,14 @@ def outside(fit: FitResult, candidates: Sequence[Candidate]) -> list[Candidate]:
     return [candidate for candidate in candidates if candidate.effect not in inside]
 
 
-def _best_by_effect(values: np.ndarray, candidates: Sequence[Candidate]) -> list[int]:
-    """Indices in the order of falling ``values``, one for each effect."""
-    seen: set[str] = set()
-    chosen = []
-    for i in np.argsort(-values):
-        if candidates[i].effect not in seen:
-            seen.add(candidates[i].effect)
-            chosen.append(int(i))
-    return chosen
-
-
 def _forward(scores: ScoreTest, threshold: float) -> list[FitResult]:
     """Models with one effect more, best first."""
     fit, strength = scores.fit, np.abs(scores.z)
-    order = _best_by_effect(strength, scores.candidates)
+    order = best_by_effect(strength, scores.candidates)
     top = strength[order[0]] if order else 0.0
     if not top > threshold:
         return []
-    order = [i for i in order if strength[i] > max(threshold, _NEAR_BEST * top)][:_REFITS]
+    order = [i for i in order if strength[i] > max(threshold, NEAR_BEST * top)][:REFITS]
     larger = [((*fit.candidates, scores.candidates[i]), (*fit.sizes, scores.size[i])) for i in order]
     return _refitted(fit, larger)
 
@@ -113,10 +112,10 @@ def _afresh(scores: ScoreTest, threshold: float, others: Sequence[FitResult]) ->
     """
     fit, found = scores.fit, []
     enough = fit.cost - 0.5 * threshold**2
-    if others and not _order(others[0])[0]:
+    if others and not order_of(others[0])[0]:
         enough = min(enough, others[0].cost + 0.5 * EQUIVALENT)
     vehicle = fit.runs[0].setup.plant.vehicle
-    by_effect = {scores.candidates[i].effect: i for i in _best_by_effect(np.abs(scores.z), scores.candidates)}
+    by_effect = {scores.candidates[i].effect: i for i in best_by_effect(np.abs(scores.z), scores.candidates)}
     away = deviations_off(fit)
     numbers = [fit.problem.nuisances[i] for i in np.argsort(-away) if away[i] > LEFT]
     names = dict.fromkeys(number.effect for number in numbers if number.effect in by_effect)
@@ -147,7 +146,7 @@ def _refitted(
         done = refit(fit, candidates, sizes, late[-1] if late else -1, enough)
         if done is not None:
             trials.append(done)
-    return sorted(trials, key=_order)
+    return sorted(trials, key=order_of)
 
 
 def strayed(fit: FitResult, deviations: float) -> list[str]:
@@ -155,13 +154,6 @@ def strayed(fit: FitResult, deviations: float) -> list[str]:
     away = deviations_off(fit) > deviations
     pairs = zip(fit.problem.nuisances, away, strict=True)
     return [nuisance.name for nuisance, far in pairs if far and nuisance.tolerated]
-
-
-def _order(fit: FitResult) -> tuple[bool, float]:
-    """Models by whether a size is at an end of its physical range, then by their cost."""
-    limits = fit.runs[0].size_limits
-    pairs = zip(fit.candidates, fit.sizes, strict=True)
-    return any(at_end(one.effect, float(size), limits(one.effect)) for one, size in pairs), fit.cost
 
 
 def _pairs(
@@ -185,13 +177,13 @@ def _pairs(
     fit = scores.fit
     inside = range(len(fit.sizes))
     bases = [[i for i in inside if i != k] for k in inside] or [[]]
-    found = [proposal for base in bases for proposal in proposed_pairs(fit, scores, base, _REFITS)]
+    found = [proposal for base in bases for proposal in proposed_pairs(fit, scores, base, REFITS)]
     found = [proposal for proposal in found if proposal.gain > most + threshold**2]
     best = max((proposal.gain for proposal in found), default=0.0)
     near: dict[frozenset[str], Proposal] = {}
     for one in sorted(found, key=lambda one: -one.gain):
         names = _names(one.candidates)
-        if one.gain > best - _FIRST_LOOK and names not in known and len(near) < _REFITS:
+        if one.gain > best - FIRST_LOOK and names not in known and len(near) < REFITS:
             near.setdefault(names, one)
     return _refitted(fit, [(one.candidates, one.sizes) for one in near.values()], enough)
 
@@ -204,7 +196,7 @@ def _larger(scores: ScoreTest, threshold: float, test: HoldOutTest, singly: bool
     fit = scores.fit
     single = _forward(scores, threshold)
     late = delayed(fit, outside(fit, scores.candidates), threshold)
-    single = sorted([*single, *late, *_afresh(scores, threshold, single)], key=_order)
+    single = sorted([*single, *late, *_afresh(scores, threshold, single)], key=order_of)
     if not single and not fit.candidates:
         return []
     most = linearised_gain(fit, scores) if fit.candidates else float(np.max(scores.z**2, initial=0.0))
@@ -218,7 +210,7 @@ def _larger(scores: ScoreTest, threshold: float, test: HoldOutTest, singly: bool
     enough = single[0].cost + 0.5 * EQUIVALENT if single else fit.cost - must
     known = {_names(trial.candidates) for trial in single}
     pairs = _pairs(scores, threshold, most, enough, known)
-    trials = sorted([*single, *(trial for trial in pairs if trial.cost < enough)], key=_order)
+    trials = sorted([*single, *(trial for trial in pairs if trial.cost < enough)], key=order_of)
     return [trial for trial in trials if 2.0 * (trial.cost - trials[0].cost) <= EQUIVALENT]
 
 
@@ -296,6 +288,7 @@ def _accepted(test: HoldOutTest, trials: Sequence[FitResult], bars: _Bars) -> _A
     """
     fit, refused = test.fit, False
     gains: list[float] = []
+    others: list[tuple[FitResult, float]] = []
     names = {candidate.effect for candidate in fit.candidates}
     enough = 0.5 * bars.together**2
     for trial in trials[:_TESTED]:
@@ -313,10 +306,12 @@ def _accepted(test: HoldOutTest, trials: Sequence[FitResult], bars: _Bars) -> _A
         if result is None:
             return _Accepted(larger, gains, refused=False)
         gains.append(result.gain)
+        found = support + result.evidence
         if _confirmed(result, support, enough):
-            return _Accepted(larger, gains, refused=False)
+            return _Accepted(larger, gains, refused=False, evidence=found, others=tuple(others))
+        others.append((trial, found))
         refused |= support > enough
-    return _Accepted(None, gains, refused)
+    return _Accepted(None, gains, refused, others=tuple(others))
 
 
 def _confirmed(result: HoldOutResult | None, support: float, enough: float) -> bool:
@@ -328,13 +323,14 @@ def _confirmed(result: HoldOutResult | None, support: float, enough: float) -> b
 
 def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float) -> _Accepted:
     """The next larger model: ``bar`` is the least score, ``rate`` that of the first scores."""
-    last = refined_places(last, _LARGE * bar, _NEAR_BEST)
+    last = refined_places(last, _LARGE * bar, NEAR_BEST)
     strongest, inside = float(np.abs(last.z).max(initial=0.0)), test.fit.candidates
     # Where hardly a null log has such a score, a discrepancy remains whatever comes after a refusal: the next
     # best explanation costs no false alarm.
     beyond = not inside and strongest > score_threshold(last, _BEYOND)
     gains: list[float] = []
     rejected = frozenset[str]()
+    others: tuple[tuple[FitResult, float], ...] = ()
     singly = pair_refused = False
     while True:
         trials = _larger(last, bar, test, singly)
@@ -342,8 +338,9 @@ def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float) -> _Acc
         tried = trials if inside else trials[:1]
         accepted = _accepted(test, tried, _Bars(bar, score_threshold(last, _CONFIRMED * rate)))
         gains += accepted.gains
+        others += accepted.others
         if accepted.fit is not None:
-            return _Accepted(accepted.fit, gains, refused=False, rejected=rejected)
+            return accepted._replace(gains=gains, refused=False, rejected=rejected, others=others)
         if not inside and not singly and trials and len(trials[0].candidates) > 1:
             # Of two effects that explain most together one may be certain, and the other too small.
             singly, pair_refused = True, accepted.refused
@@ -388,11 +385,12 @@ def search(
     candidates = candidates_for(nominal, library)
     first = last = score_test(nominal, candidates)
     threshold = bar = score_threshold(first, rate)
-    fit, test, refused, gains = first.fit, HoldOutTest(nominal, apart), False, list[float]()
+    fit, refused, gains = first.fit, False, list[float]()
+    stronger = dict[str, tuple[FitResult, ...]]()
+    begin = test = HoldOutTest(nominal, apart)
     while len(fit.candidates) < MOST:
         accepted = _onward(test, last, bar, rate)
-        refused = accepted.refused
-        gains += accepted.gains
+        refused, gains = accepted.refused, gains + accepted.gains
         if accepted.fit is None:
             break
         larger = begun_again(accepted.fit)
@@ -400,20 +398,19 @@ def search(
         if lower is not None and not lower.candidates:
             return search(lower, library, rate, apart, restarts=restarts - 1)
         if lower is not None:
-            restarts -= 1
+            restarts, stronger = restarts - 1, {}
             last, test = score_test(lower, outside(lower, candidates)), HoldOutTest(lower, apart)
             fit = last.fit
             continue
+        if not fit.candidates:
+            stronger = {candidate.effect: accepted.stronger for candidate in larger.candidates}
         candidates = [c for c in candidates if c.effect not in accepted.rejected]
         last = score_test(larger, outside(larger, candidates))
         same = larger is accepted.fit
         fit, test = last.fit, test.onward(larger) if same else HoldOutTest(larger, apart)
         bar = score_threshold(last, rate)
     capped = len(fit.candidates) == MOST and float(np.abs(last.z).max(initial=0.0)) > bar
-    causes = []
-    for k in range(len(fit.candidates)):
-        fit, cause = _cause(fit, last, k, first)
-        causes.append(cause)
+    fit, causes = _causes(fit, last, first, _Confirmed(first, begin, _CONFIRMED * rate), stronger)
     return SearchResult(
         nominal=first.fit,
         extended=fit,
@@ -425,8 +422,37 @@ def search(
         capped=capped,
         beyond_null_logs=refused and float(np.abs(first.z).max()) > score_threshold(first, _BEYOND),
         strayed=() if fit.candidates else tuple(strayed(nominal, _IMPOSSIBLE)),
-        causes=tuple(causes),
+        causes=causes,
     )
+
+
+class _Confirmed:
+    """Whether windows apart accept a model of one effect, whatever the noise in which it is fitted."""
+
+    def __init__(self, first: ScoreTest, test: HoldOutTest, rate: float) -> None:
+        self._fit, self._test = first.fit, test
+        self._enough = 0.5 * score_threshold(first, rate) ** 2
+
+    def __call__(self, larger: FitResult) -> bool:
+        """Of this model; its gain is that in the noise of the model without effects."""
+        support = _support(self._fit, replace(larger, noise=self._fit.noise), larger)
+        return _confirmed(self._test.result(larger), support, self._enough)
+
+
+def _causes(
+    fit: FitResult,
+    last: ScoreTest,
+    first: ScoreTest,
+    confirmed: _Confirmed,
+    stronger: Mapping[str, Sequence[FitResult]],
+) -> tuple[FitResult, tuple[Cause, ...]]:
+    """The model with the best of every cause's alternatives, and the causes; ``stronger`` by effect."""
+    causes = []
+    for k in range(len(fit.candidates)):
+        own = stronger.get(fit.candidates[k].effect, ())
+        fit, cause = cause_of(fit, last, k, first, confirmed, own)
+        causes.append(cause)
+    return fit, tuple(causes)
 
 
 def scored_only(nominal: FitResult, library: Sequence[str], rate: float) -> SearchResult:
@@ -439,60 +465,3 @@ def scored_only(nominal: FitResult, library: Sequence[str], rate: float) -> Sear
         last=first,
         threshold=score_threshold(first, rate),
     )
-
-
-class _Look(NamedTuple):
-    """Linearised refits with every candidate in the place of one effect, (C,) each."""
-
-    likelihood_ratio: np.ndarray  #: against the model as it is
-    size: np.ndarray
-
-
-def _first_look(fit: FitResult, last: ScoreTest, k: int) -> _Look:
-    """First look at every candidate in the place of effect ``k``."""
-    inside = len(fit.sizes)
-    order = [i for i in range(inside) if i != k] + [k] + list(range(inside, len(last.joint)))
-    joint, _ = projected(last.joint[np.ix_(order, order)], np.zeros(len(order)), inside - 1)
-    own, cross, theirs = joint[0, 0], joint[0, 1:], np.diag(joint)[1:]
-    seen = np.diag(last.information) > 0.0
-    theirs = np.where(seen, theirs, 1.0)
-    size = fit.sizes[k]
-    push = np.where(seen, cross * size, 0.0)
-    return _Look(size * size * own - push * push / theirs, push / theirs)
-
-
-def _cause(fit: FitResult, last: ScoreTest, k: int, first: ScoreTest) -> tuple[FitResult, Cause]:
-    """All effects that can take the place of effect ``k``; the best of them takes it."""
-    look = _first_look(fit, last, k)
-    own = (fit.sizes[k] / fit.size_deviations()[k]) ** 2
-    found = [(fit.cost, fit.candidates[k], fit)]
-    inside = {candidate.effect for candidate in fit.candidates}
-    # Null simulations scatter along the difference of two models, which is not known before both are fitted.
-    reach = 0.5 * EQUIVALENT * _WIDER * float(fit.size_inflation[k])
-    for i in _best_by_effect(-look.likelihood_ratio, last.candidates)[:_REFITS]:
-        far = look.likelihood_ratio[i] > max(_FIRST_LOOK, 0.1 * own)
-        if far or last.candidates[i].effect in inside:
-            continue
-        names, values = list(fit.candidates), fit.sizes.copy()
-        names[k], values[k] = last.candidates[i], look.size[i]
-        lowest = min(cost for cost, _, _ in found)
-        done = refit(fit, names, values, k, lowest + reach)
-        if done is not None:
-            found.append((done.cost, last.candidates[i], done))
-    found.sort(key=lambda entry: _order(entry[2]))
-    lowest, _, best = found[0]
-    alternatives = tuple(
-        Alternative.of(trial, candidate, 2.0 * (cost - lowest))
-        for cost, candidate, trial in found
-        if trial is best or (not _order(trial)[0] and separation(best, trial) <= EQUIVALENT)
-    )
-    return best, Cause(
-        alternatives=alternatives,
-        likelihood_ratio=float(own + 2.0 * (fit.cost - lowest)),
-        p_value=p_value_of_score(first, np.sqrt(own)),
-    )
-
-
-def p_value_of_score(first: ScoreTest, strength: float) -> float:
-    """Bound of the share of null logs with so large a score, for all candidates together (Bonferroni)."""
-    return min(len(first.candidates) * float(first.fit.tail(strength)), 1.0)

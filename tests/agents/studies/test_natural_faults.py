@@ -25,6 +25,7 @@ def test_a_cause_counts_by_its_family_and_a_set_with_it_is_no_wrong_name():
         ("wrong", "c x 1.5", 1.0, 2): _result("NAMED", ["friction_angle"]),
         ("wrong", "c x 1.5", 1.0, 3): _result("ONE OF", ["friction_angle"]),
         ("wrong", "c x 1.5", 1.0, 4): _result("NO EFFECT"),
+        ("wrong", "I_z + 10 %", 1.0, 1): _result("NAMED", ["inertia"]),
         ("other", "steer_lag", 2.0, 1): _result("NAMED", ["steer_delay"]),
         ("other", "steer_lag", 2.0, 2): _result("NAMED", structure=True),
         ("other", "steer_lag", 2.0, 3): {"failed": "the vehicle drowned"},
@@ -33,6 +34,9 @@ def test_a_cause_counts_by_its_family_and_a_set_with_it_is_no_wrong_name():
     assert numbers["natural"]["detected"]["hits"] == 1
     wrong, other = numbers["wrong: c x 1.5"], numbers["other"]
     assert (wrong["family in the sets"]["hits"], wrong["another cause for certain"]["hits"]) == (1, 1)
+    inertia = numbers["wrong: I_z + 10 %"]
+    assert (inertia["family in the sets"]["hits"], inertia["family in the sets"]["count"]) == (1, 1)
+    assert inertia["another cause for certain"]["hits"] == 0
     assert (other["detected"]["hits"], other["family in the sets"]["hits"]) == (2, 1)
     assert other["another cause for certain"]["hits"] == 1
     assert other["detected"]["count"] == 2

@@ -16,6 +16,7 @@ from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT
 from estimators.discrepancy.search import stepwise as search_module
+from estimators.discrepancy.search.alternatives import order_of
 from estimators.discrepancy.search.holdout import HoldOutResult
 from estimators.discrepancy.search.pair_search import linearised_gain, proposed_pairs
 from estimators.discrepancy.search.refitting import refit
@@ -113,7 +114,7 @@ def test_a_size_at_an_end_of_its_range_comes_after_all_that_are_possible():
         return SimpleNamespace(candidates=(Candidate(effect=effect),), sizes=[size], cost=cost, runs=runs)
 
     trials = [fitted("friction_angle", 0.1, 10.0), fitted("grade", 0.05, 30.0), fitted("bank", 0.02, 20.0)]
-    order = sorted(trials, key=search_module._order)
+    order = sorted(trials, key=order_of)
     assert [trial.candidates[0].effect for trial in order] == ["bank", "grade", "friction_angle"]
 
 
@@ -228,7 +229,7 @@ def test_a_search_goes_on_where_its_first_choice_does_not_hold_once_it_is_fitted
     def accepted(test, trials, bars):
         holds = trials[0].candidates[0].effect == "steer_lag"
         fit, gains = (trials[0], [5.0]) if holds else (None, [])
-        return SimpleNamespace(fit=fit, gains=gains, refused=False)
+        return search_module._Accepted(fit, gains, refused=False)
 
     monkeypatch.setattr(search_module, "_larger", larger)
     monkeypatch.setattr(search_module, "_accepted", accepted)

@@ -1,0 +1,138 @@
+"""Which effects may take the place of a cause: those that the data leave undecided, and no others."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.studies.fault_detection.one_log import natural_case
+from estimators.discrepancy.diagnosis import diagnose
+from estimators.discrepancy.faults.drive import simulated_log
+from estimators.discrepancy.faults.library import FAULTS
+from estimators.discrepancy.faults.other_forms import OTHER_FORMS
+from estimators.discrepancy.model.parameters import Candidate
+from estimators.discrepancy.search import alternatives
+from estimators.discrepancy.search.alternatives import cause_of
+from estimators.discrepancy.search.result import EQUIVALENT
+from estimators.discrepancy.search.stepwise import _Accepted
+
+
+class _Fit(SimpleNamespace):
+    """As much of a fitted model with one effect as the comparison looks at."""
+
+    def size_deviations(self) -> np.ndarray:
+        return np.full(len(self.sizes), 0.1)
+
+    def deviations(self) -> np.ndarray:
+        return np.array([0.01])
+
+
+def _fit(effect: str, cost: float, size: float = 1.0, **others: Any) -> _Fit:
+    return _Fit(
+        candidates=(Candidate(effect=effect),),
+        sizes=np.array([size]),
+        cost=cost,
+        size_inflation=np.ones(1),
+        nuisances=np.array([0.8]),
+        runs=(SimpleNamespace(size_limits=lambda name: (-9.0, 9.0)),),
+        null=None,
+        **others,
+    )
+
+
+def _scores(**strengths: float) -> SimpleNamespace:
+    return SimpleNamespace(
+        candidates=[Candidate(effect=name) for name in strengths],
+        z=np.array(list(strengths.values())),
+        size=np.full(len(strengths), 0.5),
+        fit=SimpleNamespace(tail=lambda strength: 1e-9),
+    )
+
+
+@pytest.fixture
+def fitted(monkeypatch):
+    """Costs of models of one effect -> what is found in the place of ``inertia``, of cost 0."""
+
+    def found(
+        costs: dict[str, float],
+        confirmed: bool = True,
+        stronger: tuple[_Fit, ...] = (),
+        rejected: tuple[str, ...] = (),
+        **strengths: float,
+    ) -> list[str]:
+        first = _scores(inertia=8.0, **strengths)
+        last = _scores(**{name: 1.0 for name in strengths if name not in rejected})
+        ratio = np.full(len(last.candidates), 1e3)  # a linear look finds nothing
+        look = SimpleNamespace(likelihood_ratio=ratio, size=0.0 * ratio)
+        monkeypatch.setattr(alternatives, "_first_look", lambda *_: look)
+        monkeypatch.setattr(alternatives, "separation", lambda best, other: 2.0 * (other.cost - best.cost))
+        monkeypatch.setattr(
+            alternatives, "refit", lambda fit, names, *_: _fit(names[0].effect, costs[names[0].effect])
+        )
+        _, cause = cause_of(_fit("inertia", 0.0), last, 0, first, lambda larger: confirmed, stronger)
+        return [one.candidate.effect for one in cause.alternatives]
+
+    return found
+
+
+def test_what_scored_nearly_as_high_before_is_refitted_whatever_a_linear_look_says(fitted) -> None:
+    assert fitted({"steer_lag": 1.0}, steer_lag=6.0) == ["inertia", "steer_lag"]
+    assert fitted({"steer_lag": 1.0}, steer_lag=4.0) == ["inertia"]
+
+
+def test_the_best_of_them_takes_its_place(fitted) -> None:
+    assert fitted({"steer_lag": -1.0}, steer_lag=6.0) == ["steer_lag", "inertia"]
+
+
+def test_it_must_explain_as_much_and_be_confirmed_and_not_have_been_rejected(fitted) -> None:
+    assert fitted({"steer_lag": 0.6 * EQUIVALENT}, steer_lag=6.0) == ["inertia"]
+    assert fitted({"steer_lag": 1.0}, confirmed=False, steer_lag=6.0) == ["inertia"]
+    assert fitted({"steer_lag": 1.0}, rejected=("steer_lag",), steer_lag=6.0) == ["inertia"]
+
+
+def test_a_refused_model_that_explains_more_in_all_makes_the_cause_uncertain(fitted) -> None:
+    refused = (_fit("rolling_resistance", -20.0), _fit("inertia", -1.0))
+    assert fitted({}, stronger=refused, payload=1.0) == ["inertia", "rolling_resistance"]
+
+
+def test_only_models_of_one_effect_with_more_evidence_count() -> None:
+    pair = SimpleNamespace(candidates=(Candidate(effect="grade"), Candidate(effect="bank")))
+    weak, strong = _fit("grade", 0.0), _fit("payload", 0.0)
+    others = ((weak, 9.0), (strong, 11.0), (pair, 30.0))
+    taken = _Accepted(_fit("bank", 0.0), [1.0], refused=False, evidence=10.0, others=others)
+    assert taken.stronger == (strong,)
+    assert taken._replace(fit=None).stronger == ()
+
+
+@pytest.mark.parametrize(("own", "undecided"), [(0.9, True), (20.0, False)])
+def test_on_natural_ground_each_model_may_have_its_own_noise(
+    monkeypatch, own: float, undecided: bool
+) -> None:
+    best, other = _fit("inertia", 0.0, settled=False), _fit("steer_lag", 0.0, settled=False)
+    best.null = "simulations"
+    monkeypatch.setattr(alternatives, "settled", lambda fit, fresh: SimpleNamespace(settled=True))
+    monkeypatch.setattr(alternatives, "separation", lambda a, b: own if a.settled and b.settled else 15.0)
+    assert alternatives._undecided(best, other) is undecided
+    best.null = None
+    assert not alternatives._undecided(best, other)
+
+
+def _sets(seed: int, fault: Any) -> list[set[str]]:
+    found = diagnose([simulated_log(natural_case(seed), fault)]).causes
+    return [{one.candidate.effect for one in cause.alternatives} for cause in found]
+
+
+def test_a_lag_is_not_taken_for_an_inertia_for_certain() -> None:
+    """A score of 8.7 for an inertia that is 60 % larger, of 6.4 for the lag."""
+    assert any("steer_lag" in found for found in _sets(20000, FAULTS["steer_lag"](0.1007)))
+
+
+@pytest.mark.check
+def test_a_cause_that_windows_apart_reject_stays_possible_where_it_explains_most() -> None:
+    """Rolling resistance that grows with the speed: it gains 31 in the log-likelihood, a grade 12."""
+    assert any(
+        "rolling_resistance" in found for found in _sets(13001, OTHER_FORMS["rolling_resistance"](0.0812))
+    )
