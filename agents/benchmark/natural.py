@@ -24,7 +24,10 @@ from offroad_env.environment.scenario_descriptions import find_scenario
 from offroad_env.environment.scenarios import SCENARIOS, Scenario, draw_steep_climb
 from offroad_env.environment.soil_draws import MeasuredSoils
 from offroad_env.errors import InvalidParameter
-from offroad_env.world.vehicles import VEHICLES
+from offroad_env.physics.records import Vehicle, Wheel
+from offroad_env.world.descriptions import choose_tyre, read_vehicle
+from offroad_env.world.tyres import require_fitting_tyre
+from offroad_env.world.yaml_text import shown
 
 __all__ = [
     "CORRIDORS",
@@ -69,9 +72,15 @@ def is_natural(form: str) -> bool:
     return form in NATURAL_FORMS
 
 
-def natural_vehicle(name: str = "mrzr") -> dict[str, Any]:
-    """What differs from vehicle to vehicle, as ``randomise`` takes it."""
-    nominal = VEHICLES[name]._asdict()
+def natural_vehicle(vehicle: Any = "mrzr") -> dict[str, Any]:
+    """What differs from vehicle to vehicle about a chosen one, as ``randomise`` takes it.
+
+    Raises
+    ------
+    InvalidParameter
+        For one of which something is stated for its four wheels.
+    """
+    nominal = _nominal(vehicle)._asdict()
     found: dict[str, Any] = {
         f"vehicle.{key}": Normal(nominal[key], sd * nominal[key], *_ends(nominal[key], sd))
         for key, sd in _TOLERANCES.items()
@@ -86,13 +95,26 @@ def _ends(value: float, sd: float) -> tuple[float, float]:
     return (1.0 - 2.0 * sd) * value, (1.0 + 2.0 * sd) * value
 
 
-def natural_options(form: str = "natural") -> dict[str, Any]:
+def _nominal(vehicle: Any) -> Vehicle:
+    """Numbers of the chosen vehicle, if these forms can draw others about them."""
+    _, nominal, four_wheel = read_vehicle(vehicle)
+    if four_wheel is not None:
+        raise InvalidParameter(
+            "vehicle: natural forms draw the numbers of a vehicle anew for every episode, to which what is "
+            "stated of four single wheels would no longer belong - leave that out, or drive another form"
+        )
+    return nominal
+
+
+def natural_options(form: str = "natural", vehicle: Any = "mrzr") -> dict[str, Any]:
     """Arguments of ``gym.make`` beside task and ``terrain_info``.
 
     Parameters
     ----------
     form
         In `NATURAL_FORMS`.
+    vehicle
+        About which the vehicles of episodes are drawn: name, record, mapping or YAML.
     """
     fix = _COARSE_FIX if form == "natural_gnss" else _FIX
     region = "unusual" if form == "natural_unusual" else "usual"
@@ -101,7 +123,7 @@ def natural_options(form: str = "natural") -> dict[str, Any]:
         "tyre": NATURAL_LAWS.tyre,
         "natural_soil": True,
         "sensors": {"base": "automotive", "gnss": {"position_sd": fix, "velocity_sd": 0.05}},
-        "randomise": {"soil": MeasuredSoils(region=region), **natural_vehicle()},
+        "randomise": {"soil": MeasuredSoils(region=region), **natural_vehicle(vehicle)},
     }
 
 
@@ -124,21 +146,60 @@ def options_of(task: str, form: str, world: Mapping[str, Any] | None = None) -> 
     """Arguments of ``gym.make`` for a task in any form; ``world`` holds further ones of a user's own.
 
     What a natural form draws for each episode it still draws beside what ``world["randomise"]`` adds.
+    Vehicles are drawn about the one in ``world``, or else the scenario's.
 
     Raises
     ------
     InvalidParameter
-        For a soil of one's own in a natural form, which draws the soil of every episode.
+        For what a natural form cannot have: a task or soil of another kind, a vehicle that its tyre does not
+        fit, values that are drawn and no mapping.
     """
     own = dict(world or {})
     if not is_natural(form):
         return {"scenario": task, **own}
+    _check_natural(task, form, own)
+    scenario = natural_scenario(task, form)
+    vehicle = scenario.vehicle if own.get("vehicle") is None else own["vehicle"]
+    found = natural_options(form, vehicle)
+    _check_tyre(own.get("tyre", found["tyre"]), vehicle)
+    if "randomise" in own:
+        own["randomise"] = {**found["randomise"], **own["randomise"]}
+    return {"scenario": scenario, **found, **own}
+
+
+def _check_natural(task: str, form: str, own: Mapping[str, Any]) -> None:
+    """Refuse tasks and worlds that a natural form cannot have."""
+    kind = find_scenario(task).task
+    if kind not in NATURAL_TASKS:
+        raise InvalidParameter(
+            f"natural forms have {', '.join(NATURAL_TASKS)}, got {kind} - there n alone changes, which no "
+            "soils side by side do"
+        )
     if "soil" in own:
         raise InvalidParameter(
             f"soil: the form {form!r} draws a whole soil for every episode - leave soil out, or drive "
             'the form "matched"'
         )
-    found = natural_options(form)
-    if "randomise" in own:
-        own["randomise"] = {**found["randomise"], **own["randomise"]}
-    return {"scenario": natural_scenario(task, form), **found, **own}
+    drawn = own.get("randomise", {})
+    if not isinstance(drawn, Mapping):
+        raise InvalidParameter(
+            f"randomise must be a mapping of what is drawn for each episode, got {shown(drawn)}"
+        )
+    if "vehicle" in drawn:
+        raise InvalidParameter(
+            f"randomise: the form {form!r} draws the numbers of one vehicle for every episode, which would "
+            "replace those of a whole one that is drawn - leave 'vehicle' out, or give one as vehicle"
+        )
+
+
+def _check_tyre(tyre: Any, vehicle: Any) -> None:
+    """Refuse a vehicle with wheels of another size than the tyre's, by its name."""
+    chosen, (name, nominal, _) = choose_tyre(tyre), read_vehicle(vehicle)
+    if chosen is None:
+        return
+    try:
+        require_fitting_tyre(chosen, Wheel(nominal.r, nominal.b))
+    except InvalidParameter as error:
+        raise InvalidParameter(
+            f"vehicle: {name} has wheels on which the tyre does not fit: {error}"
+        ) from None

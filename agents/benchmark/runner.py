@@ -68,7 +68,7 @@ class Draw(NamedTuple):
     """One episode to drive: the same for every arm."""
 
     seed: int  #: of ``env.reset``
-    n: float | None  #: true sinkage exponent, an option of ``env.reset`` [-]; None: the soil is drawn whole
+    n: float | None  #: true sinkage exponent, for ``env.reset`` [-]; None: the environment decides it
     mismatch: tuple[float, float, float] | None = None  #: factors on mass, k_phi and lag, likewise
 
     @property
@@ -298,6 +298,7 @@ def run_arms(
     if episodes < 2:
         raise InvalidParameter(f"episodes must be at least 2, got {episodes} - one episode has no interval")
     chosen = {name: make_arm(name, scenario=scenario, settings=(settings or {}).get(name)) for name in arms}
-    draws = draw_episodes(scenario, episodes, seed, n_range=(env_options or {}).get("n_range"))
+    n_range = (env_options or {}).get("n_range")
+    draws = draw_episodes(scenario, episodes, seed, n_range=n_range, world=env_options)
     results = run_jobs(scenario, chosen, draws, n_jobs=n_jobs, progress=progress, env_options=env_options)
     return summarise(scenario, seed, tuple(results.values()))

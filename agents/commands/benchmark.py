@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from agents.commands.options import Jobs, Scenarios
-from agents.driving.world_options import WorldOptions, known_scenario
+from agents.driving.world_options import WorldOptions, known_scenarios
 from agents.reports.output import console, say, table, write_bytes, write_json
 from offroad_env.environment.scenarios import BUILT_IN
 from offroad_env.errors import InvalidParameter
@@ -107,7 +107,7 @@ class BenchmarkRun:
                     f"{option} must name at least one, got none - an option without a value?"
                 )
         args = BenchmarkArgs(
-            tasks=tuple(map(known_scenario, self.tasks)),
+            tasks=known_scenarios(self.tasks),
             agents=self.agents,
             forms=known_forms(self.forms),
             episodes=self.episodes,

@@ -11,7 +11,7 @@ from tyro.conf import Positional
 
 from agents.commands.benchmark import Form, known_forms, write_results
 from agents.commands.options import Jobs, Scenarios, TerrainInfo
-from agents.driving.world_options import WorldOptions, known_scenario
+from agents.driving.world_options import WorldOptions, known_scenarios
 from agents.reports.output import say
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class Compare:
 
         start = time.perf_counter()
         args = BenchmarkArgs(
-            tasks=tuple(map(known_scenario, self.tasks)),
+            tasks=known_scenarios(self.tasks),
             agents=(self.agent, *self.against),
             forms=known_forms(self.forms),
             episodes=self.episodes,

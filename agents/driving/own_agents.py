@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import importlib
 import importlib.util
@@ -11,6 +12,7 @@ import sysconfig
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
 
 from agents.controllers.protocol import Agent
 from offroad_env.errors import InvalidParameter
@@ -33,8 +35,10 @@ _LIBRARIES = tuple(
 #: What is made from other files, and folders of what programs keep for themselves.
 _MADE, _KEPT = {".pyc", ".nbi", ".nbc"}, {"__pycache__", ".cache"}
 
-#: Files that were opened while an agent was made: what its module reads is opened at its first import only.
-_read_before: dict[str, set[Path]] = {}
+#: Module -> files that were opened or loaded while it was imported, which happens once in a process.
+_read_at_import: dict[str, set[Path]] = {}
+#: ``module:Class`` -> files that were opened while it was made: what is kept for later is opened once, too.
+_read_while_made: dict[str, set[Path]] = {}
 #: Where the files that are opened for reading are noted; None: nowhere. Hooks of Python cannot be taken away.
 _opened: list[str] | None = None
 _hooked = False
@@ -87,8 +91,7 @@ def make_own_agent(name: str) -> Agent:
         If there is no such module or class, the module has no file (a part of Python itself is no agent),
         the class asks for arguments, or has no ``reset`` and ``act``.
     """
-    _agent_file(name)
-    module = importlib.import_module(_importable(name))
+    module = _imported(name)
     kind = getattr(module, name.partition(":")[2], None)
     if kind is None:
         raise InvalidParameter(f"no {name.partition(':')[2]!r} in {module.__name__} - module:Class?")
@@ -98,7 +101,8 @@ def make_own_agent(name: str) -> Agent:
             "reset(briefing) and act(observation), which is made without arguments"
         )
     try:
-        agent: Agent = kind()
+        with _noting(_read_while_made.setdefault(name, set())):
+            agent: Agent = kind()
     except TypeError as error:
         raise InvalidParameter(f"{name} cannot be made without arguments: {error}") from error
     missing = [method for method in ("reset", "act") if not callable(getattr(agent, method, None))]
@@ -109,27 +113,26 @@ def make_own_agent(name: str) -> Agent:
     return agent
 
 
+def _imported(name: str) -> ModuleType:
+    """The module of an agent; what it reads while it is imported is noted."""
+    _agent_file(name)
+    module = _importable(name)
+    with _noting(_read_at_import.setdefault(module, set())):
+        return importlib.import_module(module)
+
+
 def made_from(name: str) -> tuple[Path, ...]:
     """Files from which an agent of your own is made, in alphabetical order.
 
-    These are its module, the modules beside it that are loaded, and what was opened for reading while it was
+    These are its module, the user's modules that it imports, and what was opened for reading while it was
     made: its weights, say. What it opens later, and variables of the process environment, are not among them.
     """
-    file = _agent_file(name).resolve()
-    with _noting() as opened:
-        make_own_agent(name)
-    read = _read_before.setdefault(name, set())
-    read |= {Path(path).resolve() for path in opened}
-    package = file.parent if (file.parent / "__init__.py").exists() else None
-    found = _loaded_beside(file) | read
-    return tuple(sorted({file, *(path for path in found if _is_own(path, package))}))
-
-
-def _loaded_beside(file: Path) -> set[Path]:
-    """Files of the modules that are loaded from the folder of a module, and from folders in it."""
-    modules = [getattr(module, "__file__", None) for module in list(sys.modules.values())]
-    loaded = {Path(path).resolve() for path in modules if path is not None}
-    return {path for path in loaded if path.is_relative_to(file.parent)}
+    module, file = _importable(name), _agent_file(name).absolute()
+    make_own_agent(name)
+    read = _read_at_import[module] | _read_while_made[name]
+    package = _package(module, file)
+    found = {path for path in read if _is_own(path, package)}
+    return tuple(sorted(found | _imported_beside(module, file)))
 
 
 def own_content(name: str) -> bytes:
@@ -138,16 +141,77 @@ def own_content(name: str) -> bytes:
 
 
 def course_content(name: str) -> bytes:
-    """The same of a function ``module:function`` that draws courses, once it is loaded."""
-    module = sys.modules.get(name.partition(":")[0])
-    path = getattr(module, "__file__", None)
+    """The same of a function ``module:function`` that draws courses, once it is loaded.
+
+    These are its module and the modules beside it that the sources name in imports. Which ones are loaded
+    does not count: other agents and other courses may lie beside it.
+    """
+    module = name.partition(":")[0]
+    path = getattr(sys.modules.get(module), "__file__", None)
     if path is None:
         return b""
-    file = Path(path).resolve()
-    if any(file.is_relative_to(Path(folder).resolve()) for folder in _OURS):
-        return b""  # `stamp_of` covers it
-    package = file.parent if (file.parent / "__init__.py").exists() else None
-    return _content_of(sorted(path for path in _loaded_beside(file) if _is_own(path, package)))
+    file = Path(path).absolute()
+    if not file.is_file() or any(file.resolve().is_relative_to(Path(ours).resolve()) for ours in _OURS):
+        return b""  # `stamp_of` covers ours
+    return _content_of(sorted(_imported_beside(module, file)))
+
+
+def _root(module: str, file: Path) -> Path:
+    """Folder from which Python finds a module by its whole name."""
+    return file.parents[module.count(".") + (file.stem == "__init__")]
+
+
+def _package(module: str, file: Path) -> Path | None:
+    """The outermost package in which a module lies; None: in none."""
+    inside = "." in module or file.stem == "__init__"
+    return (_root(module, file) / module.partition(".")[0]).resolve() if inside else None
+
+
+def _imported_beside(module: str, file: Path) -> set[Path]:
+    """Files of a module and of those beside it that it imports, directly or through each other."""
+    own = tuple(module.split("."))
+    root, package = _root(module, file), _package(module, file)
+    found = {own: file}
+    waiting, seen = [own, *_above(own)], set()
+    while waiting:
+        name = waiting.pop()
+        path = found.get(name) or _module_file(name, root)
+        if name in seen or path is None or not _is_own(path.resolve(), package):
+            continue
+        seen.add(name)
+        found[name] = path
+        waiting += _names_in(path, name if path.stem == "__init__" else name[:-1])
+    return {path.resolve() for path in found.values()}
+
+
+def _above(name: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """Packages in which a module lies; they are imported with it."""
+    return [name[:length] for length in range(1, len(name))]
+
+
+def _module_file(name: tuple[str, ...], root: Path) -> Path | None:
+    """File of a module or package that is found from a folder; None: there is none."""
+    place = root.joinpath(*name)
+    files = (place / "__init__.py", place.with_name(f"{place.name}.py"))
+    return next((file for file in files if file.is_file()), None)
+
+
+def _names_in(file: Path, package: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
+    """Modules that a source of a package may import; what follows ``from x import`` need be none."""
+    try:
+        tree = ast.parse(file.read_bytes())
+    except (SyntaxError, ValueError):  # no source, or changed to one that cannot be imported
+        return
+    for node in ast.walk(tree):
+        names: list[tuple[str, ...]] = []
+        if isinstance(node, ast.Import):
+            names = [tuple(alias.name.split(".")) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) - node.level + 1] if node.level else ()
+            start = (*above, *(node.module.split(".") if node.module else ()))
+            names = [start, *((*start, alias.name) for alias in node.names if alias.name != "*")]
+        for name in filter(None, names):
+            yield from (name, *_above(name))
 
 
 def _content_of(paths: Iterable[Path]) -> bytes:
@@ -168,17 +232,28 @@ def _is_own(path: Path, package: Path | None) -> bool:
 
 
 @contextmanager
-def _noting() -> Iterator[list[str]]:
-    """Note the names of the files that are opened for reading."""
+def _noting(files: set[Path]) -> Iterator[None]:
+    """Note the files that are opened for reading, and those of the modules that are loaded meanwhile."""
     global _opened, _hooked
     if not _hooked:
         sys.addaudithook(_note)
         _hooked = True
-    noted = _opened = []
+    outer, loaded = _opened, set(sys.modules)
+    noted: list[str] = []
+    _opened = noted
     try:
-        yield noted
+        yield
     finally:
-        _opened = None
+        new = [
+            getattr(module, "__file__", None)
+            for name, module in list(sys.modules.items())
+            if name not in loaded
+        ]
+        noted += [path for path in new if path is not None]
+        if outer is not None:
+            outer += noted
+        _opened = outer
+        files |= {Path(path).resolve() for path in noted}
 
 
 def _note(event: str, arguments: tuple[object, ...]) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import asdict, dataclass, replace
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from agents.driving.own_agents import search_here
@@ -14,11 +16,11 @@ from offroad_env.environment.scenario_descriptions import (
     register_scenario,
     scenario_mapping,
 )
-from offroad_env.environment.scenarios import BUILT_IN, SCENARIOS
+from offroad_env.environment.scenarios import SCENARIOS, Scenario
 from offroad_env.errors import InvalidParameter
 from offroad_env.world.documents import is_name, open_document
 
-__all__ = ["WorldOptions", "known_scenario"]
+__all__ = ["WorldOptions", "known_scenario", "known_scenarios"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +54,10 @@ class WorldOptions:
 
 
 def known_scenario(given: str) -> str:
-    """The name of a scenario that is given by name, file or inline YAML; one's own is registered by it."""
+    """The name of a scenario that is given by name, file or inline YAML; one's own is registered by it.
+
+    What a file holds by now takes the place of what was registered by that name before.
+    """
     if is_name(given) and given in SCENARIOS:
         return given
     search_here()  # a course may be drawn by a function of one's own
@@ -61,10 +66,41 @@ def known_scenario(given: str) -> str:
     former = SCENARIOS.get(name)
     if former == scenario:
         return name
-    if former is not None and name not in BUILT_IN:
-        content = scenario_mapping(replace(scenario, name=name, like=scenario.task))
-        if content is None or content != scenario_mapping(former):
+    made = register_scenario(scenario)
+    if former is None or not _is_same(former, made):
+        _end_waiting_processes()
+    return made.name
+
+
+def known_scenarios(given: Sequence[str]) -> tuple[str, ...]:
+    """`known_scenario` of all that one command is to drive.
+
+    Raises
+    ------
+    InvalidParameter
+        If two different ones have the same name.
+    """
+    found: dict[str, Scenario] = {}
+    names = []
+    for one in given:
+        name = known_scenario(one)
+        if not _is_same(found.setdefault(name, SCENARIOS[name]), SCENARIOS[name]):
             raise InvalidParameter(
                 f"scenario: two different ones are called {name!r} - give each a name of its own (name: ...)"
             )
-    return register_scenario(scenario).name
+        names.append(name)
+    return tuple(names)
+
+
+def _is_same(one: Scenario, other: Scenario) -> bool:
+    """Whether two registered scenarios are the same; functions that draw courses are known by their names."""
+    content = scenario_mapping(one)
+    return one == other or (content is not None and content == scenario_mapping(other))
+
+
+def _end_waiting_processes() -> None:
+    """End the local processes that wait for further work: they know what was registered when they began."""
+    if "joblib" in sys.modules:
+        from joblib.externals.loky import get_reusable_executor
+
+        get_reusable_executor(reuse=True).shutdown(wait=True)

@@ -14,7 +14,8 @@ import tyro
 from agents.benchmark.natural import NATURAL_TASKS, is_natural, natural_scenario, options_of
 from agents.benchmark.runner import FORMS
 from agents.driving.world_options import WorldOptions
-from agents.learning.policies import SCALING, WEIGHTS
+from agents.learning.action_interface import find_interface
+from agents.learning.policies import ALGORITHMS, DEEPEST, MOST_FRAMES, SCALING, WEIGHTS, WIDEST
 from offroad_env.environment.scenario_descriptions import find_scenario, scenario_mapping
 from offroad_env.environment.scenarios import BUILT_IN, Scenario
 from offroad_env.errors import InvalidParameter
@@ -57,7 +58,7 @@ _LEAST = {
     **dict.fromkeys(
         ("total_steps", "frames", "n_envs", "n_steps", "batch_size", "n_epochs", "check_steps"), 1
     ),
-    **dict.fromkeys(("noise_steps", "buffer_size", "gradient_steps"), 1),
+    **dict.fromkeys(("noise_steps", "buffer_size", "gradient_steps", "threads"), 1),
     **dict.fromkeys(("checkpoint_steps", "check_from", "check_episodes", "eval_episodes", "critic_steps"), 0),
 }
 #: Shares of more than nothing, and numbers that must be more than 0 where they are given.
@@ -68,9 +69,10 @@ _LEFT_OUT = {
     "idle": " - without it standing costs nothing more",
     "time_budget": " - without it total_steps alone decides",
     "first_charge": " - without it the charge holds from the start",
+    "threads": " - without it there is one per usable processor",
 }
-#: The largest networks, and the longest memory, of policies that `policies.load_policy` reads.
-_WIDEST, _DEEPEST, _MOST_FRAMES = 4096, 16, 1000
+#: Those of `agents.learning.sb3_vec_env`, which needs the extra ``rl``.
+_OBJECTIVES = ("reward", "score")
 #: Range of log standard deviations, and the largest seed of NumPy's former generators, which learners use.
 _LOG_STD, _LARGEST_SEED = (-20.0, 2.0), 2**32 - 1
 
@@ -197,51 +199,80 @@ def check_arguments(args: TrainArgs) -> None:
     InvalidParameter
         With what is allowed.
     """
+    _check_names(args)
     _check_counts(args)
     _check_numbers(args)
+    _check_prices(args)
     _check_noise(args)
     _check_learner(args)
-    _check_form(args)
+
+
+def _check_names(args: TrainArgs) -> None:
+    """First, since what else is allowed depends on them."""
+    for name, known in (("algorithm", ALGORITHMS), ("objective", _OBJECTIVES), ("form", FORMS)):
+        given = getattr(args, name)
+        if given not in known and not (name == "objective" and given is None):
+            raise InvalidParameter(f"{name} must be one of {', '.join(known)}, got {given!r}")
+    find_interface(args.action_interface)
+    task = find_scenario(args.scenario).task
+    if is_natural(args.form) and task not in NATURAL_TASKS:
+        raise InvalidParameter(
+            f"natural forms have {', '.join(NATURAL_TASKS)}, got {task} - there n alone changes, which no "
+            "soils side by side do"
+        )
 
 
 def _check_counts(args: TrainArgs) -> None:
     for name, least in _LEAST.items():
-        if getattr(args, name) < least:
-            raise InvalidParameter(f"{name} must be >= {least}, got {getattr(args, name)}")
+        value = getattr(args, name)
+        if value is not None and value < least:
+            raise InvalidParameter(f"{name} must be >= {least}, got {value}{_LEFT_OUT.get(name, '')}")
     if not 0 <= args.seed <= _LARGEST_SEED:
+        hint = " - learners take 32 bits" if args.seed > _LARGEST_SEED else ""
+        raise InvalidParameter(f"seed must be in [0, {_LARGEST_SEED}], got {args.seed}{hint}")
+    if args.frames > MOST_FRAMES:
         raise InvalidParameter(
-            f"seed must be in [0, {_LARGEST_SEED}], got {args.seed} - learners take 32 bits"
-        )
-    if args.frames > _MOST_FRAMES:
-        raise InvalidParameter(
-            f"frames must be in [1, {_MOST_FRAMES}], got {args.frames} - steps, not seconds"
+            f"frames must be in [1, {MOST_FRAMES}], got {args.frames} - steps, not seconds"
         )
     sizes = args.hidden
-    if not sizes or len(sizes) > _DEEPEST or not 1 <= min(sizes) <= max(sizes) <= _WIDEST:
+    if not sizes or len(sizes) > DEEPEST or not 1 <= min(sizes) <= max(sizes) <= WIDEST:
         raise InvalidParameter(
-            f"hidden must hold 1 to {_DEEPEST} sizes in [1, {_WIDEST}], got {' '.join(map(str, sizes))!r} - "
+            f"hidden must hold 1 to {DEEPEST} sizes in [1, {WIDEST}], got {' '.join(map(str, sizes))!r} - "
             "one number for each layer"
         )
 
 
 def _check_numbers(args: TrainArgs) -> None:
     for name in _SHARES:
-        if not 0.0 < getattr(args, name) <= 1.0:
-            raise InvalidParameter(f"{name} must be in (0, 1], got {getattr(args, name):g} - in percent?")
-    for name in _POSITIVE:
         value = getattr(args, name)
-        if value is not None and not 0.0 < value < math.inf:
-            raise InvalidParameter(
-                f"{name} must be a positive number, got {value:g}{_LEFT_OUT.get(name, '')}"
-            )
-    edge = args.edge or (0.0, 0.0)
-    for name, value in (("centre", args.centre), ("pace", args.pace), ("edge", edge[0]), ("edge", edge[1])):
-        if not 0.0 <= value < math.inf:
-            raise InvalidParameter(f"{name} must be >= 0, got {value:g} - a price, which is subtracted?")
+        if not 0.0 < value <= 1.0:
+            raise InvalidParameter(f"{name} must be in (0, 1], got {value:g}{_percent(value)}")
     for name in ("most_failures", "held_noise"):
         value = getattr(args, name)
         if value is not None and not 0.0 <= value <= 1.0:
-            raise InvalidParameter(f"{name} must be in [0, 1], got {value:g} - in percent?")
+            raise InvalidParameter(f"{name} must be in [0, 1], got {value:g}{_percent(value)}")
+    for name in _POSITIVE:
+        value = getattr(args, name)
+        if value is not None and not 0.0 < value < math.inf:
+            raise InvalidParameter(f"{name} must be finite and > 0, got {value:g}{_LEFT_OUT.get(name, '')}")
+
+
+def _percent(value: float) -> str:
+    """What may be meant by a share of more than 1."""
+    return " - in percent?" if value > 1.0 else ""
+
+
+def _check_prices(args: TrainArgs) -> None:
+    if args.first_charge is not None and args.first_charge > args.charge:
+        raise InvalidParameter(
+            f"first_charge must be at most charge = {args.charge:g}, got {args.first_charge:g} - what a "
+            "failure costs grows from the one to the other"
+        )
+    edge = args.edge or (0.0, 0.0)
+    for name, value in (("centre", args.centre), ("pace", args.pace), ("edge", edge[0]), ("edge", edge[1])):
+        if not 0.0 <= value < math.inf:
+            hint = " - a price, which is subtracted?" if value < 0.0 else ""
+            raise InvalidParameter(f"{name} must be finite and >= 0, got {value:g}{hint}")
 
 
 def _check_noise(args: TrainArgs) -> None:
@@ -252,7 +283,8 @@ def _check_noise(args: TrainArgs) -> None:
     last = args.last_log_std
     if last is not None and not low <= last <= args.log_std:
         allowed = f"last_log_std must be in [{low:g}, log_std = {args.log_std:g}]"
-        raise InvalidParameter(f"{allowed}, got {last:g} - noise that shall grow?")
+        hint = " - noise that shall grow?" if last > args.log_std else ""
+        raise InvalidParameter(f"{allowed}, got {last:g}{hint}")
     if last is not None and args.held_noise >= 1.0:
         raise InvalidParameter(
             f"last_log_std needs held_noise < 1, got {args.held_noise:g} - it bounds the noise after that "
@@ -300,15 +332,4 @@ def _check_batches(args: TrainArgs) -> None:
     if args.algorithm == "recurrent_ppo" and samples % size == 1:  # PPO leaves such a batch as it is
         raise InvalidParameter(
             f"batch_size must not leave one of the n_envs x n_steps = {samples} samples alone, got {size}"
-        )
-
-
-def _check_form(args: TrainArgs) -> None:
-    task = find_scenario(args.scenario).task
-    if args.form not in FORMS:
-        raise InvalidParameter(f"form must be one of {', '.join(FORMS)}, got {args.form!r}")
-    if is_natural(args.form) and task not in NATURAL_TASKS:
-        raise InvalidParameter(
-            f"natural forms have {', '.join(NATURAL_TASKS)}, got {task} - there n alone changes, which no "
-            "soils side by side do"
         )

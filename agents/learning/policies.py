@@ -26,11 +26,14 @@ from offroad_env.world.yaml_text import shown
 __all__ = [
     "ALGORITHMS",
     "CLIP",
+    "DEEPEST",
     "DIRECT",
     "KIND",
     "LEARNED",
+    "MOST_FRAMES",
     "SCALING",
     "WEIGHTS",
+    "WIDEST",
     "ZIP",
     "MissingExtraError",
     "Network",
@@ -69,8 +72,10 @@ DIRECT = {
 WEIGHTS, ZIP, SCALING, KIND = "weights.npz", "policy.zip", "scaling.npz", "policy.json"
 #: Key of the action interface in files of former versions.
 _FORMER_KEY = "guide"  # alias
-#: Numbers of an action, and the largest networks that are read.
-_ACTIONS, _WIDEST, _DEEPEST, _MOST_FRAMES = 2, 4096, 16, 1000
+#: The largest networks, and the longest memory, that are read.
+WIDEST, DEEPEST, MOST_FRAMES = 4096, 16, 1000
+#: Numbers of an action.
+_ACTIONS = 2
 #: What varied by less in training, as a share of its mean or of 1, taught nothing; what it is divided by.
 _CONSTANT, _NO_SCALE = 2e-4, 1e30
 #: Scaled observations are clipped to this size [standard deviations].
@@ -308,11 +313,11 @@ def policy_kind(folder: Path) -> dict[str, Any]:
     require_keys(kind, {**texts, "frames": int, "hidden": list}, file)
     find_interface(kind["action_interface"])
     sizes = kind["hidden"]
-    plain = all(isinstance(size, int) and 1 <= size <= _WIDEST for size in sizes)
-    if kind["algorithm"] not in ALGORITHMS or not plain or len(sizes) > _DEEPEST:
+    plain = all(isinstance(size, int) and 1 <= size <= WIDEST for size in sizes)
+    if kind["algorithm"] not in ALGORITHMS or not plain or len(sizes) > DEEPEST:
         raise DataError(f"{file}: algorithm or hidden layers are none that offroad train makes")
-    if not 1 <= kind["frames"] <= _MOST_FRAMES:
-        raise DataError(f"{file}: frames must be in [1, {_MOST_FRAMES}], is {shown(kind['frames'])}")
+    if not 1 <= kind["frames"] <= MOST_FRAMES:
+        raise DataError(f"{file}: frames must be in [1, {MOST_FRAMES}], is {shown(kind['frames'])}")
     if kind["algorithm"] != "ppo":
         require_keys(kind, {"log_std": (int, float), "noise_steps": int}, file)
     return kind

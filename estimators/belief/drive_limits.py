@@ -17,7 +17,7 @@ from estimators.belief.drive_numbers import DRIVE_NUMBERS, plant_of_drive
 from estimators.filters.soil_belief_holds import LIMITS, least_sd, transform_limits
 from estimators.filters.soil_belief_points import N
 from estimators.numerics.importance_sampling import WeightedSamples
-from offroad_env.errors import InvalidParameter
+from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics.numerics import GRAVITY
 from offroad_env.physics.records import FloatArray
 from offroad_env.simulation.simulator import Plant
@@ -74,11 +74,18 @@ def limit_slopes(plant: Plant, numbers: FloatArray, covariance: FloatArray) -> F
     numbers needs it: by Stein's lemma the regression of the limits on 512 quasi-random draws. A limit may
     bend within the distribution, where the best slip reaches the end of its range. Draws whose limits do not
     exist are left out.
+
+    Raises
+    ------
+    SolverFailure
+        Where half of the draws have none.
     """
     root = np.linalg.cholesky(covariance)
     draws = qmc.MultivariateNormalQMC(np.zeros(len(numbers)), rng=np.random.default_rng(0)).random(_DRAWS)
     rows = np.array([_limits_and_n(plant, numbers + root @ draw) for draw in draws])
     sound = np.isfinite(rows).all(axis=1)
+    if 2 * sound.sum() < _DRAWS:
+        raise SolverFailure("the limits do not exist for half of the soils that the drive leaves open")
     design = np.column_stack([np.ones(sound.sum()), draws[sound]])
     by_draw = np.linalg.lstsq(design, rows[sound])[0][1:]
     slopes: FloatArray = np.linalg.solve(root.T, by_draw).T

@@ -367,10 +367,19 @@ def _missing(fit: FitResult, library: Sequence[str]) -> dict[str, str]:
 def _with_forecasts(
     result: VehicleDiagnosis, found: SearchResult, runs: Sequence[RunModel]
 ) -> VehicleDiagnosis:
-    """The result with the forecasts of both models: a cause that makes them worse is not named."""
+    """The result with the forecasts of both models: a cause that makes them worse is not named.
+
+    Without the causes that are not certain, other parameters take over what these explain, which may lead
+    further astray than all causes do: then the model with all of them is the extended one.
+    """
     if not result.stated or result.model is None or not runs:
         return result
-    return replace(result, forecasts=predictions(found.nominal, result.model, runs))
+    named = replace(result, forecasts=predictions(found.nominal, result.model, runs))
+    if result.partial is None or not named.misled:
+        return named
+    every = predictions(found.nominal, found.extended, runs)
+    other = replace(result, partial=found.extended, forecasts=every)
+    return named if other.misled else other
 
 
 def _on_test_data(

@@ -298,7 +298,11 @@ def _without(case: Case, cause: str, nominal: Case) -> Case:
 def _pruned(
     trials: Trials, nominal: StructureTrial, best: StructureTrial
 ) -> tuple[StructureTrial, tuple[StructuralCause, ...]]:
-    """The structure without the laws that the windows do not show, and those that they show."""
+    """The best preset, but for laws without which it predicts better, and those that the windows show.
+
+    What makes no difference here stays as the preset has it: its laws belong together, on other soils they
+    may all matter, and a law that is put back moves n. It is not named.
+    """
     causes: dict[str, StructuralCause] = {}
     for cause in reversed(_parts(best.case, nominal.case)):
         less = _without(best.case, cause, nominal.case)
@@ -311,7 +315,7 @@ def _pruned(
             loss, p_value = trials.apart(trial, best, everywhere=True)
         if loss > _LOSS:
             causes[cause] = StructuralCause(id=cause, gain=math.exp(loss) - 1.0, p_value=p_value)
-        else:
+        elif _worse(trials, best, trial):
             best = trial
     left = _parts(best.case, nominal.case)
     shown = [one for name, one in causes.items() if name in left and one.p_value < _LOSS_P]

@@ -42,6 +42,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -202,6 +203,14 @@ class OnlineParameterUKF(OnlineFilter):
         self._assume(packed.numbers, imu or ImuConfig())
         self.memory = np.zeros(1, MEMORY)
         self._start()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the compiled function, which a checkpoint of training cannot hold."""
+        return {name: value for name, value in vars(self).items() if name != "_kernel"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._kernel = _learn_full if plant_model(self.plant) == "full" else _learn_paper
 
     def _assume(self, numbers: FloatArray, imu: ImuConfig) -> None:
         s, assumed = self.settings, self.assumptions[0]

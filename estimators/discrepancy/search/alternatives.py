@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.discrepancy.model.fit import settled
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.normal_equations import projected
 from estimators.discrepancy.model.parameters import Candidate
@@ -15,7 +14,6 @@ from estimators.discrepancy.physical_ranges import at_end
 from estimators.discrepancy.search.refitting import refit
 from estimators.discrepancy.search.result import EQUIVALENT, Alternative, Cause, separation
 from estimators.discrepancy.search.score_test import ScoreTest
-from offroad_env.errors import OffroadError
 
 __all__ = ["FIRST_LOOK", "NEAR_BEST", "REFITS", "best_by_effect", "cause_of", "order_of", "p_value_of_score"]
 
@@ -68,21 +66,6 @@ def _first_look(fit: FitResult, last: ScoreTest, k: int) -> _Look:
     return _Look(size * size * own - push * push / theirs, push / theirs)
 
 
-def _undecided(best: FitResult, trial: FitResult) -> bool:
-    """Whether another model explains the data as well: in the same noise, or each in its own.
-
-    The noise of the better one on natural ground is what it leaves of the ground's scatter, in which the
-    other one is the worse for whatever it leaves instead.
-    """
-    apart = separation(best, trial)
-    if apart <= EQUIVALENT or best.null is None or apart > _WIDER * EQUIVALENT:
-        return apart <= EQUIVALENT
-    try:
-        return separation(settled(best, fresh=False), settled(trial, fresh=False)) <= EQUIVALENT
-    except OffroadError:
-        return False
-
-
 def _seen_at_once(fit: FitResult, last: ScoreTest, k: int, own: float) -> dict[str, tuple[Candidate, float]]:
     """Candidates and sizes that a first look finds about as good as effect ``k``, of evidence ``own``."""
     look, near = _first_look(fit, last, k), max(FIRST_LOOK, _SHARE_LEFT * own)
@@ -94,7 +77,7 @@ def _seen_at_once(fit: FitResult, last: ScoreTest, k: int, own: float) -> dict[s
 
 
 def _scored_before(fit: FitResult, last: ScoreTest, first: ScoreTest) -> dict[str, tuple[Candidate, float]]:
-    """Those whose scores were nearly as large as that of the only effect of a model before it was named.
+    """Those whose scores were at least 0.6 of that of the only effect of a model before it was named.
 
     Where a tolerated number has taken a part of the true effect, a linear look is too far off.
     """
@@ -147,14 +130,15 @@ def cause_of(
     if len(fit.candidates) == 1:
         for effect, (candidate, size) in _scored_before(fit, last, first).items():
             trial = None if effect in {*inside, *seen} else tried(candidate, size)
-            if trial is not None and confirmed(trial):
+            best = min((one for _, one in found), key=order_of)
+            if trial is not None and separation(best, trial) <= EQUIVALENT and confirmed(trial):
                 found.append((candidate, trial))
     found.sort(key=lambda entry: order_of(entry[1]))
     best = found[0][1]
     alternatives = tuple(
         Alternative.of(trial, candidate, 2.0 * (trial.cost - best.cost))
         for candidate, trial in found
-        if trial is best or (not order_of(trial)[0] and _undecided(best, trial))
+        if trial is best or (not order_of(trial)[0] and separation(best, trial) <= EQUIVALENT)
     )
     named = inside | {one.candidate.effect for one in alternatives}
     alternatives += tuple(

@@ -63,7 +63,10 @@ class Alternative:
 
 @dataclass(frozen=True, kw_only=True)
 class Cause:
-    """A place in the model that some effect must fill: all that can, best first."""
+    """A place in the model that some effect must fill: all that can, best first.
+
+    Last are those that windows apart reject although they explain more in all.
+    """
 
     alternatives: tuple[Alternative, ...]
     likelihood_ratio: float  #: likelihood-ratio statistic of the best against the model without it

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -386,7 +386,7 @@ def search(
     first = last = score_test(nominal, candidates)
     threshold = bar = score_threshold(first, rate)
     fit, refused, gains = first.fit, False, list[float]()
-    stronger = dict[str, tuple[FitResult, ...]]()
+    stronger: tuple[FitResult, ...] = ()
     begin = test = HoldOutTest(nominal, apart)
     while len(fit.candidates) < MOST:
         accepted = _onward(test, last, bar, rate)
@@ -398,12 +398,12 @@ def search(
         if lower is not None and not lower.candidates:
             return search(lower, library, rate, apart, restarts=restarts - 1)
         if lower is not None:
-            restarts, stronger = restarts - 1, {}
+            restarts, stronger = restarts - 1, ()
             last, test = score_test(lower, outside(lower, candidates)), HoldOutTest(lower, apart)
             fit = last.fit
             continue
         if not fit.candidates:
-            stronger = {candidate.effect: accepted.stronger for candidate in larger.candidates}
+            stronger = accepted.stronger
         candidates = [c for c in candidates if c.effect not in accepted.rejected]
         last = score_test(larger, outside(larger, candidates))
         same = larger is accepted.fit
@@ -435,8 +435,9 @@ class _Confirmed:
 
     def __call__(self, larger: FitResult) -> bool:
         """Of this model; its gain is that in the noise of the model without effects."""
-        support = _support(self._fit, replace(larger, noise=self._fit.noise), larger)
-        return _confirmed(self._test.result(larger), support, self._enough)
+        beside = replace(larger, noise=self._fit.noise, null=self._fit.null)
+        result = self._test.result(larger)
+        return result is None or _confirmed(result, _support(self._fit, beside, larger), self._enough)
 
 
 def _causes(
@@ -444,13 +445,12 @@ def _causes(
     last: ScoreTest,
     first: ScoreTest,
     confirmed: _Confirmed,
-    stronger: Mapping[str, Sequence[FitResult]],
+    stronger: Sequence[FitResult],
 ) -> tuple[FitResult, tuple[Cause, ...]]:
-    """The model with the best of every cause's alternatives, and the causes; ``stronger`` by effect."""
+    """The model with the best of every cause's alternatives, and the causes; ``stronger`` of the first."""
     causes = []
     for k in range(len(fit.candidates)):
-        own = stronger.get(fit.candidates[k].effect, ())
-        fit, cause = cause_of(fit, last, k, first, confirmed, own)
+        fit, cause = cause_of(fit, last, k, first, confirmed, () if k else stronger)
         causes.append(cause)
     return fit, tuple(causes)
 

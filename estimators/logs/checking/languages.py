@@ -33,15 +33,20 @@ _FRENCH = {
     "droit": "right", "couple": "torque", "cap": "yaw", "horodatage": "time", "temps": "time",
     "moteur": "motor", "regime": "rpm", "frein": "brake", "freinage": "brake",
 }  # fmt: skip
-#: Wheels in names with another word of these languages.
-_CORNERS = {
-    "vl": "front left", "vr": "front right", "hl": "rear left", "hr": "rear right", "avg": "front left",
-    "avd": "front right", "arg": "rear left", "ard": "rear right",
-}  # fmt: skip
+#: Words that are others in English, or short for them: French beside a word that is nothing else.
+_FALSE_FRIENDS = {"cap", "regime", "temps"}
+#: Of these, French alone too: `regime` alone is that of a motor, or no speed at all.
+_ALONE = {"cap", "temps"}
+#: Wheels, in names with a word for a wheel of the same language, or for what each wheel has.
+_FRENCH_CORNERS = {"avg": "front left", "avd": "front right", "arg": "rear left", "ard": "rear right"}
+_GERMAN_CORNERS = {"vl": "front left", "vr": "front right", "hl": "rear left", "hr": "rear right"}
+_FRENCH_WHEELS = {"roue", "roues"}
+_GERMAN_WHEELS = {"rad", "raeder", "drehzahl", "drehmoment", "moment"}
 
 
 def plain_letters(name: str) -> str:
     """``Längsbeschleunigung`` -> ``Laengsbeschleunigung``, ``arrière`` -> ``arriere``."""
+    name = unicodedata.normalize("NFC", name)  # an umlaut may be a letter and two dots, as macOS writes them
     for umlaut, letters in (
         ("ä", "ae"),
         ("ö", "oe"),
@@ -58,11 +63,16 @@ def plain_letters(name: str) -> str:
 
 def english(words: Sequence[str]) -> list[list[str] | None]:
     """English words for each word of a name, in small, plain letters; None for those of no other language."""
-    found = [_english(word) for word in words]
+    french = any(word in _FRENCH and word not in _FALSE_FRIENDS for word in words)
+    left_out = set() if french else _FALSE_FRIENDS - (_ALONE if len(words) == 1 else set())
+    found = [None if word in left_out else _english(word) for word in words]
     if all(one is None for one in found):
         return found
+    corners = _FRENCH_CORNERS if _FRENCH_WHEELS & set(words) else {}
+    if any(_GERMAN_WHEELS & set(_split(word) or ()) for word in words):
+        corners = {**corners, **_GERMAN_CORNERS}
     return [
-        _CORNERS[word].split() if one is None and word in _CORNERS else one
+        corners[word].split() if one is None and word in corners else one
         for word, one in zip(words, found, strict=True)
     ]
 

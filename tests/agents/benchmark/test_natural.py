@@ -260,3 +260,45 @@ def test_what_a_user_randomises_is_added_to_the_form():
 def test_a_soil_of_ones_own_is_refused_in_a_natural_form():
     with pytest.raises(InvalidParameter, match="soil: the form 'natural' draws a whole soil"):
         options_of("speed", "natural", {"soil": "clay"})
+
+
+def test_numbers_of_the_usual_vehicle_stay_as_they_were():
+    usual = natural_vehicle()
+    assert (usual["vehicle.m"].mean, usual["vehicle.m"].sd) == (VEHICLE.m, 0.05 * VEHICLE.m)
+    assert natural_vehicle(VEHICLE) == natural_vehicle("mrzr") == usual
+    for task in NATURAL_TASKS:
+        assert options_of(task, "natural")["randomise"] == natural_options("natural")["randomise"]
+
+
+@pytest.mark.parametrize("vehicle", ["{base: mrzr, m: 2600}", {"base": "mrzr", "m": 2600.0}])
+def test_vehicles_are_drawn_about_the_chosen_one(vehicle):
+    options = options_of("speed", "natural", {"vehicle": vehicle})
+    assert options["randomise"]["vehicle.m"].mean == 2600.0
+    assert options["randomise"]["vehicle.h_cg"] == natural_vehicle()["vehicle.h_cg"]
+    made = gym.make(ENV_ID, terrain_info="none", **options).unwrapped
+    made.reset(seed=4)
+    assert made.plant.vehicle.m == pytest.approx(2600.0, rel=0.1)
+    assert made.plant.vehicle.m != made.briefing.vehicle.m == 2600.0
+
+
+def test_a_vehicle_of_the_scenario_is_the_one_that_is_drawn_about(own):
+    task = own("{base: speed, name: my_heavy, vehicle: {base: mrzr, m: 2000}}")
+    assert options_of(task, "natural")["randomise"]["vehicle.m"].mean == 2000.0
+    other = options_of(task, "natural", {"vehicle": "mrzr"})
+    assert other["randomise"]["vehicle.m"].mean == VEHICLE.m
+
+
+@pytest.mark.parametrize(
+    ("task", "world", "words"),
+    [
+        ("speed", {"vehicle": "hmmwv"}, "vehicle: hmmwv has wheels on which the tyre does not fit"),
+        ("speed", {"vehicle": "{base: mrzr, I_x: 500}"}, "stated of four single wheels"),
+        ("speed", {"randomise": "x"}, "randomise must be a mapping of what is drawn for each episode, got"),
+        ("speed", {"randomise": None}, "randomise must be a mapping"),
+        ("speed", {"randomise": {"vehicle": ["mrzr"]}}, "draws the numbers of one vehicle"),
+        ("patches", {}, "natural forms have track, .* got patches"),
+    ],
+)
+def test_what_a_natural_form_cannot_have_is_refused_in_a_sentence(task, world, words):
+    with pytest.raises(InvalidParameter, match=words):
+        options_of(task, "natural", world)

@@ -72,6 +72,12 @@ def test_a_run_reports_its_progress_and_ends_in_json(tmp_path):
     assert len(table["arms"][0]["episodes"]) == 2
 
 
+def test_a_soil_of_ones_own_is_driven_with_its_own_n():
+    world = {"soil": "{base: clay, n: 0.9}"}
+    result = run_arms("speed", 2, n_jobs=1, arms=("conservative",), env_options=world)
+    assert [episode.n for episode in result.arm("conservative").episodes] == [0.9, 0.9]
+
+
 def test_draws_cover_the_prior_and_training_never_sees_a_test_episode():
     test, training = draw_episodes("speed", 30, 0), draw_episodes("speed", 30, 0, training=True)
     low, high = SCENARIOS["speed"].n_range

@@ -179,7 +179,7 @@ def test_wrong_arguments_are_wrong_usage_and_no_traceback(arguments, capsys):
         (("train", "--n-envs", "0"), "n_envs must be >= 1, got 0"),
         (("train", "--gamma", "99"), "gamma must be in (0, 1], got 99"),
         (("train", "--held-noise", "40"), "held_noise must be in [0, 1], got 40"),
-        (("train", "--centre", "-0.3"), "centre must be >= 0, got -0.3"),
+        (("train", "--centre", "-0.3"), "centre must be finite and >= 0, got -0.3"),
         (
             ("train", "--last-log-std", "-3", "--log-std", "-3.2"),
             "last_log_std must be in [-20, log_std = -3.2], got -3",

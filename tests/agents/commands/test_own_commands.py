@@ -9,18 +9,21 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from joblib import Parallel, delayed
 
 from agents.benchmark.study import BenchmarkArgs, run_study
+from agents.commands.benchmark import BenchmarkRun as Benchmark
 from agents.commands.cli import COMMANDS, main
 from agents.commands.compare import Compare, paired_lines
 from agents.commands.drive import Drive
 from agents.commands.options import FORMER, Jobs, Scenarios, option_value, present_spelling
 from agents.commands.reproduce import STUDIES
 from agents.driving.episode import agents_of, find_agent
-from agents.driving.world_options import WorldOptions, known_scenario
+from agents.driving.world_options import WorldOptions, known_scenario, known_scenarios
 from agents.learning.train import TrainArgs, configuration_hash
 from helpers import REPOSITORY
 from offroad_env.environment.reference import SECTIONS, reference
+from offroad_env.environment.scenario_descriptions import find_scenario
 from offroad_env.environment.scenarios import BUILT_IN, SCENARIOS
 from offroad_env.errors import InvalidParameter
 
@@ -231,12 +234,27 @@ def test_the_example_is_short_and_stands_on_the_page():
     assert Path(example).is_file()
 
 
-def test_two_scenarios_of_one_name_are_refused(monkeypatch):
-    monkeypatch.setenv("OFFROAD_BEKKER_REGISTERED", "{}")
-    try:
-        assert known_scenario("{base: speed, name: twin, corridor: 2.0}") == "twin"
-        assert known_scenario("{base: speed, name: twin, corridor: 2.0}") == "twin"
-        with pytest.raises(InvalidParameter, match="two different ones are called 'twin'"):
-            known_scenario("{base: brake, name: twin, corridor: 3.0}")
-    finally:
-        SCENARIOS.pop("twin", None)
+@pytest.mark.parametrize(
+    "command",
+    [lambda tasks: Compare(agent="aware", tasks=tasks).run(), lambda tasks: Benchmark(tasks=tasks).run()],
+)
+def test_two_scenarios_of_one_name_are_refused_in_one_command(lane, command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InvalidParameter, match="two different ones are called 'test_lane'"):
+        command((str(lane), "{base: brake, name: test_lane, corridor: 3.0}"))
+
+
+def test_one_scenario_may_be_given_twice_in_one_command(lane):
+    assert known_scenarios(("speed", str(lane), str(lane), "test_lane")) == ("speed", *["test_lane"] * 3)
+
+
+def corridor(name):
+    return find_scenario(name).corridor
+
+
+def test_an_edited_file_takes_the_place_of_the_former_one_in_other_processes_too(lane):
+    for width in (2.5, 3.5):
+        lane.write_text(LANE.replace("corridor: 2.5", f"corridor: {width}"))
+        (name,) = known_scenarios((str(lane),))
+        assert SCENARIOS[name].corridor == width
+        assert set(Parallel(n_jobs=2)(delayed(corridor)(name) for _ in range(4))) == {width}

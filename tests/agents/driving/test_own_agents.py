@@ -102,6 +102,120 @@ def test_what_a_module_reads_at_its_first_import_counts_the_second_time_too(tmp_
     assert own_content("reader_of_gains:Pusher") != first
 
 
+TWO = """
+from pathlib import Path
+from two_agents_shared import SIZE
+
+GAIN = float(Path("gain.txt").read_text())
+
+class A:
+    def __init__(self):
+        Path("of_a.txt").read_text()
+
+    def reset(self, briefing): ...
+
+    def act(self, observation): ...
+
+class B(A):
+    def __init__(self): ...
+"""
+
+
+def user_modules(folder, monkeypatch, sources):
+    """Write modules, file -> source, into the working directory."""
+    for name, source in sources.items():
+        path = folder / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(source, encoding="utf-8")
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(os.fspath(folder))
+
+
+def test_two_classes_of_a_module_are_both_made_from_what_it_reads(tmp_path, monkeypatch):
+    user_modules(tmp_path, monkeypatch, {"two_agents.py": TWO, "two_agents_shared.py": "SIZE = 1\n"})
+    for name in ("gain.txt", "of_a.txt"):
+        (tmp_path / name).write_text("0.3")
+    shared = ["two_agents.py", "two_agents_shared.py"]
+    assert [path.name for path in made_from("two_agents:A")] == ["gain.txt", "of_a.txt", *shared]
+    assert [path.name for path in made_from("two_agents:B")] == ["gain.txt", *shared]
+
+
+def test_what_else_is_loaded_makes_no_other_agent(tmp_path, monkeypatch):
+    plain = "class A:\n    def reset(self, b): ...\n    def act(self, o): ...\n"
+    user_modules(tmp_path, monkeypatch, {"lonely_agent.py": plain, "lonely_neighbour.py": plain})
+    importlib.import_module("lonely_neighbour")
+    assert [path.name for path in made_from("lonely_agent:A")] == ["lonely_agent.py"]
+
+
+def test_a_module_that_is_imported_by_a_computed_name_counts(tmp_path, monkeypatch):
+    source = "import importlib\nimportlib.import_module('computed_' + 'gains')\n"
+    plain = "class A:\n    def reset(self, b): ...\n    def act(self, o): ...\n"
+    user_modules(
+        tmp_path, monkeypatch, {"computed_agent.py": source + plain, "computed_gains.py": "GAIN = 1\n"}
+    )
+    for _ in range(2):
+        assert [p.name for p in made_from("computed_agent:A")] == ["computed_agent.py", "computed_gains.py"]
+
+
+COURSE = """
+from offroad_env.environment.scenarios import SCENARIOS
+
+def draw(*given):
+    import shapes_of_lanes
+    return SCENARIOS['brake'].draw(*given)
+"""
+
+
+def test_a_course_is_known_by_what_it_imports_not_by_what_is_loaded(tmp_path, monkeypatch):
+    user_modules(
+        tmp_path,
+        monkeypatch,
+        {
+            "drawer_of_courses.py": COURSE,
+            "shapes_of_lanes.py": "from lanes_kit import bends\n",
+            "lanes_kit/__init__.py": "",
+            "lanes_kit/bends.py": "from . import radii\nfrom .radii import RADIUS\nimport lanes_kit.bends\n",
+            "lanes_kit/radii.py": "RADIUS = 5.0\n",
+            "lanes_kit/unused.py": "",
+            "agent_beside_courses.py": "GAIN = 1.0\n",
+        },
+    )
+    importlib.import_module("drawer_of_courses")
+    before = course_content("drawer_of_courses:draw")
+    for module in ("agent_beside_courses", "shapes_of_lanes", "lanes_kit.unused"):
+        importlib.import_module(module)
+        assert course_content("drawer_of_courses:draw") == before
+    for file in ("agent_beside_courses.py", "lanes_kit/unused.py"):
+        (tmp_path / file).write_text("# edited\n")
+        assert course_content("drawer_of_courses:draw") == before
+    for file in ("shapes_of_lanes.py", "lanes_kit/__init__.py", "lanes_kit/bends.py", "lanes_kit/radii.py"):
+        former = (tmp_path / file).read_text()
+        (tmp_path / file).write_text(f"{former}# edited\n")
+        assert course_content("drawer_of_courses:draw") != before, file
+        (tmp_path / file).write_text(former)
+
+
+def test_a_course_in_a_package_is_known_by_the_package_and_its_neighbours(tmp_path, monkeypatch):
+    user_modules(
+        tmp_path,
+        monkeypatch,
+        {
+            "field_kit/__init__.py": "",
+            "field_kit/courses.py": "from .widths import WIDTH\nimport beside_field_kit\n",
+            "field_kit/widths.py": "WIDTH = 2.0\n",
+            "beside_field_kit.py": "",
+        },
+    )
+    importlib.import_module("field_kit.courses")
+    before = course_content("field_kit.courses:draw")
+    for file in ("field_kit/__init__.py", "field_kit/widths.py", "beside_field_kit.py"):
+        former = (tmp_path / file).read_text()
+        (tmp_path / file).write_text(f"{former}# edited\n")
+        assert course_content("field_kit.courses:draw") != before, file
+        (tmp_path / file).write_text(former)
+    assert course_content("field_kit.courses:draw") == before
+
+
 def test_a_course_with_other_code_is_driven_again(tmp_path, monkeypatch):
     module = tmp_path / "drawer_of_lanes.py"
     text = (

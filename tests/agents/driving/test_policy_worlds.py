@@ -14,7 +14,7 @@ import agents
 from agents.commands.cli import main
 from agents.commands.drive import Drive
 from offroad_env.environment.scenarios import SCENARIOS
-from offroad_env.errors import DataError, InvalidParameter
+from offroad_env.errors import DataError, InvalidParameter, OffroadError
 
 WEIGHTS = Path(agents.__file__).parent / "weights" / "speed"
 
@@ -72,6 +72,21 @@ def test_a_policy_drives_in_the_form_of_its_training(policy, capsys):
 def test_an_unknown_form_is_refused(policy):
     with pytest.raises(DataError, match="form must be one of matched"):
         _driven(policy(form="lunar"))
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"form": "natural", "world": {"randomise": "x"}}, "randomise must be a mapping"),
+        ({"form": "natural", "scenario": "patches"}, "natural forms have track, .* got patches"),
+        ({"form": "natural", "world": {"vehicle": 3}}, "vehicle"),
+        ({"world": {"randomise": "x"}}, "randomise"),
+        ({"world": {"tyre": 3}}, "tyre"),
+    ],
+)
+def test_a_world_of_a_policy_that_cannot_be_is_refused_in_a_sentence(policy, settings, words):
+    with pytest.raises(OffroadError, match=words):
+        _driven(policy(**settings))
 
 
 @pytest.mark.parametrize(

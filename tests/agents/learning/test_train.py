@@ -187,15 +187,18 @@ class StopHereError(Exception):
     pass
 
 
-def test_a_run_that_goes_on_learns_what_an_unbroken_one_does(tmp_path):
+@pytest.mark.parametrize("terrain_info", ["none", "estimate"])
+def test_a_run_that_goes_on_learns_what_an_unbroken_one_does(tmp_path, terrain_info):
+    """With an estimate a filter with compiled functions is a part of the state."""
     pytest.importorskip("stable_baselines3")
-    whole = train(TrainArgs(**SMALL, out=tmp_path / "whole"))
+    small = {**SMALL, "terrain_info": terrain_info}
+    whole = train(TrainArgs(**small, out=tmp_path / "whole"))
 
     def interrupt(steps, _):
         if steps >= 96:
             raise StopHereError
 
-    broken = TrainArgs(**SMALL, out=tmp_path / "broken")
+    broken = TrainArgs(**small, out=tmp_path / "broken")
     with pytest.raises(StopHereError):
         train(broken, progress=interrupt)
     resumed = train(replace(broken, resume=True))

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from estimators.belief import drive_limits as drive_limits_module
 from estimators.belief import drive_scatter
 from estimators.belief.drive_errors import GROUPS
 from estimators.belief.drive_fit import LEAST_SCATTER, DriveFit, fit_drive
@@ -30,7 +31,7 @@ from estimators.experiments.unknown_soils import draw_run
 from estimators.filters.soil_belief_holds import LIMITS, least_sd
 from estimators.filters.soil_belief_points import LOG_C, LOG_K, LOG_MASS, LOG_PRESSURE, PHI, N
 from estimators.numerics.importance_sampling import WeightedSamples
-from offroad_env.errors import InvalidParameter
+from offroad_env.errors import InvalidParameter, SolverFailure
 from offroad_env.physics.records import SoilField
 from offroad_env.simulation.sensors import ImuConfig
 from offroad_env.simulation.soil_holds import SoilHolds
@@ -249,3 +250,10 @@ def test_scatter_does_to_a_drive_what_its_covariance_says() -> None:
     for name in ("a_x", "wheel_f", "speed"):
         i = COMPARED.index(name)
         assert 0.6 < actual[i].mean() / sds[i].mean() < 1.5, name
+
+
+def test_slopes_need_limits_on_half_of_the_soils_at_least(monkeypatch) -> None:
+    numbers = prior_of_drive()[0]
+    monkeypatch.setattr(drive_limits_module, "_limits_and_n", lambda plant, row: np.full(LIMITS + 1, np.nan))
+    with pytest.raises(SolverFailure, match="do not exist for half"):
+        limit_slopes(NOMINAL, numbers, 1e-4 * prior_of_drive()[1])

@@ -16,9 +16,11 @@ from estimators.discrepancy.structure_comparison import (
     ADEQUATE,
     STRUCTURAL_CAUSES,
     StructureComparison,
+    _pruned,
     compare_structures,
     gains_with,
 )
+from estimators.discrepancy.structure_trials import FLOORS, Case, StructureTrial
 from estimators.discrepancy.summarise import summarise
 from estimators.discrepancy.wording import terminal_lines
 from estimators.logs import read_log
@@ -182,3 +184,40 @@ def test_a_structure_that_does_not_predict_the_runs_is_not_named(found, sand, mo
         assert not any(line.startswith("cause:") for line in terminal_lines(summary))
         assert any("named up to 4" in line for line in terminal_lines(summary))
         assert "no other one that was tried" in render_diagnosis(summary, "offroad diagnose run.csv")
+
+
+class _Costs:
+    """Errors of structures by how many laws of the preset ``grid`` are put back: a stub of `Trials`."""
+
+    def __init__(self, losses: dict[str, float]) -> None:
+        self._losses = losses
+
+    def near(self, case: Case, change: float) -> StructureTrial:
+        rng = np.random.default_rng(0)
+        back = sum(loss for law, loss in self._losses.items() if law in case.structure)
+        errors = np.exp(back + 1e-3 * rng.standard_normal((20, len(FLOORS))))
+        return StructureTrial(case=case, change=change, errors=errors)
+
+    def best(self, case: Case, start: float) -> StructureTrial:
+        return self.near(case, start)
+
+    def apart(
+        self, worse: StructureTrial, better: StructureTrial, *, everywhere: bool = False
+    ) -> tuple[float, float]:
+        loss = float(np.mean(worse.logarithms() - better.logarithms()))
+        return loss, 1e-6 if loss > 0.01 else 0.5
+
+
+@pytest.mark.parametrize(
+    ("loss", "stays", "named"), [(0.3, True, True), (0.0, True, False), (-0.3, False, False)]
+)
+def test_a_law_that_makes_no_difference_stays_as_the_preset_has_it_and_is_not_named(
+    loss: float, stays: bool, named: bool
+) -> None:
+    """What the drive speaks against is put back."""
+    trials = _Costs({"shaft_torque=reacted": loss, "ruts=none": 0.5})
+    nominal, best = (trials.near(Case(name, "half_car"), 0.0) for name in ("full", "grid"))
+    kept, causes = _pruned(trials, nominal, best)
+    assert ("shaft_torque=reacted" not in kept.case.structure) is stays
+    assert ("shaft_torque" in {cause.id for cause in causes}) is named
+    assert "ruts" in {cause.id for cause in causes}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import unicodedata
 
 import numpy as np
 import pytest
@@ -226,13 +227,22 @@ _FRENCH = {
     "angle_braquage": "steer", "vitesse_lacet": "yaw_rate", "accélération longitudinale": "a_x",
     "acceleration_laterale": "a_y", "tangage": "pitch", "vitesse roue arrière gauche": "omega_rl",
     "vitesse_roue_AVD": "omega_fr", "couple avant": "torque_f", "vitesse": "speed", "cap": "yaw",
-    "régime moteur": None, "pression de frein": None, "arg": None,
+    "régime moteur": None, "pression de frein": None, "arg": None, "régime roue avant gauche": "omega_fl",
+    "vitesse arg roue": "omega_rl", "cap lacet": "yaw",
+}  # fmt: skip
+#: Words of one language, or short ones, that would be others in the other.
+_ALIKE = {
+    "vitesse_avg": "speed", "vitesse arg": "speed", "battery_cap": None, "tire_cap": None, "regime": None,
+    "flow_regime": None, "tire_temps": None, "temps": "t", "Geschwindigkeit_hr": "speed",
+    "Fahrgeschwindigkeit avg": "speed", "Raddrehzahl avg": "omega", "Antriebsmoment_HL": "torque_rl",
+    "vitesse roue hr": "omega",
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "column"), [*_GERMAN.items(), *_FRENCH.items()])
-def test_german_and_french_names_are_understood(name: str, column: str | None) -> None:
-    assert column_of(name) == column
+@pytest.mark.parametrize(("name", "column"), [*_GERMAN.items(), *_FRENCH.items(), *_ALIKE.items()])
+@pytest.mark.parametrize("form", ["NFC", "NFD"])
+def test_german_and_french_names_are_understood(name: str, column: str | None, form: str) -> None:
+    assert column_of(unicodedata.normalize(form, name)) == column
 
 
 def _named_lines(path):

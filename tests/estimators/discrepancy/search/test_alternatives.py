@@ -107,27 +107,15 @@ def test_only_models_of_one_effect_with_more_evidence_count() -> None:
     assert taken._replace(fit=None).stronger == ()
 
 
-@pytest.mark.parametrize(("own", "undecided"), [(0.9, True), (20.0, False)])
-def test_on_natural_ground_each_model_may_have_its_own_noise(
-    monkeypatch, own: float, undecided: bool
-) -> None:
-    best, other = _fit("inertia", 0.0, settled=False), _fit("steer_lag", 0.0, settled=False)
-    best.null = "simulations"
-    monkeypatch.setattr(alternatives, "settled", lambda fit, fresh: SimpleNamespace(settled=True))
-    monkeypatch.setattr(alternatives, "separation", lambda a, b: own if a.settled and b.settled else 15.0)
-    assert alternatives._undecided(best, other) is undecided
-    best.null = None
-    assert not alternatives._undecided(best, other)
-
-
 def _sets(seed: int, fault: Any) -> list[set[str]]:
     found = diagnose([simulated_log(natural_case(seed), fault)]).causes
     return [{one.candidate.effect for one in cause.alternatives} for cause in found]
 
 
+@pytest.mark.check
 def test_a_lag_is_not_taken_for_an_inertia_for_certain() -> None:
-    """A score of 8.7 for an inertia that is 60 % larger, of 6.4 for the lag."""
-    assert any("steer_lag" in found for found in _sets(20000, FAULTS["steer_lag"](0.1007)))
+    """A score of 4.8 for an inertia, of 3.6 for the lag, whose model gains more."""
+    assert any("steer_lag" in found for found in _sets(20002, FAULTS["steer_lag"](0.0459)))
 
 
 @pytest.mark.check
