@@ -166,6 +166,17 @@ def draw(*given):
 """
 
 
+def assert_each_counts(folder, course, files):
+    """A course is another one after an edit of any of these files, and the same once it is undone."""
+    before = course_content(course)
+    for file in files:
+        former = (folder / file).read_text()
+        (folder / file).write_text(f"{former}# edited\n")
+        assert course_content(course) != before, file
+        (folder / file).write_text(former)
+    assert course_content(course) == before
+
+
 def test_a_course_is_known_by_what_it_imports_not_by_what_is_loaded(tmp_path, monkeypatch):
     user_modules(
         tmp_path,
@@ -188,11 +199,9 @@ def test_a_course_is_known_by_what_it_imports_not_by_what_is_loaded(tmp_path, mo
     for file in ("agent_beside_courses.py", "lanes_kit/unused.py"):
         (tmp_path / file).write_text("# edited\n")
         assert course_content("drawer_of_courses:draw") == before
-    for file in ("shapes_of_lanes.py", "lanes_kit/__init__.py", "lanes_kit/bends.py", "lanes_kit/radii.py"):
-        former = (tmp_path / file).read_text()
-        (tmp_path / file).write_text(f"{former}# edited\n")
-        assert course_content("drawer_of_courses:draw") != before, file
-        (tmp_path / file).write_text(former)
+    kit = ("__init__.py", "bends.py", "radii.py")
+    files = ("shapes_of_lanes.py", *(f"lanes_kit/{file}" for file in kit))
+    assert_each_counts(tmp_path, "drawer_of_courses:draw", files)
 
 
 def test_a_course_in_a_package_is_known_by_the_package_and_its_neighbours(tmp_path, monkeypatch):
@@ -207,13 +216,8 @@ def test_a_course_in_a_package_is_known_by_the_package_and_its_neighbours(tmp_pa
         },
     )
     importlib.import_module("field_kit.courses")
-    before = course_content("field_kit.courses:draw")
-    for file in ("field_kit/__init__.py", "field_kit/widths.py", "beside_field_kit.py"):
-        former = (tmp_path / file).read_text()
-        (tmp_path / file).write_text(f"{former}# edited\n")
-        assert course_content("field_kit.courses:draw") != before, file
-        (tmp_path / file).write_text(former)
-    assert course_content("field_kit.courses:draw") == before
+    files = ("field_kit/__init__.py", "field_kit/widths.py", "beside_field_kit.py")
+    assert_each_counts(tmp_path, "field_kit.courses:draw", files)
 
 
 def test_a_course_with_other_code_is_driven_again(tmp_path, monkeypatch):

@@ -14,8 +14,9 @@ from estimators.discrepancy.faults.drive import simulated_log
 from estimators.discrepancy.faults.library import FAULTS
 from estimators.discrepancy.faults.other_forms import OTHER_FORMS
 from estimators.discrepancy.model.parameters import Candidate
-from estimators.discrepancy.search import alternatives
+from estimators.discrepancy.search import alternatives, stepwise
 from estimators.discrepancy.search.alternatives import cause_of
+from estimators.discrepancy.search.holdout import HoldOutResult
 from estimators.discrepancy.search.result import EQUIVALENT
 from estimators.discrepancy.search.stepwise import _Accepted
 
@@ -124,3 +125,20 @@ def test_a_cause_that_windows_apart_reject_stays_possible_where_it_explains_most
     assert any(
         "rolling_resistance" in found for found in _sets(13001, OTHER_FORMS["rolling_resistance"](0.0812))
     )
+
+
+@pytest.mark.parametrize(
+    ("gain", "support", "taken"),
+    [(None, 0.0, True), (1.0, 9.0, True), (1.0, 3.0, False), (-30.0, 99.0, False)],
+)
+def test_an_alternative_needs_what_a_first_effect_needs(
+    monkeypatch, gain: float | None, support: float, taken: bool
+) -> None:
+    """Evidence of 8 in all, and no contradiction by windows apart; without these nothing speaks against it."""
+    result = None if gain is None else HoldOutResult(gain=gain, expected=5.0, deviation=3.0)
+    monkeypatch.setattr(stepwise, "score_threshold", lambda first, rate: 4.0)
+    monkeypatch.setattr(stepwise, "_support", lambda fit, beside, larger: support)
+    monkeypatch.setattr(stepwise, "replace", lambda fit, **fields: fit)
+    first = SimpleNamespace(fit=SimpleNamespace(noise=None, null=None))
+    test = SimpleNamespace(result=lambda larger: result)
+    assert stepwise._Confirmed(first, test, 0.06)(_fit("steer_lag", 0.0)) is taken
