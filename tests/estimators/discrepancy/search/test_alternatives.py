@@ -134,7 +134,7 @@ def test_a_cause_that_windows_apart_reject_stays_possible_where_it_explains_most
 def test_an_alternative_needs_what_a_first_effect_needs(
     monkeypatch, gain: float | None, support: float, taken: bool
 ) -> None:
-    """Evidence of 8 in all, and no contradiction by windows apart; without these nothing speaks against it."""
+    """Evidence of 8 in all, and no contradiction by windows apart, where there are any."""
     result = None if gain is None else HoldOutResult(gain=gain, expected=5.0, deviation=3.0)
     monkeypatch.setattr(stepwise, "score_threshold", lambda first, rate: 4.0)
     monkeypatch.setattr(stepwise, "_support", lambda fit, beside, larger: support)
