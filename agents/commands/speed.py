@@ -25,7 +25,7 @@ class SpeedCommand(Results):
     (mujoco and highway-env are never required). Writes the figure speed.png.
     """
 
-    quick: bool = False  #: a tenth of the steps, and no compilation from scratch
+    quick: bool = False  #: a tenth of the steps but for the belief, and no compilation from scratch
     rounds: int = 7  #: turns that each side takes
 
     def run(self) -> None:

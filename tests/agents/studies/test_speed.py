@@ -64,6 +64,18 @@ def test_every_promise_is_about_sides_that_exist():
     assert {bar.peer for bar in BARS} <= peers | ours
 
 
+def test_a_quick_turn_does_not_shorten_what_settles_first(monkeypatch):
+    """The first second of the belief holds its first reference: it alone would say 4.7 instead of 3.8."""
+    taken = {}
+
+    def side(name):
+        return lambda steps: taken.setdefault(name, []).append(steps) or (steps * 1e-6, steps * 1e-6)
+
+    names = ("env.step", "sample for the soil belief", "update of the parameter UKF", "env.step, soil belief")
+    study._take_turns({name: (side(name), 1000) for name in names}, 1, 0.1, None)
+    assert [taken[name][-1] for name in names] == [100, 1000, 1000, 1000]
+
+
 def test_a_side_measures_the_steps_and_not_the_resets():
     """Episodes of one step, each with a reset a hundred times as long."""
 
