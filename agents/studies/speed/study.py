@@ -49,7 +49,7 @@ _BEKKER = "offroad_env:OffroadBekker-v0"
 _ACTIONS = 4000
 #: Steps that every episode of the task lasts, however it is driven.
 _FEWEST = 100
-#: Sides that start anew every turn, and whose first second costs more than the others: they are not shortened.
+#: Sides that start anew every turn and whose first second costs more than the others: never shortened.
 _WHOLE_TURNS = ("update of the parameter UKF", "sample for the soil belief", "env.step, soil belief")
 #: Decisions of model-predictive control.
 _DECISIONS = 300
