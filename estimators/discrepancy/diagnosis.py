@@ -33,6 +33,7 @@ from estimators.discrepancy.verdict import (
     solver_limit,
 )
 from estimators.logs.clocks import pose_age
+from estimators.logs.immobile_findings import IMMOBILE
 from estimators.logs.log import Log
 from estimators.logs.quality import QualityReport
 from estimators.logs.units import Finding
@@ -121,7 +122,7 @@ def diagnose(
     result = VehicleDiagnosis(
         logs=ordered,
         quality=reports,
-        findings=_pose_findings(ordered, reports),
+        findings=_used_findings(ordered, reports),
         search=found,
         causes=found.causes,
         unknown_inputs=attempt("unknown inputs", lambda: unmodelled_forces(found.extended), (), failed),
@@ -251,7 +252,7 @@ def _without_nominal(
     return VehicleDiagnosis(
         logs=logs,
         quality=reports,
-        findings=_pose_findings(logs, reports),
+        findings=_used_findings(logs, reports),
         structure=compared,
         failed=failed,
     )
@@ -281,9 +282,13 @@ def _with_structure(result: VehicleDiagnosis, compared: StructureComparison | No
     return replace(result, structure=compared, causes=(), unknown_inputs=(), stand_ins=stand_ins)
 
 
-def _pose_findings(logs: Sequence[Log], reports: Sequence[QualityReport]) -> tuple[Finding, ...]:
-    old = [[one for one in report.findings if (one.kind, one.channel) == _OLD_POSE] for report in reports]
-    return _named(logs, old)
+def _used_findings(logs: Sequence[Log], reports: Sequence[QualityReport]) -> tuple[Finding, ...]:
+    """What a reader of the verdict must know of the data: old poses, and that the vehicle gets stuck."""
+    found = [
+        [one for one in report.findings if one.kind == IMMOBILE or (one.kind, one.channel) == _OLD_POSE]
+        for report in reports
+    ]
+    return _named(logs, found)
 
 
 def _named(logs: Sequence[Log], findings: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:

@@ -17,6 +17,8 @@ _STANDS, _SPINS, _MORE = 0.3, 1.0, 4.0
 _AGREES = 2.0
 #: A vehicle that stands turns by less: wheels that spin may turn it on the spot [rad/s].
 _TURNS = 0.2
+#: Slower vehicles count as this fast: noise of a sensor that stands [m/s].
+_LEAST_SPEED = 0.05
 #: Windows, and the shortest stretch [s].
 _LENGTH, _STEP, _SHORTEST = 1.0, 0.5, 3.0
 
@@ -49,7 +51,7 @@ def stuck_spans(log: Log) -> tuple[tuple[float, float], ...]:
     spins = (slowest < _STANDS) & (fastest > np.maximum(_SPINS, _MORE * slowest))
     if not body and _has(log, "yaw_rate"):
         spins &= _means(log, "yaw_rate", starts) < _TURNS
-    if not np.any((slowest > _STANDS) & (fastest < _AGREES * slowest)):
+    if not _is_slip(slowest, fastest, spins):
         return ()
     edges = np.flatnonzero(np.diff(np.concatenate([[0], spins.astype(int), [0]])))
     spans = [
@@ -57,6 +59,21 @@ def stuck_spans(log: Log) -> tuple[tuple[float, float], ...]:
         for a, b in zip(edges[::2], edges[1::2], strict=True)
     ]
     return tuple(span for span in spans if span[1] - span[0] >= _SHORTEST and _alive(log, span))
+
+
+def _is_slip(body: np.ndarray, rims: np.ndarray, spins: np.ndarray) -> bool:
+    """Whether rims (W,) that spin differ from the vehicle by their slip, and not by a unit or a scale.
+
+    They agree while it moves, or are then far less ahead of it than where it stands: one factor is the same
+    everywhere. A vehicle that digs in where it starts never rolls.
+    """
+    moves = (body > _STANDS) & ~spins
+    if np.any(moves & (rims < _AGREES * body)):
+        return True
+    if not moves.any() or not spins.any():
+        return False
+    ahead = rims / np.maximum(body, _LEAST_SPEED)
+    return bool(np.median(ahead[spins]) > _UNEVEN * np.median(ahead[moves]))
 
 
 def driven_time(log: Log) -> float:

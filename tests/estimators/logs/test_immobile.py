@@ -73,6 +73,41 @@ def test_only_what_was_driven_before_the_vehicle_got_stuck_is_fitted(driven):
     assert not quality(log).problems
 
 
+def digging_in(driven, ahead):
+    """The log as if the vehicle dug in after 3 s, ``ahead`` times slower than its rims before, then 40 times."""
+    moves, rng = driven.times < 3.0, np.random.default_rng(2)
+    body, rim = np.where(moves, 2.0, 0.2), np.where(moves, 2.0 * ahead, 8.0) / driven.vehicle.r
+    noise = 0.01 * rng.standard_normal((3, len(driven.times)))
+    way = np.cumsum(body) * (driven.times[1] - driven.times[0])
+    made = {
+        **dict.fromkeys(("speed", "v_x"), body + noise[0]),
+        "omega_f": rim + noise[1],
+        "omega_r": body / driven.vehicle.r + noise[2],
+        "x": way,
+        "y": np.zeros(len(way)),
+    }
+    known = {
+        name: np.where(np.isnan(old), np.nan, made[name])
+        for name, old in driven.channels.items()
+        if name in made
+    }
+    return with_channels(driven, **known)
+
+
+@pytest.mark.parametrize(("ahead", "stuck"), [(12.0, True), (15.0, False)])
+def test_a_vehicle_that_digs_in_at_once_never_rolls_and_is_stuck_all_the_same(driven, ahead, stuck):
+    """Its rims are 40 times ahead of it, more than three times what they were: no unit does that."""
+    spans = stuck_spans(digging_in(driven, ahead))
+    assert bool(spans) == stuck
+    assert not stuck or spans[0][0] == pytest.approx(3.0, abs=1.0)
+
+
+def test_that_the_vehicle_gets_stuck_stands_beside_any_verdict(driven):
+    diagnosis = diagnose([stopped(driven, 12.0)], library=["rolling_resistance"])
+    assert diagnosis.search is not None
+    assert ["gets stuck" in one.sentence for one in diagnosis.findings] == [True]
+
+
 def test_wheels_in_degrees_per_second_are_not_taken_for_spinning(driven):
     wheels = {name: 57.3 * driven.channels[name] for name in ("omega_f", "omega_r")}
     log = with_channels(driven, **wheels)
