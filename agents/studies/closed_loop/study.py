@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -62,26 +63,50 @@ def true_model(cause: str) -> Extension:
     return Extension(model="full", effects=((cause, {effect.parameters[0].name: size}),))
 
 
-def run_unit(cause: str, seed: int, tests: int) -> dict[str, Any]:
-    """One vehicle on one soil: the scores [s] of the three plans on the same test episodes."""
+class _Drawn(NamedTuple):
+    """Soil and episodes of a seed."""
+
+    n: float
+    chosen_on: list[int]
+    tested_on: list[int]
+    logged: int
+
+
+def _drawn(seed: int, tests: int) -> _Drawn:
     rng = np.random.default_rng([seed, 11])
     n = float(rng.uniform(*find_scenario(TASK).n_range))
     drawn = rng.integers(0, 2**31, _CHOSEN_ON + tests + 1).tolist()
-    chosen_on, tested_on, logged = drawn[:_CHOSEN_ON], drawn[_CHOSEN_ON:-1], drawn[-1]
+    return _Drawn(n, drawn[:_CHOSEN_ON], drawn[_CHOSEN_ON:-1], drawn[-1])
+
+
+def planned(seed: int, tests: int, model: Extension | None = None) -> dict[str, float]:
+    """The plan on the soil of a seed for a model; None: the nominal one, for which all causes share it."""
+    drawn = _drawn(seed, tests)
+    return plan_for(model, drawn.n, drawn.chosen_on, generations=_GENERATIONS, seed=seed)
+
+
+def run_unit(
+    cause: str, seed: int, tests: int, *, nominal: Mapping[int, Mapping[str, float]]
+) -> dict[str, Any]:
+    """One vehicle on one soil: the scores [s] of the three plans on the same test episodes.
+
+    ``nominal`` : seed -> its plan for the nominal model, see `planned`.
+    """
+    n, _, tested_on, logged = _drawn(seed, tests)
     truth = true_model(cause)
-
-    def plan(model: Extension | None) -> dict[str, float]:
-        return plan_for(model, n, chosen_on, generations=_GENERATIONS, seed=seed)
-
-    nominal = plan(None)
+    plans = {"nominal": dict(nominal[seed])}
     world = make_world(truth)
-    extended, verdict = _diagnosed(world, careful(nominal, _CAREFUL), logged, n)
-    plans = {"nominal": nominal, "extended": nominal if extended is None else plan(extended)}
-    plans["true"] = plan(truth)
+    extended, verdict = _diagnosed(world, careful(plans["nominal"], _CAREFUL), logged, n)
+    plans["extended"] = plans["nominal"] if extended is None else planned(seed, tests, extended)
+    plans["true"] = planned(seed, tests, truth)
     found = [] if extended is None else [name for name, _ in extended.effects]
     scores = {name: scores_in(world, knobs, tested_on, n) for name, knobs in plans.items()}
     world.close()
     return {"n": n, "verdict": verdict, "found": found, "plans": plans, "scores": scores}
+
+
+def _nominal_plan(_kind: str, seed: int, tests: int) -> dict[str, float]:
+    return planned(seed, tests)
 
 
 def _diagnosed(
@@ -153,10 +178,13 @@ class ClosedLoop(Results):
         if count < 2 or self.tests < 1:
             raise InvalidParameter("seeds must be at least 2 (one has no interval) and tests at least 1")
         stamp = f"{stamp_of(*_SOURCES)}-{CAUSES}"
-        keys = [(cause, self.seed + k, self.tests) for k in range(count) for cause in CAUSES]
+        seeds = [self.seed + k for k in range(count)]
         path = self.out / "closed_loop.jsonl"
-        units: dict[Key, str] = dict.fromkeys(keys, stamp)
-        results = run_units(path, run_unit, units, label="closed loop", n_jobs=self.n_jobs)
+        units: dict[Key, str] = dict.fromkeys([("nominal plan", seed, self.tests) for seed in seeds], stamp)
+        plans = run_units(path, _nominal_plan, units, label="nominal plans", n_jobs=self.n_jobs)
+        work = partial(run_unit, nominal={int(key[1]): plan for key, plan in plans.items()})
+        units = dict.fromkeys([(cause, seed, self.tests) for seed in seeds for cause in CAUSES], stamp)
+        results = run_units(path, work, units, label="closed loop", n_jobs=self.n_jobs)
         lines = cause_lines(results)
         _show(lines)
         self.save_figure(

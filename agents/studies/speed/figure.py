@@ -19,7 +19,7 @@ _OURS, _PROMISE, _FILTER = "#0072B2", "#D55E00", "#E69F00"
 def speed_figure(speed: Speed) -> Figure:
     """Two panels: every ratio on a log axis, and microseconds of a vector step against N."""
     figure = Figure(figsize=(12.0, 5.2), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
+    left, right = figure.subplots(1, 2, width_ratios=(1, 1))
     _ratios(left, [ratio for ratio in speed.ratios if ratio.kind == "rate"])
     _growth(right, speed)
     return figure
@@ -35,7 +35,7 @@ def _ratios(axes: Axes, ratios: Sequence[Ratio]) -> None:
         y, bar = zip(*promised, strict=True)
         axes.plot(bar, y, "|", color=_PROMISE, markersize=16, markeredgewidth=2, label="promised at least")
     axes.axvline(1.0, color="0.6", linewidth=0.8)
-    labels = [f"{r.ours}  /  {r.peer}{' (elapsed time)' if r.clock else ''}" for r in ratios]
+    labels = [f"{r.ours} /\n{r.peer}{' (elapsed time)' if r.clock else ''}" for r in ratios]
     axes.set_yticks(place, labels)
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))

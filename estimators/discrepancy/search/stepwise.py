@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.discrepancy.model.fit import fitted_afresh, settled
+from estimators.discrepancy.model.fit import settled
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.null_simulations import inflation_along
 from estimators.discrepancy.model.parameters import Candidate
@@ -23,8 +23,9 @@ from estimators.discrepancy.search.alternatives import (
     order_of,
 )
 from estimators.discrepancy.search.finite_delays import delayed
+from estimators.discrepancy.search.from_stated import fits_from_stated
 from estimators.discrepancy.search.holdout import HoldOutResult, HoldOutTest
-from estimators.discrepancy.search.lower_minimum import LEFT, begun_again, deviations_off, lower_minimum
+from estimators.discrepancy.search.lower_minimum import begun_again, deviations_off, lower_minimum
 from estimators.discrepancy.search.pair_search import Proposal, linearised_gain, proposed_pairs
 from estimators.discrepancy.search.refitting import refit
 from estimators.discrepancy.search.result import EQUIVALENT, Cause, SearchResult, separation
@@ -55,9 +56,6 @@ _RESTARTS = 2
 _TESTED = 3
 #: Effects whose scores exceed so many thresholds, which noise does not, are sought closely along the route.
 _LARGE = 2.0
-#: Effects of so many numbers, those furthest from what is stated, are fitted afresh, from this share of a
-#: plausible size.
-_FRESH, _BEGINS = 2, 0.5
 
 
 class _Bars(NamedTuple):
@@ -101,35 +99,6 @@ def _forward(scores: ScoreTest, threshold: float) -> list[FitResult]:
     order = [i for i in order if strength[i] > max(threshold, NEAR_BEST * top)][:REFITS]
     larger = [((*fit.candidates, scores.candidates[i]), (*fit.sizes, scores.size[i])) for i in order]
     return _refitted(fit, larger)
-
-
-def _afresh(scores: ScoreTest, threshold: float, others: Sequence[FitResult]) -> list[FitResult]:
-    """Models with one effect more, fitted from stated numbers where the present fit has left these.
-
-    A number that has taken the place of a large effect moves others with it, and scores about that point tell
-    little of the effect: their sign is taken, and a size that is plausible. What cannot be as good as the
-    best of ``others`` is of no use.
-    """
-    fit, found = scores.fit, []
-    enough = fit.cost - 0.5 * threshold**2
-    if others and not order_of(others[0])[0]:
-        enough = min(enough, others[0].cost + 0.5 * EQUIVALENT)
-    vehicle = fit.runs[0].setup.plant.vehicle
-    by_effect = {scores.candidates[i].effect: i for i in best_by_effect(np.abs(scores.z), scores.candidates)}
-    away = deviations_off(fit)
-    numbers = [fit.problem.nuisances[i] for i in np.argsort(-away) if away[i] > LEFT]
-    names = dict.fromkeys(number.effect for number in numbers if number.effect in by_effect)
-    for name in list(names)[:_FRESH]:
-        i = by_effect[name]
-        size = math.copysign(_BEGINS * EFFECTS[name].plausible(vehicle), scores.size[i])
-        try:
-            candidates = (*fit.candidates, scores.candidates[i])
-            trial = fitted_afresh(fit, candidates, (*fit.sizes, size), enough)
-        except OffroadError:
-            continue
-        if trial.cost < enough:
-            found.append(trial)
-    return found
 
 
 def _refitted(
@@ -196,7 +165,7 @@ def _larger(scores: ScoreTest, threshold: float, test: HoldOutTest, singly: bool
     fit = scores.fit
     single = _forward(scores, threshold)
     late = delayed(fit, outside(fit, scores.candidates), threshold)
-    single = sorted([*single, *late, *_afresh(scores, threshold, single)], key=order_of)
+    single = sorted([*single, *late, *fits_from_stated(scores, threshold, single)], key=order_of)
     if not single and not fit.candidates:
         return []
     most = linearised_gain(fit, scores) if fit.candidates else float(np.max(scores.z**2, initial=0.0))

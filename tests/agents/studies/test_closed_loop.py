@@ -42,7 +42,7 @@ def test_a_vehicle_whose_cause_is_not_named_is_driven_by_the_nominal_plan(monkey
     monkeypatch.setattr(study, "plan_for", planned)
     monkeypatch.setattr(study, "scores_in", lambda world, knobs, seeds, n: [knobs["margin"]] * len(seeds))
     monkeypatch.setattr(study, "_diagnosed", lambda *arguments: (None, "NO EFFECT"))
-    result = study.run_unit("payload", 0, 2)
+    result = study.run_unit("payload", 0, 2, nominal={0: study.planned(0, 2)})
     assert result["plans"]["extended"] == result["plans"]["nominal"]
     assert asked == [None, study.true_model("payload")]
     assert result["scores"] == {"nominal": [0.9] * 2, "extended": [0.9] * 2, "true": [0.5] * 2}

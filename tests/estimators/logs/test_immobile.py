@@ -74,7 +74,7 @@ def test_only_what_was_driven_before_the_vehicle_got_stuck_is_fitted(driven):
 
 
 def digging_in(driven, ahead):
-    """The log as if the vehicle dug in after 3 s, ``ahead`` times slower than its rims before, then 40 times."""
+    """The log as if the vehicle dug in after 3 s: its rims ``ahead`` times faster, then 40 times."""
     moves, rng = driven.times < 3.0, np.random.default_rng(2)
     body, rim = np.where(moves, 2.0, 0.2), np.where(moves, 2.0 * ahead, 8.0) / driven.vehicle.r
     noise = 0.01 * rng.standard_normal((3, len(driven.times)))
