@@ -39,11 +39,15 @@ _TORQUES = ("torque_f", "torque_r", "drive_force")
 _RESISTED = 40.0
 #: Ratio of a wheel's speed to the vehicle's beyond any spin, and the quartiles' ratio of a wrong scale.
 _SPINS, _EVEN = 20.0, 1.6
+#: A light axle on soft soil may be driven at a slip of two thirds all the time, so many times as fast.
+_DRIVEN = 3.0
 #: Speeds below which a course, or a rate of turn from an acceleration, means nothing [m/s].
 _SLOW = 1.0
 #: Slip angle of front wheels on soft soil over the lateral acceleration [rad s^2/m]; slip up to which a wheel
 #: rolls; angle from which a vehicle is steered [rad]; share of the windows that counts as most.
 _SLIDE, _ROLLS, _STEERED, _MOSTLY = 0.12, 0.25, 0.02, 0.75
+#: How many times less than steered a vehicle may turn whose front wheels spin.
+_GUIDED = 6.0
 #: Share of a torque below which an axle is not driven, or not braked.
 _SHARE = 0.1
 #: From the first two correlations routes confirm each other; below the last a route does not follow.
@@ -379,12 +383,12 @@ def _slides(
     if not scale or motion is not MOTIONS["turn"] or speed is None or steer is None:
         return False
     vehicle, turn = windows.log.vehicle, median_of(witnesses_of(others, motion) or others)
-    rim = windows.mean("omega_f")
-    rolls = np.ones(len(turn), dtype=bool)
-    if rim is not None:
-        rolls = np.abs(vehicle.r * rim - speed) < _ROLLS * np.abs(speed)
-    known = rolls & np.isfinite(steer) & np.isfinite(turn) & (np.abs(speed) > _SLOW)
-    known &= np.abs(np.nan_to_num(steer)) > _STEERED
+    rim, fast = windows.mean("omega_f"), np.where(np.abs(speed) > _SLOW, speed, math.nan)
+    ahead = np.zeros(len(turn)) if rim is None else vehicle.r * rim / fast - 1.0
+    steered = np.isfinite(turn * fast) & (np.abs(np.nan_to_num(steer)) > _STEERED)
+    if steered.sum() >= _ENOUGH and np.mean(ahead[steered] > _ROLLS) > _MOSTLY:
+        return suspect.factor < _GUIDED  # wheels that spin guide little
+    known = steered & (np.abs(ahead) < _ROLLS)
     if known.sum() < _ENOUGH:
         return False
     v, turn = speed[known], np.abs(turn[known])
@@ -400,7 +404,7 @@ def _always(ratio: np.ndarray, motion: Motion) -> bool:
         return False
     least, low, high = np.quantile(ratio, [0.02, 0.25, 0.75])
     even = high < _EVEN * low
-    return bool(low > _SPINS or (even and (least > motion.spread or high < 1.0 / motion.spread)))
+    return bool(low > _SPINS or (even and (least > _DRIVEN or high < 1.0 / motion.spread)))
 
 
 def _of_two(route: Route, others: Sequence[Route], motion: Motion) -> tuple[Suspect | None, bool]:

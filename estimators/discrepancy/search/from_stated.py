@@ -2,19 +2,22 @@
 
 A number that has taken the place of a large effect moves others with it, and derivatives about that point
 tell little of the effect: a payload may then have no score, and a late steering a small one beside the
-inertia that stands for it. Effects that may be behind such a fit are fitted from what is stated, one by one.
+inertia that stands for it. Effects that may be behind such a fit are fitted from what is stated, one by one,
+and those that do what a number does in its place.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from estimators.discrepancy.model.fit import fitted_afresh
 from estimators.discrepancy.model.fit_result import FitResult
+from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.parameters import Candidate
-from estimators.discrepancy.search.alternatives import best_by_effect, order_of
+from estimators.discrepancy.search.alternatives import NEAR_BEST, best_by_effect, order_of
 from estimators.discrepancy.search.lower_minimum import LEFT, deviations_off
 from estimators.discrepancy.search.result import EQUIVALENT
 from estimators.discrepancy.search.score_test import ScoreTest
@@ -26,8 +29,9 @@ __all__ = ["fits_from_stated"]
 #: Standard deviations from what is stated from which a number stands for an effect of its own, where another
 #: has left its tolerance.
 _SUSPECT = 2.5
-#: Effects that are fitted: of the numbers furthest off, and with the largest scores beside these.
-_OF_NUMBERS, _OF_SCORES = 5, 3
+#: Effects that are fitted: of the numbers furthest off, and with the largest scores beside these, as long as
+#: they are near the largest; so many of them whatever they are.
+_OF_NUMBERS, _OF_SCORES, _WHATEVER = 5, 8, 3
 #: Sizes to begin from, as shares of a plausible one.
 _BEGINS = (0.4, 0.8)
 
@@ -43,47 +47,75 @@ def fits_from_stated(scores: ScoreTest, threshold: float, others: Sequence[FitRe
     enough = fit.cost - 0.5 * threshold**2
     if others and not order_of(others[0])[0]:
         enough = min(enough, others[0].cost + 0.5 * EQUIVALENT)
-    for candidate, sign in _suspects(scores):
-        trial = _fitted(fit, candidate, sign, enough)
-        if trial is None:
+    for candidate, sign, numbers in _suspects(scores):
+        # Beside others a number may undo what the effect does.
+        signs = (sign, -sign) if numbers else (sign,)
+        trials = [_exchanged(scores, candidate, numbers), _from_stated(fit, candidate, signs, enough)]
+        useful = [trial for trial in trials if trial is not None and trial.cost < enough]
+        if not useful:
             continue
-        found.append(trial)
-        if not order_of(trial)[0]:
-            enough = min(enough, trial.cost + 0.5 * EQUIVALENT)
+        found.append(min(useful, key=order_of))
+        if not order_of(found[-1])[0]:
+            enough = min(enough, found[-1].cost + 0.5 * EQUIVALENT)
     return found
 
 
-def _fitted(fit: FitResult, candidate: Candidate, sign: float, enough: float) -> FitResult | None:
-    """The model with this effect; None if it costs as much as ``enough`` or breaks down.
+def _from_stated(
+    fit: FitResult, candidate: Candidate, signs: Sequence[float], enough: float
+) -> FitResult | None:
+    """The first model with this effect that costs less than ``enough``; None if none does.
 
     Fitted to the end: far from the data the equations promise too little.
     """
     reach = EFFECTS[candidate.effect].plausible(fit.runs[0].setup.plant.vehicle)
     low, high = fit.runs[0].size_limits(candidate.effect)
-    best: FitResult | None = None
-    for share in _BEGINS:
-        size = sign * share * reach
-        size = size if low <= size <= high else -size
+    sizes = [sign * share * reach for sign in signs for share in _BEGINS]
+    for size in sizes:
+        if not low <= size <= high:
+            continue
         try:
             trial = fitted_afresh(fit, (*fit.candidates, candidate), (*fit.sizes, size))
         except OffroadError:
             continue
         if trial.cost < enough:
-            best, enough = trial, trial.cost
-    return best
+            return trial
+    return None
 
 
-def _suspects(scores: ScoreTest) -> list[tuple[Candidate, float]]:
-    """Effects that may be behind the fit, with the signs of their sizes."""
+def _exchanged(scores: ScoreTest, candidate: Candidate, numbers: Sequence[int]) -> FitResult | None:
+    """The model with an effect in the place of what numbers of its own have done; None if it breaks down."""
+    fit, own = scores.fit, scores.candidates.index(candidate) - len(scores.candidates)
+    if not numbers:
+        return None
+    trace, done = scores.white[:, own], scores.white[:, list(numbers)] @ fit.nuisances[list(numbers)]
+    size = float(trace @ done) / max(float(trace @ trace), 1e-300)
+    low, high = fit.runs[0].size_limits(candidate.effect)
+    nuisances = fit.nuisances.copy()
+    nuisances[list(numbers)] = 0.0
+    sizes = np.append(fit.sizes, min(max(size, low), high))
+    point = replace(fit.point, nuisances=nuisances, candidates=(*fit.candidates, candidate), sizes=sizes)
+    try:
+        return GaussNewton().descend(fit.moved(point))
+    except OffroadError:
+        return None
+
+
+def _suspects(scores: ScoreTest) -> list[tuple[Candidate, float, tuple[int, ...]]]:
+    """Effects that may be behind the fit, the signs of their sizes, and numbers that stand for them."""
     fit, away = scores.fit, deviations_off(scores.fit)
     by_effect = {scores.candidates[i].effect: i for i in best_by_effect(np.abs(scores.z), scores.candidates)}
-    signs: dict[int, float] = {}
+    found: dict[int, tuple[float, tuple[int, ...]]] = {}
     for k in np.argsort(-away):
         i = by_effect.get(fit.problem.nuisances[k].effect)
-        if away[k] > _SUSPECT and i is not None and len(signs) < _OF_NUMBERS:
-            # The effect does what the number does, if their traces are alike, or the opposite.
-            alike = float(scores.white[:, k] @ scores.white[:, i - len(scores.candidates)])
-            signs.setdefault(i, float(np.copysign(1.0, fit.nuisances[k] * alike)))
-    for i in list(by_effect.values())[:_OF_SCORES]:
-        signs.setdefault(i, float(np.copysign(1.0, scores.size[i])))
-    return [(scores.candidates[i], sign) for i, sign in signs.items()]
+        if not away[k] > _SUSPECT or i is None:
+            continue
+        # The effect does what the number does, if their traces are alike, or the opposite.
+        alike = float(scores.white[:, k] @ scores.white[:, i - len(scores.candidates)])
+        if i in found or len(found) < _OF_NUMBERS:
+            sign, numbers = found.get(i, (float(np.copysign(1.0, fit.nuisances[k] * alike)), ()))
+            found[i] = sign, (*numbers, int(k))
+    strength = np.abs(scores.z)
+    for place, i in enumerate(list(by_effect.values())[:_OF_SCORES]):
+        if place < _WHATEVER or strength[i] > NEAR_BEST * strength.max():
+            found.setdefault(i, (float(np.copysign(1.0, scores.size[i])), ()))
+    return [(scores.candidates[i], sign, numbers) for i, (sign, numbers) in found.items()]

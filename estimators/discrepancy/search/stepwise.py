@@ -11,6 +11,7 @@ import numpy as np
 
 from estimators.discrepancy.model.fit import settled
 from estimators.discrepancy.model.fit_result import FitResult
+from estimators.discrepancy.model.natural_world import null_simulations
 from estimators.discrepancy.model.null_simulations import inflation_along
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.protocol import ForwardModel
@@ -230,7 +231,21 @@ def _support(fit: FitResult, trial: FitResult, larger: FitResult) -> float:
     gain, wide = fit.cost - trial.cost, float(np.max(trial.size_inflation[new(trial)], initial=1.0))
     least = np.min((np.abs(larger.sizes) / larger.size_deviations())[new(larger)], initial=np.inf)
     support = float(min(gain / wide, 0.5 * least**2))
-    return max(support, gain / _scatter_between(fit, trial)) if len(new(larger)) == 1 else support
+    if len(new(larger)) == 1:
+        support = max(support, gain / _scatter_between(fit, trial))
+    return support + _returned(fit, larger)
+
+
+def _returned(fit: FitResult, larger: FitResult) -> float:
+    """Evidence by stated numbers that a larger model takes back from where no tolerance explains them.
+
+    Scatter of road and soil does not widen it, as it does what the data say: no log of an unmodified vehicle
+    leads a fit there.
+    """
+    if not strayed(fit, _IMPOSSIBLE):
+        return 0.0
+    before, after = (model.problem.nuisance_prior_cost(model.point) for model in (fit, larger))
+    return max(before - after, 0.0)
 
 
 def _scatter_between(fit: FitResult, other: FitResult) -> float:
@@ -351,6 +366,7 @@ def search(
     restarts
         How often it may begin again, where an effect leads to a better minimum of a model without it.
     """
+    nominal = _well_begun(nominal)
     candidates = candidates_for(nominal, library)
     first = last = score_test(nominal, candidates)
     threshold = bar = score_threshold(first, rate)
@@ -393,6 +409,12 @@ def search(
         strayed=() if fit.candidates else tuple(strayed(nominal, _IMPOSSIBLE)),
         causes=causes,
     )
+
+
+def _well_begun(nominal: FitResult) -> FitResult:
+    """The nominal model at its better minimum, if its numbers have left their tolerances."""
+    other = begun_again(nominal)
+    return nominal if other is nominal else replace(other, null=null_simulations(other))
 
 
 class _Confirmed:

@@ -135,3 +135,18 @@ def test_a_stuck_speed_gets_no_verdict(drive):
     found = diagnose([corrupted(drive, "speed", "stuck")])
     assert found.verdict is Verdict.DATA_PROBLEM
     assert found.findings[0].channel == "speed"
+
+
+@pytest.mark.parametrize(("factor", "problem"), [(2.6, False), (3.5, True)])
+def test_an_axle_that_is_driven_at_a_slip_of_two_thirds_is_no_other_unit(drive, factor, problem):
+    log = replace(drive, channels={**drive.channels, "omega_f": factor * drive.channels["omega_f"]})
+    assert ("omega_f" in _named(log)) == problem
+
+
+@pytest.mark.parametrize(
+    ("steered", "spun", "problem"), [(4.0, 1.0, True), (4.0, 1.6, False), (4.0, 1.1, True), (8.0, 1.6, True)]
+)
+def test_front_wheels_that_spin_turn_a_vehicle_less_than_they_are_steered(drive, steered, spun, problem):
+    factors = {"steer": steered, "omega_f": spun}
+    changed = {name: factor * drive.channels[name] for name, factor in factors.items()}
+    assert ("steer" in _named(replace(drive, channels={**drive.channels, **changed}))) == problem

@@ -1,0 +1,89 @@
+"""Effects that are fitted from stated numbers, where a fit has left these."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from agents.studies.closed_loop import study
+from agents.studies.closed_loop.planning import careful, make_world, shipped_knobs
+from estimators.discrepancy.model.parameters import Candidate
+from estimators.discrepancy.search import from_stated
+from estimators.discrepancy.search.lower_minimum import LEFT
+from offroad_env.errors import SolverFailure
+
+
+def scores_of(away, z, *, alike=1.0):
+    """Two numbers, of `payload` and `inertia`, ``away`` from what is stated, and four candidates."""
+    numbers = [SimpleNamespace(effect=name) for name in ("payload", "inertia")]
+    problem = SimpleNamespace(nuisances=numbers, nuisance_spread=np.ones(2))
+    plant = SimpleNamespace(vehicle=SimpleNamespace(m=1000.0))
+    run = SimpleNamespace(setup=SimpleNamespace(plant=plant), size_limits=lambda name: (-0.9, 2.0))
+    fit = SimpleNamespace(
+        nuisances=np.array(away), problem=problem, runs=[run], cost=100.0, candidates=(), sizes=np.empty(0)
+    )
+    names = ("payload", "inertia", "steer_gain", "torque_scale")
+    white = np.column_stack([np.eye(2), alike * np.eye(2), np.ones((2, 2))])
+    return SimpleNamespace(
+        fit=fit,
+        candidates=tuple(Candidate(effect=name) for name in names),
+        z=np.array(z),
+        size=np.array(z),
+        white=white,
+    )
+
+
+@pytest.mark.parametrize(("inertia", "found"), [(2.4, False), (2.6, True)])
+def test_a_number_that_is_far_off_is_suspected_of_its_own_effect(monkeypatch, inertia, found):
+    monkeypatch.setattr(from_stated, "_WHATEVER", 1)
+    suspects = from_stated._suspects(scores_of((6.0, -inertia), (0.0, 0.0, 3.0, 1.0)))
+    signs = {candidate.effect: sign for candidate, sign, _ in suspects}
+    assert list(signs) == ["payload", "inertia", "steer_gain"] if found else ["payload", "steer_gain"]
+    assert signs["payload"] == 1.0
+    assert signs.get("inertia", -1.0) == -1.0
+
+
+def test_an_effect_that_undoes_its_number_begins_with_the_other_sign():
+    suspects = from_stated._suspects(scores_of((6.0, -6.0), (0.0, 0.0, 0.0, 0.0), alike=-1.0))
+    assert {c.effect: (sign, numbers) for c, sign, numbers in suspects}["payload"] == (-1.0, (0,))
+
+
+@pytest.mark.parametrize(("away", "asked"), [(LEFT - 0.1, 0), (LEFT + 0.1, 12)])
+def test_nothing_is_fitted_where_the_numbers_are_about_as_stated(monkeypatch, away, asked):
+    begun = []
+    monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
+
+    def fitted(fit, candidates, sizes):
+        begun.append((candidates[-1].effect, float(sizes[-1])))
+        raise SolverFailure("does not drive")
+
+    monkeypatch.setattr(from_stated, "fitted_afresh", fitted)
+    assert from_stated.fits_from_stated(scores_of((away, 3.0), (0.0, 0.0, 3.0, -2.0)), 3.0, []) == []
+    assert len(begun) == asked
+
+
+def test_of_models_that_are_fitted_only_those_are_kept_that_explain_enough(monkeypatch):
+    costs = {"payload": 80.0, "inertia": 90.0, "steer_gain": 80.5, "torque_scale": 60.0}
+
+    def fitted(fit, candidates, sizes):
+        run = fit.runs[0]
+        return SimpleNamespace(
+            cost=costs[candidates[-1].effect], candidates=candidates, sizes=sizes, runs=[run]
+        )
+
+    monkeypatch.setattr(from_stated, "fitted_afresh", fitted)
+    monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
+    found = from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 3.0, -2.0)), 3.0, [])
+    assert [one.candidates[-1].effect for one in found] == ["payload", "steer_gain", "torque_scale"]
+
+
+@pytest.mark.check
+def test_a_late_steering_is_named_although_the_inertia_has_taken_its_place():
+    """Before, numbers were beyond any tolerance, and nothing was named."""
+    world = make_world(study.true_model("steer_delay"))
+    n, *_, logged = study._drawn(0, 6)
+    model, verdict = study._diagnosed(world, careful(shipped_knobs(), 0.5), logged, n)
+    assert verdict == "NAMED"
+    ((name, values),) = model.effects
+    assert name == "steer_delay"
+    assert values["delay"] == pytest.approx(0.24, abs=0.04)
