@@ -47,7 +47,7 @@ _SLOW = 1.0
 #: rolls; angle from which a vehicle is steered [rad]; share of the windows that counts as most.
 _SLIDE, _ROLLS, _STEERED, _MOSTLY = 0.12, 0.25, 0.02, 0.75
 #: How many times less than steered a vehicle may turn whose front wheels spin.
-_GUIDED = 6.0
+_TURNED = 6.0
 #: Share of a torque below which an axle is not driven, or not braked.
 _SHARE = 0.1
 #: From the first two correlations routes confirm each other; below the last a route does not follow.
@@ -387,7 +387,7 @@ def _slides(
     ahead = np.zeros(len(turn)) if rim is None else vehicle.r * rim / fast - 1.0
     steered = np.isfinite(turn * fast) & (np.abs(np.nan_to_num(steer)) > _STEERED)
     if steered.sum() >= _ENOUGH and np.mean(ahead[steered] > _ROLLS) > _MOSTLY:
-        return suspect.factor < _GUIDED  # wheels that spin guide little
+        return suspect.factor < _TURNED  # wheels that spin turn it little
     known = steered & (np.abs(ahead) < _ROLLS)
     if known.sum() < _ENOUGH:
         return False

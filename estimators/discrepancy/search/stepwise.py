@@ -239,8 +239,7 @@ def _support(fit: FitResult, trial: FitResult, larger: FitResult) -> float:
 def _returned(fit: FitResult, larger: FitResult) -> float:
     """Evidence by stated numbers that a larger model takes back from where no tolerance explains them.
 
-    Scatter of road and soil does not widen it, as it does what the data say: no log of an unmodified vehicle
-    leads a fit there.
+    Scatter of road and soil does not widen it: no log of an unmodified vehicle leads a fit there.
     """
     if not strayed(fit, _IMPOSSIBLE):
         return 0.0
@@ -366,9 +365,8 @@ def search(
     restarts
         How often it may begin again, where an effect leads to a better minimum of a model without it.
     """
-    nominal = _well_begun(nominal)
     candidates = candidates_for(nominal, library)
-    first = last = score_test(nominal, candidates)
+    first = last = score_test(_well_begun(nominal), candidates)
     threshold = bar = score_threshold(first, rate)
     fit, refused, gains = first.fit, False, list[float]()
     stronger: tuple[FitResult, ...] = ()

@@ -19,12 +19,20 @@ def model(
     null: np.ndarray | None = _NULL,
     nuisance: tuple[float, float] = (0.0, 0.0),
     inflation: float = 1.0,
+    number: float = 0.0,
 ) -> SimpleNamespace:
     """A fit with sizes and their standard deviations by effect, and derivatives by one nuisance."""
     columns = np.array(nuisance)[:, None]
     return SimpleNamespace(
         completed=lambda: SimpleNamespace(white_shared=lambda: columns),
-        problem=SimpleNamespace(nuisance_information=np.zeros(1)),
+        problem=SimpleNamespace(
+            nuisance_information=np.zeros(1),
+            nuisance_spread=np.ones(1),
+            nuisances=[SimpleNamespace(name="mass", tolerated=True)],
+            nuisance_prior_cost=lambda point: 0.5 * float(point.nuisances @ point.nuisances),
+        ),
+        nuisances=np.array([number]),
+        point=SimpleNamespace(nuisances=np.array([number])),
         cost=cost,
         candidates=tuple(Candidate(effect=name) for name in sizes),
         sizes=np.array([size for size, _ in sizes.values()]),
@@ -68,3 +76,10 @@ def test_the_least_of_several_new_effects_decides_and_effects_that_were_there_do
     sizes = {"payload": (0.1, 0.1), "grade": (0.04, 0.01), "bank": (0.09, 0.01)}
     larger = model(8900.0, sizes, (5.0, 0.0))
     assert _support(nominal, larger, larger) == pytest.approx(8.0)
+
+
+@pytest.mark.parametrize(("number", "evidence"), [(5.9, 0.0), (6.1, 0.5 * 6.1**2 - 0.5)])
+def test_a_number_that_returns_from_beyond_any_tolerance_is_evidence_that_no_scatter_widens(number, evidence):
+    nominal = model(9000.0, {}, (0.0, 0.0), number=number)
+    larger = model(8999.0, {"payload": (0.3, 1.0)}, (7.0, 0.0), inflation=100.0, number=1.0)
+    assert _support(nominal, larger, larger) == pytest.approx(0.25 + evidence)
