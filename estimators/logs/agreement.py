@@ -1,10 +1,9 @@
 """Every channel against all others that physics ties to it: a vote over motions that several channels show.
 
-A speed shows in wheels, receiver and path; a rate of turn in the gyro, the heading, the course, the steering
-and the lateral acceleration; a change of speed in the accelerometer, the wheels, the receiver and the
-torques. Each channel that shows a motion is a route to it. A route that most others contradict, where those
-confirm each other, is wrong. The bounds are far wider than slip, understeer, resistance or any effect of the
-library: an error of a model is no problem of the data.
+A speed shows in wheels, receiver and path; a rate of turn in gyro, heading, course, steering and lateral
+acceleration; a change of speed in accelerometer, wheels, receiver and torques. Each channel that shows a
+motion is a route to it. A route that most others contradict, where those confirm each other, is wrong. The
+bounds are far wider than slip, understeer or any effect of the library: an error of a model is none of data.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.logs.immobile import only_spins
+from estimators.logs.late_steering import steers_late
 from estimators.logs.log import Log
 from estimators.logs.mounting_leaks import Leak, leaks_into_push, leaks_into_turn, without_leaks
 from estimators.logs.signals import Windows, likeness, longest_run
@@ -39,15 +39,14 @@ _TORQUES = ("torque_f", "torque_r", "drive_force")
 _RESISTED = 40.0
 #: Ratio of a wheel's speed to the vehicle's beyond any spin, and the quartiles' ratio of a wrong scale.
 _SPINS, _EVEN = 20.0, 1.6
-#: A light axle on soft soil may be driven at a slip of two thirds all the time, so many times as fast.
-_DRIVEN = 3.0
 #: Speeds below which a course, or a rate of turn from an acceleration, means nothing [m/s].
 _SLOW = 1.0
 #: Slip angle of front wheels on soft soil over the lateral acceleration [rad s^2/m]; slip up to which a wheel
 #: rolls; angle from which a vehicle is steered [rad]; share of the windows that counts as most.
 _SLIDE, _ROLLS, _STEERED, _MOSTLY = 0.12, 0.25, 0.02, 0.75
-#: How many times less than steered a vehicle may turn whose front wheels spin.
-_TURNED = 6.0
+#: A light axle on soft soil may spin all the time, at a slip of two thirds: so many times as fast as the
+#: vehicle, which may turn so many times less than it is steered where its front wheels spin.
+_DRIVEN, _TURNED = 3.0, 6.0
 #: Share of a torque below which an axle is not driven, or not braked.
 _SHARE = 0.1
 #: From the first two correlations routes confirm each other; below the last a route does not follow.
@@ -124,7 +123,8 @@ def suspects_of(log: Log, untrusted: frozenset[str] = frozenset()) -> tuple[list
                 judged |= set(route.channels)
             if suspect is None or _mounted(windows, suspect, route, others, agreed):
                 continue
-            if not _slides(windows, suspect, route, others, agreed):
+            late = suspect.kind == "contradiction" and suspect.channels == ("steer",) and steers_late(log)
+            if not late and not _slides(windows, suspect, route, others, agreed):
                 found.append(suspect)
     return found, judged
 
