@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from estimators.discrepancy.model.nuisances import nuisances_of
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT, REPORT, SELECT, SHORTEST
 from estimators.discrepancy.search.result import Cause, SearchResult
-from estimators.discrepancy.search.stepwise import scored_only, search
+from estimators.discrepancy.search.stepwise import scored_only, search, without_weakest
 from estimators.discrepancy.sections import attempt
 from estimators.discrepancy.stated_model import model_with
 from estimators.discrepancy.structure_comparison import StructureComparison, compare_structures
@@ -116,25 +117,34 @@ def diagnose(
         failed[NOMINAL] = f"{type(error).__name__}: {error}"
         return _without_nominal(ordered, reports, failed, progress)
     done = _refined(done, allowed, failed, white=white, progress=progress)
-    nominal, found, splits = done.nominal, done.found, done.splits
-    progress("unknown inputs")
-    limits = found.first.limits()
-    result = VehicleDiagnosis(
-        logs=ordered,
-        quality=reports,
-        findings=_used_findings(ordered, reports),
-        search=found,
-        causes=found.causes,
-        unknown_inputs=attempt("unknown inputs", lambda: unmodelled_forces(found.extended), (), failed),
-        rests=attempt("rest by regime", lambda: regime_rests(found.extended), (), failed),
-        limits=limits,
-        not_testable=_not_testable(nominal, limits, found.causes),
-        missing=_missing(nominal, [name for name in allowed if name not in done.not_judged]),
-        not_judged=done.not_judged,
-        checks=_checks(found, done.solver_error, ordered),
-        failed=failed,
+    begun = VehicleDiagnosis(
+        logs=ordered, quality=reports, findings=_used_findings(ordered, reports), failed=failed
     )
-    return _completed(result, found, splits[REPORT], failed, progress)
+    result = _completed(begun, done, allowed, failed, progress)
+    return _with_fewer_causes(result, begun, done, allowed, progress)
+
+
+def _with_fewer_causes(
+    result: VehicleDiagnosis,
+    begun: VehicleDiagnosis,
+    done: _Searched,
+    allowed: Sequence[str],
+    progress: Callable[[str], None],
+) -> VehicleDiagnosis:
+    """The result without the weakest causes, where forecasts refute all together and not the others alone.
+
+    One that is right is not lost with another that is wrong.
+    """
+    fewer, failed = result, dict(begun.failed)
+    while fewer.misled and len(done.found.causes) > 1:
+        progress("fewer causes")
+        drop = partial(without_weakest, done.found, done.splits[SELECT], SCREEN_RATE)
+        found = attempt("fewer causes", drop, None, failed)
+        if found is None:
+            break
+        done = done._replace(found=found, solver_error=found.solver_error())
+        fewer = _completed(replace(begun, failed=failed), done, allowed, failed, progress)
+    return fewer if fewer.stated else result
 
 
 class _Searched(NamedTuple):
@@ -205,13 +215,15 @@ def _refined(
 
 
 def _completed(
-    result: VehicleDiagnosis,
-    found: SearchResult,
-    apart: Sequence[RunModel],
+    begun: VehicleDiagnosis,
+    done: _Searched,
+    allowed: Sequence[str],
     failed: dict[str, str],
     progress: Callable[[str], None],
 ) -> VehicleDiagnosis:
-    """The result with other structures, the causes beside unknown inputs, and the test data."""
+    """The result with what a search found: other structures, unknown inputs, forecasts, and the test data."""
+    progress("unknown inputs")
+    result, found, apart = _judged(begun, done, allowed, failed), done.found, done.splits[REPORT]
     # Where hardly an effect is testable, as on a straight drive, another structure still may be.
     untestable = result.verdict is Verdict.NOT_TESTABLE
     if result.causes or result.incomplete or result.inaccurate or untestable:
@@ -225,12 +237,31 @@ def _completed(
         joint = attempt(JOINT_SIZES, lambda: sizes_with_unknown_inputs(found.extended), None, failed)
         result = replace(result, joint=joint)
     if 0 < len(result.stated) < len(result.causes):
-        partial = attempt("model of the named causes", lambda: _partial(result, found), None, failed)
-        result = replace(result, partial=partial)
+        stated = attempt("model of the named causes", lambda: _partial(result, found), None, failed)
+        result = replace(result, partial=stated)
     progress("forecasts")
     result = attempt("forecasts", lambda: _with_forecasts(result, found, apart), result, failed)
     progress("test data")
     return attempt("test data", lambda: _on_test_data(result, found, apart), result, failed)
+
+
+def _judged(
+    begun: VehicleDiagnosis, done: _Searched, allowed: Sequence[str], failed: dict[str, str]
+) -> VehicleDiagnosis:
+    """The result with the causes of a search, what they leave, and what was testable."""
+    found, limits = done.found, done.found.first.limits()
+    return replace(
+        begun,
+        search=found,
+        causes=found.causes,
+        unknown_inputs=attempt("unknown inputs", lambda: unmodelled_forces(found.extended), (), failed),
+        rests=attempt("rest by regime", lambda: regime_rests(found.extended), (), failed),
+        limits=limits,
+        not_testable=_not_testable(done.nominal, limits, found.causes),
+        missing=_missing(done.nominal, [name for name in allowed if name not in done.not_judged]),
+        not_judged=done.not_judged,
+        checks=_checks(found, done.solver_error, begun.logs),
+    )
 
 
 def _partial(result: VehicleDiagnosis, found: SearchResult) -> FitResult:

@@ -160,7 +160,7 @@ def readings_size(plant: Plant) -> int:
 
 @inline_kernel
 def with_pressure(soil: Soil, n: float, factor: float) -> Soil:
-    """The same soil with exponent ``n`` and ``factor`` times the moduli of sinkage."""
+    """The same soil with exponent ``n`` and ``factor`` times the sinkage moduli."""
     return replace(soil, k_c=factor * soil.k_c, k_phi=factor * soil.k_phi, n=n)
 
 

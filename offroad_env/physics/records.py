@@ -65,7 +65,7 @@ class Soil(NamedTuple):
     b_1: float  #: slope of theta_r / theta_f with slip [-]
     rigid: float  #: 1.0 = hard ground, 0.0 = deformable soil
     mu: float  #: friction coefficient of hard ground [-]
-    C_alpha: float  #: side-slip stiffness of hard ground per unit of wheel load [1/rad]
+    C_alpha: float  #: cornering stiffness of hard ground per unit of wheel load [1/rad]
     C_kappa: float  #: stiffness against slip along the wheel per unit of wheel load [-]
 
 

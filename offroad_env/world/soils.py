@@ -50,7 +50,7 @@ def make_soil(
     mu
         Friction coefficient of hard ground [-]; default 0.8.
     C_alpha
-        Side-slip stiffness of hard ground per unit of wheel load [1/rad]; default 10.
+        Cornering stiffness of hard ground per unit of wheel load [1/rad]; default 10.
     C_kappa
         Stiffness of hard ground against slip along the wheel per unit of wheel load [-]; default
         ``C_alpha``, or as many times that as in ``base``.

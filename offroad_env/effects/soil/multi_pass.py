@@ -24,7 +24,7 @@ EFFECT = Effect(
     size=Parameter(name="share", unit="-", low=-0.9, high=10.0),
     plausible=lambda vehicle: 1.0,
     sentence="the soil under the rear wheels is {size} stiffer",
-    source="assumption of this project: moduli of sinkage scaled under the rear wheels, for the effect of "
+    source="assumption of this project: sinkage moduli scaled under the rear wheels, for the effect of "
     "passes in one rut (Holm, J. Terramechanics 6, 1969)",
     look_alikes=("cg_shift",),
     separated_by="crab steering, so that the rear wheels leave the ruts",

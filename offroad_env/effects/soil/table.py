@@ -109,7 +109,7 @@ TABLE = (
         family="soil",
         size=Parameter(name="share", unit="-", low=-0.95, high=20.0),
         plausible=lambda vehicle: 1.0,
-        sentence="the moduli of sinkage are {size} of their value larger",
+        sentence="the sinkage moduli are {size} of their value larger",
         source="definition: scale factor of k_c and k_phi in Bekker's pressure-sinkage law",
         look_alikes=("load_scale", "sinkage_offset"),
         separated_by="trials at several loads",
