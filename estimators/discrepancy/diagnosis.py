@@ -20,7 +20,7 @@ from estimators.discrepancy.model.nuisances import nuisances_of
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT, REPORT, SELECT, SHORTEST
 from estimators.discrepancy.search.result import Cause, SearchResult
-from estimators.discrepancy.search.stepwise import scored_only, search, without_weakest
+from estimators.discrepancy.search.stepwise import scored_only, search, without_cause
 from estimators.discrepancy.sections import attempt
 from estimators.discrepancy.stated_model import model_with
 from estimators.discrepancy.structure_comparison import StructureComparison, compare_structures
@@ -131,20 +131,29 @@ def _with_fewer_causes(
     allowed: Sequence[str],
     progress: Callable[[str], None],
 ) -> VehicleDiagnosis:
-    """The result without the weakest causes, where forecasts refute all together and not the others alone.
+    """The result without some causes, where forecasts refute all of them together and not the others alone.
 
-    One that is right is not lost with another that is wrong.
+    One that is right is not lost with another that is wrong. The weakest is left out first; of two, either.
     """
-    fewer, failed = result, dict(begun.failed)
-    while fewer.misled and len(done.found.causes) > 1:
-        progress("fewer causes")
-        drop = partial(without_weakest, done.found, done.splits[SELECT], SCREEN_RATE)
-        found = attempt("fewer causes", drop, None, failed)
-        if found is None:
+    failed = dict(begun.failed)
+    while result.misled and len(done.found.causes) > 1:
+        fit = done.found.extended
+        weakest = np.argsort(np.abs(fit.sizes) / fit.size_deviations())
+        smaller = list[_Searched]()
+        for k in weakest if len(weakest) == 2 else weakest[:1]:
+            progress("fewer causes")
+            drop = partial(without_cause, done.found, int(k), done.splits[SELECT], SCREEN_RATE)
+            found = attempt("fewer causes", drop, None, failed)
+            if found is None:
+                continue
+            smaller.append(done._replace(found=found, solver_error=found.solver_error()))
+            fewer = _completed(replace(begun, failed=failed), smaller[-1], allowed, failed, progress)
+            if fewer.stated:
+                return fewer
+        if not smaller:
             break
-        done = done._replace(found=found, solver_error=found.solver_error())
-        fewer = _completed(replace(begun, failed=failed), done, allowed, failed, progress)
-    return fewer if fewer.stated else result
+        done = smaller[0]
+    return result
 
 
 class _Searched(NamedTuple):

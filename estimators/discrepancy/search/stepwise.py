@@ -40,7 +40,7 @@ from estimators.discrepancy.search.score_test import (
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 
-__all__ = ["MOST", "outside", "scored_only", "search", "strayed", "without_weakest"]
+__all__ = ["MOST", "outside", "scored_only", "search", "strayed", "without_cause"]
 
 #: Most effects in one model.
 MOST = 4
@@ -447,23 +447,28 @@ def _causes(
     return fit, tuple(causes)
 
 
-def without_weakest(found: SearchResult, apart: Sequence[ForwardModel], rate: float) -> SearchResult:
-    """A result with one cause less: that whose size is the fewest of its standard deviations.
+def without_cause(
+    found: SearchResult, left_out: int, apart: Sequence[ForwardModel], rate: float
+) -> SearchResult:
+    """A result with one cause less, whose effect takes no other's place either.
 
     What it explained remains, so that the result counts as one with a refused effect.
 
     Parameters
     ----------
+    left_out
+        Place of the cause.
     apart, rate
         As those of the search.
     """
     fit, first = found.extended, found.first
-    weakest = int(np.argmin(np.abs(fit.sizes) / fit.size_deviations()))
-    keep = [k for k in range(len(fit.sizes)) if k != weakest]
+    keep = [k for k in range(len(fit.sizes)) if k != left_out]
     smaller = settled(fit.with_effects([fit.candidates[k] for k in keep], fit.sizes[keep]), fresh=False)
-    last = score_test(smaller, outside(smaller, first.candidates))
+    others = [one for one in first.candidates if one.effect != fit.candidates[left_out].effect]
     confirmed = _Confirmed(first, HoldOutTest(found.nominal, apart), _CONFIRMED * rate)
-    smaller, causes = _causes(smaller, last, first, confirmed, ())
+    scores = score_test(smaller, outside(smaller, others))
+    smaller, causes = _causes(smaller, scores, first, confirmed, ())
+    last = score_test(smaller, outside(smaller, first.candidates))
     return replace(found, extended=smaller, last=last, causes=causes, refused=True, capped=False)
 
 

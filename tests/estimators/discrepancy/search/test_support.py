@@ -20,6 +20,7 @@ def model(
     nuisance: tuple[float, float] = (0.0, 0.0),
     inflation: float = 1.0,
     number: float = 0.0,
+    effect: str = "",
 ) -> SimpleNamespace:
     """A fit with sizes and their standard deviations by effect, and derivatives by one nuisance."""
     columns = np.array(nuisance)[:, None]
@@ -28,7 +29,7 @@ def model(
         problem=SimpleNamespace(
             nuisance_information=np.zeros(1),
             nuisance_spread=np.ones(1),
-            nuisances=[SimpleNamespace(name="mass", tolerated=True)],
+            nuisances=[SimpleNamespace(name="mass", tolerated=True, effect=effect)],
             nuisance_prior_cost=lambda point: 0.5 * float(point.nuisances @ point.nuisances),
         ),
         nuisances=np.array([number]),
@@ -78,8 +79,18 @@ def test_the_least_of_several_new_effects_decides_and_effects_that_were_there_do
     assert _support(nominal, larger, larger) == pytest.approx(8.0)
 
 
-@pytest.mark.parametrize(("number", "evidence"), [(5.9, 0.0), (6.1, 0.5 * 6.1**2 - 0.5)])
-def test_a_number_that_returns_from_beyond_any_tolerance_is_evidence_that_no_scatter_widens(number, evidence):
-    nominal = model(9000.0, {}, (0.0, 0.0), number=number)
+@pytest.mark.parametrize(
+    ("number", "effect", "evidence"),
+    [
+        (5.9, "", 0.0),
+        (6.1, "", 0.5 * 6.1**2 - 0.5),
+        (4.9, "payload", 0.0),
+        (5.1, "payload", 0.5 * 5.1**2 - 0.5),
+    ],
+)
+def test_a_number_that_returns_from_beyond_any_tolerance_is_evidence_that_no_scatter_widens(
+    number, effect, evidence
+):
+    nominal = model(9000.0, {}, (0.0, 0.0), number=number, effect=effect)
     larger = model(8999.0, {"payload": (0.3, 1.0)}, (7.0, 0.0), inflation=100.0, number=1.0)
     assert _support(nominal, larger, larger) == pytest.approx(0.25 + evidence)
