@@ -7,7 +7,7 @@ for the true model. n is known to all three, so that nothing but the cause makes
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from agents.benchmark.statistics import mean_interval, recovered_share
+from agents.benchmark.statistics import Interval, mean_interval, recovered_share
 from agents.commands.options import Jobs
 from agents.driving.recording import MeasuredRun
 from agents.driving.unwrapped import bekker_env
@@ -154,6 +154,27 @@ def cause_lines(results: Mapping[Key, Result]) -> list[CauseLine]:
     return lines
 
 
+def recovered_together(results: Mapping[Key, Result], lines: Sequence[CauseLine]) -> Interval | None:
+    """Share of the loss that is recovered over all causes with a loss above zero; None without any.
+
+    Resampled over soils, since the causes share these.
+    """
+    causes = [line.cause for line in lines if line.recovered is not None]
+    means: dict[int, dict[str, dict[str, float]]] = {}
+    for key, result in results.items():
+        if key[0] in causes:
+            scores = {name: float(np.mean(own)) for name, own in result["scores"].items()}
+            means.setdefault(int(key[1]), {})[str(key[0])] = scores
+    whole = [own for own in means.values() if len(own) == len(causes)]
+    if not causes or len(whole) < 2:
+        return None
+    nominal, extended, true = (
+        np.array([np.mean([one[name] for one in own.values()]) for own in whole])
+        for name in ("nominal", "extended", "true")
+    )
+    return recovered_share(extended, true, (nominal,))
+
+
 @dataclass(kw_only=True)
 class ClosedLoop(Results):
     """What a diagnosis is worth to the one who drives, over hidden causes and soils.
@@ -186,29 +207,28 @@ class ClosedLoop(Results):
         units = dict.fromkeys([(cause, seed, self.tests) for seed in seeds for cause in CAUSES], stamp)
         results = run_units(path, work, units, label="closed loop", n_jobs=self.n_jobs)
         lines = cause_lines(results)
-        _show(lines)
+        together = recovered_together(results, lines)
+        _show(lines, together)
         self.save_figure(
             closed_loop_figure(lines),
             "closed_loop",
             "A row is a cause; where the plan for the extended model is as good as that for the truth, the "
             "diagnosis is worth what the cause costs.",
         )
-        self.save_numbers({"causes": lines, "seed": self.seed, "tests": self.tests})
+        self.save_numbers({"causes": lines, "together": together, "seed": self.seed, "tests": self.tests})
 
 
-def _show(lines: list[CauseLine]) -> None:
+def _show(lines: list[CauseLine], together: Interval | None) -> None:
     body = [
         (
             line.cause,
             f"{line.named} of {line.units}",
-            f"{line.nominal:.1f}",
-            f"{line.extended:.1f}",
-            f"{line.true:.1f}",
+            f"{line.nominal.value:.1f}",
+            f"{line.extended.value:.1f}",
+            f"{line.true.value:.1f}",
             f"{line.loss:.1f}",
-            "-"
-            if line.recovered is None
-            else f"{100.0 * line.recovered.value:.0f} % "
-            f"[{100.0 * line.recovered.low:.0f}, {100.0 * line.recovered.high:.0f}]",
+            f"{line.gain:.1f}",
+            "-" if line.recovered is None else _share_text(line.recovered),
         )
         for line in lines
     ]
@@ -219,6 +239,13 @@ def _show(lines: list[CauseLine]) -> None:
         "extended [s]",
         "true [s]",
         "loss [s]",
+        "gain [s]",
         "recovered",
     )
     console().print(table(f"{TASK}: plans by what the vehicle is held to be, n known", heading, body))
+    if together is not None:
+        console().print(f"recovered over all causes with a loss: {_share_text(together)}")
+
+
+def _share_text(share: Interval) -> str:
+    return f"{100.0 * share.value:.0f} % [{100.0 * share.low:.0f}, {100.0 * share.high:.0f}]"

@@ -32,6 +32,19 @@ def test_no_share_is_given_of_a_loss_that_may_be_none():
     assert len(closed_loop_figure([line]).axes) == 1
 
 
+def test_causes_without_a_loss_do_not_count_in_what_is_recovered_together():
+    results = {("payload", k, 2): unit([60.0 + k] * 2, [50.0 + k] * 2, [40.0 + k] * 2) for k in range(4)}
+    results |= {("cg_shift", k, 2): unit([90.0 + k] * 2, [50.0 + k] * 2, [50.0 + k] * 2) for k in range(4)}
+    times = np.array([41.0, 39.0, 42.0, 38.0])
+    results |= {("rut_drag", k, 2): unit([t], [99.0], [40.0], found=()) for k, t in enumerate(times)}
+    lines = study.cause_lines(results)
+    assert study.recovered_together(results, lines).value == pytest.approx(50.0 / 60.0)
+    assert study.recovered_together(results, lines[2:]) is None
+    # A soil on which one of the causes is missing is left out.
+    del results["payload", 3, 2], results["cg_shift", 2, 2], results["cg_shift", 1, 2]
+    assert study.recovered_together(results, lines) is None
+
+
 def test_a_vehicle_whose_cause_is_not_named_is_driven_by_the_nominal_plan(monkeypatch):
     asked = []
 
