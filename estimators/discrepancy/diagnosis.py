@@ -39,7 +39,7 @@ from estimators.logs.log import Log
 from estimators.logs.quality import QualityReport
 from estimators.logs.units import Finding
 from offroad_env.effects import EFFECTS, Setup
-from offroad_env.errors import SolverFailure
+from offroad_env.errors import OffroadError, SolverFailure
 
 __all__ = ["SCREEN_RATE", "diagnose", "overlap_of", "split_runs"]
 
@@ -216,7 +216,7 @@ def _refined(
         splits = {use: [run.refined() for run in runs] for use, runs in splits.items()}
         try:
             again = _searched(splits, allowed, failed, white=white, progress=progress)
-        except (SolverFailure, ArithmeticError, np.linalg.LinAlgError):
+        except (OffroadError, ArithmeticError, np.linalg.LinAlgError):
             continue
         if failed.pop(SEARCH, None) is None and (again.accurate or again.solver_error < best.solver_error):
             best = again

@@ -31,6 +31,7 @@ __all__ = [
     "reference_pressure",
     "soil_maps",
     "spread_of",
+    "spread_within",
     "wave_vectors",
 ]
 
@@ -63,6 +64,12 @@ class SoilSpread:
     c: float = 0.05  #: of log c
     tan_phi: float = 0.05  #: of log tan(phi)
     K: float = 0.0  #: of the logarithm of both shear moduli
+
+
+def spread_within(n: float) -> SoilSpread:
+    """The usual spread about an exponent; near an end of its range n varies less, so that it stays within."""
+    room = max(min(n - _N_RANGE[0], _N_RANGE[1] - n), 0.0) / _MARGIN
+    return SoilSpread(n=min(SoilSpread.n, room))
 
 
 def spread_of(given: Any) -> bool | SoilSpread:

@@ -21,7 +21,7 @@ from estimators.discrepancy.model.parameters import Candidate, Point
 from estimators.discrepancy.model.problem import LeastSquaresProblem
 from estimators.discrepancy.model.protocol import ForwardModel
 
-__all__ = ["autoregressive", "fit_runs", "fitted_afresh", "settled", "stretches_of"]
+__all__ = ["autoregressive", "begun_afresh", "fit_runs", "settled", "stretches_of"]
 
 #: Steps towards starts that a ground about right leads to.
 _ROUGHLY = 3
@@ -60,23 +60,34 @@ def _fitted(problem: LeastSquaresProblem, *, white: bool, wide: bool) -> FitResu
     return settled(_begun(problem, problem.stated(), white=white, wide=wide))
 
 
-def _begun(problem: LeastSquaresProblem, point: Point, *, white: bool = False, wide: bool) -> FitResult:
-    """About the parameters, and starts that these lead to, from a point without starts."""
+def _begun(
+    problem: LeastSquaresProblem,
+    point: Point,
+    *,
+    white: bool = False,
+    wide: bool,
+    near: Jacobian | None = None,
+) -> FitResult:
+    """About the parameters, and starts that these lead to, from a point without starts.
+
+    ``near`` has the derivatives by tolerated numbers at a point not far away, if there are any.
+    """
     first = Linearisation.at(problem, problem.begun(point))
     noise = _first_noise(first, wide=wide)
-    fit = FitResult(linearisation=first, jacobian=Jacobian(), noise=noise, white=white)
+    known = Jacobian() if near is None else Jacobian(nuisances=near.nuisances)
+    fit = FitResult(linearisation=first, jacobian=known, noise=noise, white=white)
     # Once more from the starts that a ground about right leads to: no sensor may have measured the speed.
     fit = GaussNewton(rounds=_ROUGHLY).descend(fit)
     return fit.moved(problem.begun(fit.point))
 
 
-def fitted_afresh(
-    fit: FitResult, candidates: Sequence[Candidate], sizes: Sequence[float], enough: float = np.inf
+def begun_afresh(
+    fit: FitResult, candidates: Sequence[Candidate], sizes: Sequence[float], near: FitResult | None = None
 ) -> FitResult:
-    """The model with these effects fitted from stated numbers and these sizes, the noise as it is.
+    """The model with these effects fitted roughly from stated numbers and these sizes, the noise as it is.
 
     For effects so large that the numbers of a model without them are far from any truth, and with them what
-    the effects do there. What cannot cost less than ``enough`` is not fitted to the end.
+    the effects do there. ``near`` : another one, begun likewise, whose derivatives serve again.
 
     Raises
     ------
@@ -84,8 +95,9 @@ def fitted_afresh(
         Where the model has no solution.
     """
     stated = replace(fit.problem.stated(), candidates=tuple(candidates), sizes=np.array(sizes))
-    begun = _begun(fit.problem, stated, white=fit.white, wide=True)
-    return GaussNewton(enough=enough).descend(replace(begun, noise=fit.noise, null=fit.null))
+    known = None if near is None else near.jacobian
+    begun = _begun(fit.problem, stated, white=fit.white, wide=True, near=known)
+    return replace(begun, noise=fit.noise, null=fit.null)
 
 
 def settled(fit: FitResult, *, fresh: bool = True) -> FitResult:

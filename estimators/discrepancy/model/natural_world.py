@@ -22,7 +22,7 @@ from estimators.discrepancy.model.null_simulations import NullSample
 from estimators.discrepancy.model.protocol import ForwardModel
 from offroad_env.effects import Setup
 from offroad_env.errors import OffroadError
-from offroad_env.world.natural_soil import natural_soil
+from offroad_env.world.natural_soil import natural_soil, spread_within
 from offroad_env.world.terrain import rough_terrain
 
 __all__ = ["null_simulations"]
@@ -90,7 +90,9 @@ def _over_road(run: ForwardModel, setup: Setup, rng: np.random.Generator) -> Set
 
 def _over_soil(run: ForwardModel, setup: Setup, rng: np.random.Generator) -> Setup:
     length = float(rng.uniform(*_LENGTHS))
-    field = natural_soil(setup.plant.soil, rng, correlation_length=length, waves=_WAVES)
+    soil = setup.plant.soil
+    # A fit may end where no more n is possible.
+    field = natural_soil(soil, rng, correlation_length=length, spread=spread_within(soil.n), waves=_WAVES)
     return replace(setup, plant=setup.plant._replace(soil_field=field))
 
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.discrepancy.model.fit import fitted_afresh
+from estimators.discrepancy.model.fit import begun_afresh
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.parameters import Candidate
@@ -47,10 +47,12 @@ def fits_from_stated(scores: ScoreTest, threshold: float, others: Sequence[FitRe
     enough = fit.cost - 0.5 * threshold**2
     if others and not order_of(others[0])[0]:
         enough = min(enough, others[0].cost + 0.5 * EQUIVALENT)
+    near: FitResult | None = None
     for candidate, sign, numbers in _suspects(scores):
         # Beside others a number may undo what the effect does.
         signs = (sign, -sign) if numbers else (sign,)
-        trials = [_exchanged(scores, candidate, numbers), _from_stated(fit, candidate, signs, enough)]
+        afresh, near = _from_stated(fit, candidate, signs, near)
+        trials = (_exchanged(scores, candidate, numbers), afresh)
         useful = [trial for trial in trials if trial is not None and trial.cost < enough]
         if not useful:
             continue
@@ -61,25 +63,30 @@ def fits_from_stated(scores: ScoreTest, threshold: float, others: Sequence[FitRe
 
 
 def _from_stated(
-    fit: FitResult, candidate: Candidate, signs: Sequence[float], enough: float
-) -> FitResult | None:
-    """The first model with this effect that costs less than ``enough``; None if none does.
+    fit: FitResult, candidate: Candidate, signs: Sequence[float], near: FitResult | None
+) -> tuple[FitResult | None, FitResult | None]:
+    """The model with this effect, and a rough fit of it whose derivatives serve the next; None without.
 
-    Fitted to the end: far from the data the equations promise too little.
+    From the size that explains most after a rough fit. It is fitted to the end: far from the data the
+    equations promise too little.
     """
     reach = EFFECTS[candidate.effect].plausible(fit.runs[0].setup.plant.vehicle)
     low, high = fit.runs[0].size_limits(candidate.effect)
-    sizes = [sign * share * reach for sign in signs for share in _BEGINS]
-    for size in sizes:
+    begun = list[FitResult]()
+    for size in (sign * share * reach for sign in signs for share in _BEGINS):
         if not low <= size <= high:
             continue
         try:
-            trial = fitted_afresh(fit, (*fit.candidates, candidate), (*fit.sizes, size))
+            begun.append(begun_afresh(fit, (*fit.candidates, candidate), (*fit.sizes, size), near))
         except OffroadError:
             continue
-        if trial.cost < enough:
-            return trial
-    return None
+        near = begun[-1] if near is None else near
+    if not begun:
+        return None, near
+    try:
+        return GaussNewton().descend(min(begun, key=lambda one: one.cost)), near
+    except OffroadError:
+        return None, near
 
 
 def _exchanged(scores: ScoreTest, candidate: Candidate, numbers: Sequence[int]) -> FitResult | None:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.discrepancy.model.fit import fitted_afresh, settled
+from estimators.discrepancy.model.fit import begun_afresh, settled
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from offroad_env.errors import OffroadError
@@ -58,7 +58,8 @@ def begun_again(fit: FitResult) -> FitResult:
     if not np.any(deviations_off(fit) > LEFT):
         return fit
     try:
-        other = settled(fitted_afresh(fit, fit.candidates, fit.sizes.tolist()), fresh=False)
+        begun = begun_afresh(fit, fit.candidates, fit.sizes.tolist())
+        other = settled(GaussNewton().descend(begun), fresh=False)
     except OffroadError:
         return fit
     return min(fit, other, key=lambda one: one.minus_log_likelihood)

@@ -17,6 +17,7 @@ from estimators.discrepancy.faults.other_forms import FAMILIES, OTHER_FORMS, WRO
 from estimators.discrepancy.model.fit import fit_runs
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
+from estimators.discrepancy.model.natural_world import null_simulations
 from estimators.discrepancy.model.nuisances import NUISANCES, acts, with_nuisances
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel
@@ -27,7 +28,8 @@ from estimators.logs import read_log, write_log
 from estimators.logs.tolerances import TOLERANCES
 from offroad_env.effects import EFFECTS, apply
 from offroad_env.simulation.simulator import make_plant
-from offroad_env.world.soils import SOILS
+from offroad_env.world.natural_soil import SoilSpread, natural_soil, spread_within
+from offroad_env.world.soils import SOILS, make_soil
 from offroad_env.world.terrain import flat
 from offroad_env.world.vehicles import VEHICLES
 
@@ -66,6 +68,25 @@ def test_uneven_soil_widens_what_resistance_would_need_to_be_seen_and_even_soil_
     natural, exact = (score_test(fit, candidates_for(fit, names)).limits() for fit in fits)
     assert natural["rolling_resistance"] > 2.0 * exact["rolling_resistance"]
     assert natural["accel_bias_y"] < 1.5 * exact["accel_bias_y"]
+
+
+@pytest.mark.parametrize(("n", "spread"), [(0.053, 0.001), (0.11, 0.02), (0.8, 0.03), (2.47, 0.01), (2.5, 0.0)])
+def test_near_the_ends_of_its_range_n_varies_less(n, spread):
+    assert spread_within(n).n == pytest.approx(spread)
+    assert replace(spread_within(n), n=0.03) == SoilSpread()
+    natural_soil(make_soil(SOILS["dry_sand"], n=n), 0, spread=spread_within(n))
+
+
+def test_a_fit_that_ends_where_no_more_n_is_possible_has_null_simulations(fitted):
+    """A vehicle with a large hidden cause did; its whole diagnosis was lost."""
+    names = [nuisance.name for nuisance in fitted.problem.nuisances]
+    low, _ = fitted.problem.limits(())
+    nuisances = fitted.nuisances.copy()
+    nuisances[names.index("ground")] = low[names.index("ground")]
+    there = fitted.moved(replace(fitted.point, nuisances=nuisances))
+    (setup,) = there.linearisation.setups
+    assert setup.plant.soil.n == pytest.approx(0.05)
+    assert null_simulations(there) is not None
 
 
 def test_the_description_says_whether_its_numbers_are_exact(tmp_path):

@@ -53,28 +53,57 @@ def test_nothing_is_fitted_where_the_numbers_are_about_as_stated(monkeypatch, aw
     begun = []
     monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
 
-    def fitted(fit, candidates, sizes):
+    def fitted(fit, candidates, sizes, near):
         begun.append((candidates[-1].effect, float(sizes[-1])))
         raise SolverFailure("does not drive")
 
-    monkeypatch.setattr(from_stated, "fitted_afresh", fitted)
+    monkeypatch.setattr(from_stated, "begun_afresh", fitted)
     assert from_stated.fits_from_stated(scores_of((away, 3.0), (0.0, 0.0, 3.0, -2.0)), 3.0, []) == []
     assert len(begun) == asked
 
 
+def rough(costs, seen):
+    """Rough fits of these costs by effect and size, and what they were given as `near`."""
+
+    def begun(fit, candidates, sizes, near):
+        effect, run = candidates[-1].effect, fit.runs[0]
+        cost = costs[effect] if np.isscalar(costs[effect]) else costs[effect][len(seen.get(effect, ()))]
+        seen.setdefault(effect, []).append(near)
+        return SimpleNamespace(cost=cost, candidates=candidates, sizes=sizes, runs=[run])
+
+    return begun
+
+
 def test_of_models_that_are_fitted_only_those_are_kept_that_explain_enough(monkeypatch):
     costs = {"payload": 80.0, "inertia": 90.0, "steer_gain": 80.5, "torque_scale": 60.0}
-
-    def fitted(fit, candidates, sizes):
-        run = fit.runs[0]
-        return SimpleNamespace(
-            cost=costs[candidates[-1].effect], candidates=candidates, sizes=sizes, runs=[run]
-        )
-
-    monkeypatch.setattr(from_stated, "fitted_afresh", fitted)
+    monkeypatch.setattr(from_stated, "begun_afresh", rough(costs, {}))
+    monkeypatch.setattr(from_stated, "GaussNewton", lambda: SimpleNamespace(descend=lambda fit: fit))
     monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
     found = from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 3.0, -2.0)), 3.0, [])
     assert [one.candidates[-1].effect for one in found] == ["payload", "steer_gain", "torque_scale"]
+
+
+def test_of_sizes_to_begin_from_the_one_is_fitted_to_the_end_that_explains_most_roughly(monkeypatch):
+    """The derivatives of the first rough fit serve all others."""
+    costs, seen, ended = {"payload": [90.0, 70.0, 80.0, 75.0], "inertia": [60.0, 50.0]}, {}, []
+
+    def descend(fit):
+        ended.append(float(fit.sizes[-1]))
+        return fit
+
+    monkeypatch.setattr(from_stated, "begun_afresh", rough(costs, seen))
+    monkeypatch.setattr(from_stated, "GaussNewton", lambda: SimpleNamespace(descend=descend))
+    fit = scores_of((6.0, 0.0), (0.0, 0.0, 0.0, 0.0)).fit
+    monkeypatch.setattr(fit.runs[0], "size_limits", lambda name: (-9.0, 9.0))
+    best, near = from_stated._from_stated(fit, Candidate(effect="payload"), (1.0, -1.0), None)
+    assert best.cost == 70.0
+    assert near.cost == 90.0
+    assert seen["payload"] == [None, near, near, near]
+    other, again = from_stated._from_stated(fit, Candidate(effect="inertia"), (1.0,), near)
+    assert other.cost == 50.0
+    assert again is near
+    assert seen["inertia"] == [near, near]
+    assert len(ended) == 2
 
 
 def test_an_effect_begins_in_the_place_of_its_number_at_the_size_that_does_the_same(monkeypatch):
