@@ -377,9 +377,9 @@ def _shows_without(
 def _slides(
     windows: Windows, suspect: Suspect, route: Route, others: Sequence[Route], speed: np.ndarray | None
 ) -> bool:
-    """Whether a vehicle turns less than it is steered by what its front wheels slide, where they roll."""
+    """Whether front wheels that spin, or slide, make a vehicle turn more or less than it is steered."""
     motion, steer = suspect.motion, windows.mean("steer")
-    scale = suspect.kind == "scale" and suspect.factor > 1.0 and route.channels == ("steer",)
+    scale = suspect.kind == "scale" and route.channels == ("steer",)
     if not scale or motion is not MOTIONS["turn"] or speed is None or steer is None:
         return False
     vehicle, turn = windows.log.vehicle, median_of(witnesses_of(others, motion) or others)
@@ -387,9 +387,9 @@ def _slides(
     ahead = np.zeros(len(turn)) if rim is None else vehicle.r * rim / fast - 1.0
     steered = np.isfinite(turn * fast) & (np.abs(np.nan_to_num(steer)) > _STEERED)
     if steered.sum() >= _ENOUGH and np.mean(ahead[steered] > _ROLLS) > _MOSTLY:
-        return suspect.factor < _TURNED  # wheels that spin turn it little
+        return 1.0 / _TURNED < suspect.factor < _TURNED  # they push it where they point, or nowhere
     known = steered & (np.abs(ahead) < _ROLLS)
-    if known.sum() < _ENOUGH:
+    if known.sum() < _ENOUGH or suspect.factor < 1.0:
         return False
     v, turn = speed[known], np.abs(turn[known])
     pure = np.arctan((vehicle.l_f + vehicle.l_r) * turn / np.abs(v))

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.logs.log import Log
 
-__all__ = ["driven_time", "only_spins", "stuck_spans"]
+__all__ = ["driven_time", "has_rolled", "only_spins", "stuck_spans"]
 
 #: A vehicle that is slower stands, while a rim that is faster spins, and is so many times as fast [m/s, -].
 _STANDS, _SPINS, _MORE = 0.3, 1.0, 4.0
@@ -28,6 +28,9 @@ _ROLLS, _SOMETIMES, _TIMES, _SELDOM, _WINDOWS = 1.3, 0.02, 2, 0.1, 10
 #: One factor stands between the vehicle and a rim with another unit or scale, but for slip. Where its outer
 #: deciles are so far apart the rim spins more here than there.
 _UNEVEN, _DECILES = 3.0, (0.1, 0.9)
+
+#: So near to the speed of the vehicle is a rim that has rolled, for so long and in so many samples [-, s].
+_ALIKE, _MOMENT, _SAMPLES = 1.5, 0.3, 5
 
 _RIMS = ("omega_f", "omega_r")
 
@@ -103,6 +106,25 @@ def only_spins(rim: np.ndarray, speed: np.ndarray) -> bool:
         least, most = np.quantile(ratio, _DECILES)
         enough = most > _UNEVEN * least > 0.0
     return bool(enough and np.mean(ratio < 1.0 / _ROLLS**2) < _SELDOM)
+
+
+def has_rolled(log: Log, rim: str) -> bool:
+    """Whether a rim was once about as fast as the vehicle without being braked: its unit is right.
+
+    One with another unit agrees in no such moment, however the vehicle digs in later.
+    """
+    torque = rim.replace("omega", "torque")
+    name = next((one for one in ("v_x", "speed") if _has(log, one)), None)
+    if name is None or not _has(log, rim) or not _has(log, torque):
+        return False
+    t, omega = log.samples(rim)
+    speed, push = (np.interp(t, *log.samples(one)) for one in (name, torque))
+    fast = np.abs(speed) > _SPINS
+    ratio = np.where(fast, log.vehicle.r * omega / np.where(fast, speed, 1.0), 0.0)
+    rolls = (np.abs(np.log(np.maximum(ratio, 1e-9))) < np.log(_ALIKE)) & (push * speed > 0.0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], rolls.astype(int), [0]])))
+    runs = list(zip(edges[::2], edges[1::2], strict=True))
+    return any(b - a >= _SAMPLES and t[b - 1] - t[a] >= _MOMENT for a, b in runs)
 
 
 def _has(log: Log, name: str) -> bool:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.logs.immobile import only_spins
+from estimators.logs.immobile import has_rolled, only_spins
 from estimators.logs.log import Log
 from estimators.logs.signals import Likeness, Windows, likeness, noise_sd
 from offroad_env.physics.numerics import GRAVITY
@@ -287,7 +287,7 @@ def _speed_laws(windows: Windows, judge: _Judge) -> None:
         mean = windows.mean(name)
         if mean is None or judge.suspects("v_x") or judge.suspects("speed") or judge.suspects("x"):
             continue
-        if forward is not None and only_spins(mean * r, forward):
+        if forward is not None and (only_spins(mean * r, forward) or has_rolled(windows.log, name)):
             continue
         # Slip moves this factor as well, so only close to a unit's own number is it suspected.
         candidates = [_Candidate(_DEGREES, name, "deg/s"), _Candidate(30.0 / math.pi, name, "rpm")]

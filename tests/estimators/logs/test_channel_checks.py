@@ -144,9 +144,15 @@ def test_an_axle_that_is_driven_at_a_slip_of_two_thirds_is_no_other_unit(drive, 
 
 
 @pytest.mark.parametrize(
-    ("steered", "spun", "problem"), [(4.0, 1.0, True), (4.0, 1.6, False), (4.0, 1.1, True), (8.0, 1.6, True)]
-)
-def test_front_wheels_that_spin_turn_a_vehicle_less_than_they_are_steered(drive, steered, spun, problem):
+    ("steered", "spun", "problem"),
+    [
+        (4.0, 1.0, True), (4.0, 1.6, False), (4.0, 1.1, True), (8.0, 1.6, True),
+        (0.25, 1.0, True), (0.25, 1.6, False), (0.25, 1.1, True), (0.12, 1.6, True),
+    ],
+)  # fmt: skip
+def test_front_wheels_that_spin_turn_a_vehicle_less_or_more_than_they_are_steered(
+    drive, steered, spun, problem
+):
     factors = {"steer": steered, "omega_f": spun}
     changed = {name: factor * drive.channels[name] for name, factor in factors.items()}
     assert ("steer" in _named(replace(drive, channels={**drive.channels, **changed}))) == problem

@@ -1,5 +1,6 @@
 """A vehicle that gets stuck: its wheels spin while it stands, which is no error of the data."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from estimators.discrepancy.faults.library import FAULTS
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.verdict import Verdict
 from estimators.discrepancy.wording import verdict_sentence
-from estimators.logs.immobile import driven_time, only_spins, stuck_spans
+from estimators.logs.immobile import driven_time, has_rolled, only_spins, stuck_spans
 from estimators.logs.quality import quality
 
 
@@ -142,3 +143,29 @@ def test_a_rim_that_spins_all_the_time_does_so_unevenly_and_one_with_another_uni
     rng = np.random.default_rng(3)
     speed = rng.uniform(1.0, 3.0, 60)
     assert only_spins(3.6 * speed * rng.uniform(1.0, most, 60), speed) is spins
+
+
+def test_a_rim_that_has_rolled_has_its_unit_however_much_it_spins_later(driven):
+    """The light front axle of a loaded vehicle in its own ruts looked like one in turns per minute."""
+    log = stopped(driven, 2.0)
+    assert has_rolled(log, "omega_f")
+    for scale in (30.0 / math.pi, 3.6, -1.0):
+        assert not has_rolled(with_channels(log, omega_f=scale * log.channels["omega_f"]), "omega_f")
+
+
+@pytest.mark.parametrize(
+    ("rolled", "ratio", "braked", "found"),
+    [(0.4, 1.4, False, True), (0.2, 1.4, False, False), (0.4, 1.6, False, False), (0.4, 1.4, True, False)],
+)
+def test_a_moment_in_which_a_rim_is_as_fast_as_the_vehicle_must_last_without_brakes(
+    driven, rolled, ratio, braked, found
+):
+    """A wheel in another unit passes the speed of the vehicle while it locks."""
+    t = driven.times
+    speed = np.full(len(t), 2.0)
+    rim = np.where((t >= 1.0) & (t < 1.0 + rolled), ratio, 9.0) * speed
+    torque = np.full(len(t), -100.0 if braked else 100.0)
+    log = with_channels(driven, omega_f=rim / driven.vehicle.r, speed=speed, torque_f=torque)
+    log = replace(log, channels={name: own for name, own in log.channels.items() if name != "v_x"})
+    assert has_rolled(log, "omega_f") is found
+    assert not has_rolled(replace(log, channels={"speed": speed}), "omega_f")

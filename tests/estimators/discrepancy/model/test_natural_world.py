@@ -70,7 +70,9 @@ def test_uneven_soil_widens_what_resistance_would_need_to_be_seen_and_even_soil_
     assert natural["accel_bias_y"] < 1.5 * exact["accel_bias_y"]
 
 
-@pytest.mark.parametrize(("n", "spread"), [(0.053, 0.001), (0.11, 0.02), (0.8, 0.03), (2.47, 0.01), (2.5, 0.0)])
+@pytest.mark.parametrize(
+    ("n", "spread"), [(0.053, 0.001), (0.11, 0.02), (0.8, 0.03), (2.47, 0.01), (2.5, 0.0)]
+)
 def test_near_the_ends_of_its_range_n_varies_less(n, spread):
     assert spread_within(n).n == pytest.approx(spread)
     assert replace(spread_within(n), n=0.03) == SoilSpread()
