@@ -287,14 +287,15 @@ def _speed_laws(windows: Windows, judge: _Judge) -> None:
         mean = windows.mean(name)
         if mean is None or judge.suspects("v_x") or judge.suspects("speed") or judge.suspects("x"):
             continue
-        if forward is not None and (only_spins(mean * r, forward) or has_rolled(windows.log, name)):
+        if forward is not None and only_spins(mean * r, forward):
             continue
         # Slip moves this factor as well, so only close to a unit's own number is it suspected.
         candidates = [_Candidate(_DEGREES, name, "deg/s"), _Candidate(30.0 / math.pi, name, "rpm")]
         if abs(math.log(r)) > math.log(1.6):
             candidates.append(_Candidate(r, name, "m/s (a rim speed)"))
+        units = () if has_rolled(windows.log, name) else tuple(candidates)
         seen = _compare(np.abs(mean) * r, None if forward is None else np.abs(forward))
-        judge.weigh(_Law(f"{name} x r against the speed", name, seen, tuple(candidates), math.log(1.25)))
+        judge.weigh(_Law(f"{name} x r against the speed", name, seen, units, math.log(1.25)))
 
 
 def _gravity(log: Log, judge: _Judge) -> str | None:
