@@ -45,7 +45,7 @@ _SLOW = 1.0
 #: rolls; angle from which a vehicle is steered [rad]; share of the windows that counts as most.
 _SLIDE, _ROLLS, _STEERED, _MOSTLY = 0.12, 0.25, 0.02, 0.75
 #: A light axle on soft soil may spin all the time, at a slip of two thirds: so many times as fast as the
-#: vehicle, which may turn so many times less than it is steered where its front wheels spin.
+#: vehicle, which may turn so many times less, or more, than it is steered where its front wheels spin.
 _DRIVEN, _TURNED = 3.0, 6.0
 #: Share of a torque below which an axle is not driven, or not braked.
 _SHARE = 0.1

@@ -9,7 +9,7 @@ import pytest
 
 from estimators.discrepancy import diagnosis
 from estimators.discrepancy.verdict import SEARCH
-from offroad_env.errors import SolverFailure
+from offroad_env.errors import InvalidParameter, OffroadError, SolverFailure
 
 
 def searched(error, *, converged=True):
@@ -22,6 +22,7 @@ def searched(error, *, converged=True):
 ACCURATE, ROUGH, ROUGHER = searched(0.9), searched(1.1), searched(2.0)
 LOST = searched(0.1, converged=False)
 FAILS = SolverFailure("the simulation fails")
+BEYOND = InvalidParameter("a fit has left the range of a number")
 
 
 @pytest.mark.parametrize(
@@ -31,6 +32,7 @@ FAILS = SolverFailure("the simulation fails")
         (ROUGH, [ACCURATE], ACCURATE),
         (LOST, [ACCURATE], ACCURATE),
         (ROUGH, [FAILS, ACCURATE], ACCURATE),
+        (ROUGH, [BEYOND, ACCURATE], ACCURATE),
         (ROUGH, [ROUGHER, ACCURATE], ACCURATE),
         (ROUGH, ["search fails", ACCURATE], ACCURATE),
         (ROUGHER, [ROUGH, FAILS], ROUGH),
@@ -46,7 +48,7 @@ def test_the_first_accurate_search_counts_else_the_least_wrong(monkeypatch, firs
     def again(splits, allowed, failed, *, white, progress):
         steps.append(splits["fit"][0].step)
         outcome = left.pop(0)
-        if isinstance(outcome, SolverFailure):
+        if isinstance(outcome, OffroadError):
             raise outcome
         if outcome == "search fails":
             failed[SEARCH] = "a crash"
