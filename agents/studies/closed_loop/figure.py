@@ -14,7 +14,7 @@ __all__ = ["closed_loop_figure"]
 #: Plan -> (name in the figure, colour, marker).
 _PLANS = {
     "nominal": ("nominal model", "#D55E00", "o"),
-    "extended": ("extended by the diagnosis", "#0072B2", "s"),
+    "extended": ("model extended by the diagnosis", "#0072B2", "s"),
     "true": ("true model", "#009E73", "^"),
 }
 
