@@ -18,8 +18,7 @@ from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.search.alternatives import NEAR_BEST, best_by_effect, order_of
-from estimators.discrepancy.search.lower_minimum import LEFT, deviations_off
-from estimators.discrepancy.search.result import EQUIVALENT
+from estimators.discrepancy.search.lower_minimum import HOPELESS, LEFT, deviations_off
 from estimators.discrepancy.search.score_test import ScoreTest
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
@@ -36,29 +35,25 @@ _OF_NUMBERS, _OF_SCORES, _WHATEVER = 5, 8, 3
 _BEGINS = (0.4, 0.8)
 
 
-def fits_from_stated(scores: ScoreTest, threshold: float, others: Sequence[FitResult]) -> list[FitResult]:
-    """Models with one effect more, fitted from stated numbers; none where the fit is near these.
+def fits_from_stated(scores: ScoreTest, threshold: float) -> list[FitResult]:
+    """Models with one effect more, fitted from stated numbers, that explain more by as much as it must.
 
-    What cannot be as good as the best of ``others``, or of these, is of no use.
+    None where the fit is near these numbers. Beside other effects, whose model has been fitted from stated
+    numbers itself, only what numbers of their own have done is exchanged.
     """
     fit, found = scores.fit, list[FitResult]()
     if not np.any(deviations_off(fit) > LEFT):
         return []
     enough = fit.cost - 0.5 * threshold**2
-    if others and not order_of(others[0])[0]:
-        enough = min(enough, others[0].cost + 0.5 * EQUIVALENT)
     near: FitResult | None = None
     for candidate, sign, numbers in _suspects(scores):
-        # Beside others a number may undo what the effect does.
-        signs = (sign, -sign) if numbers else (sign,)
-        afresh, near = _from_stated(fit, candidate, signs, near)
-        trials = (_exchanged(scores, candidate, numbers), afresh)
+        trials = [_exchanged(scores, candidate, numbers)]
+        if not fit.candidates:
+            # Beside others a number may undo what the effect does.
+            afresh, near = _from_stated(fit, candidate, (sign, -sign) if numbers else (sign,), near)
+            trials.append(afresh)
         useful = [trial for trial in trials if trial is not None and trial.cost < enough]
-        if not useful:
-            continue
-        found.append(min(useful, key=order_of))
-        if not order_of(found[-1])[0]:
-            enough = min(enough, found[-1].cost + 0.5 * EQUIVALENT)
+        found += [min(useful, key=order_of)] if useful else []
     return found
 
 
@@ -81,10 +76,11 @@ def _from_stated(
         except OffroadError:
             continue
         near = begun[-1] if near is None else near
-    if not begun:
+    best = min(begun, key=lambda one: one.cost, default=None)
+    if best is None or best.cost > HOPELESS * fit.cost:
         return None, near
     try:
-        return GaussNewton().descend(min(begun, key=lambda one: one.cost)), near
+        return GaussNewton().descend(best), near
     except OffroadError:
         return None, near
 

@@ -158,15 +158,22 @@ def _pairs(
     return _refitted(fit, [(one.candidates, one.sizes) for one in near.values()], enough)
 
 
-def _larger(scores: ScoreTest, threshold: float, test: HoldOutTest, singly: bool = False) -> list[FitResult]:
+def _larger(
+    scores: ScoreTest, threshold: float, test: HoldOutTest, begun: Sequence[FitResult], singly: bool
+) -> list[FitResult]:
     """Models that explain more by as much as an effect must: the best, and those as good, best first.
 
-    ``singly``: a first effect is sought alone, not as one of two.
+    Parameters
+    ----------
+    begun
+        Models with one effect more that are fitted already.
+    singly
+        A first effect is sought alone, not as one of two.
     """
     fit = scores.fit
-    single = _forward(scores, threshold)
-    late = delayed(fit, outside(fit, scores.candidates), threshold)
-    single = sorted([*single, *late, *fits_from_stated(scores, threshold, single)], key=order_of)
+    left = outside(fit, scores.candidates)
+    single = [*_forward(scores, threshold), *delayed(fit, left, threshold)]
+    single = sorted([*single, *(one for one in begun if one.candidates[-1] in left)], key=order_of)
     if not single and not fit.candidates:
         return []
     most = linearised_gain(fit, scores) if fit.candidates else float(np.max(scores.z**2, initial=0.0))
@@ -318,8 +325,9 @@ def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float) -> _Acc
     rejected = frozenset[str]()
     others: tuple[tuple[FitResult, float], ...] = ()
     singly = pair_refused = False
+    begun = fits_from_stated(last, bar)
     while True:
-        trials = _larger(last, bar, test, singly)
+        trials = _larger(last, bar, test, begun, singly)
         # The first name is the best or none; later ones may be any that explain as much.
         tried = trials if inside else trials[:1]
         accepted = _accepted(test, tried, _Bars(bar, score_threshold(last, _CONFIRMED * rate)))

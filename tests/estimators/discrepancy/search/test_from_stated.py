@@ -8,8 +8,8 @@ import pytest
 from agents.studies.closed_loop import study
 from agents.studies.closed_loop.planning import careful, make_world, shipped_knobs
 from estimators.discrepancy.model.parameters import Candidate, Point
-from estimators.discrepancy.search import from_stated
-from estimators.discrepancy.search.lower_minimum import LEFT
+from estimators.discrepancy.search import from_stated, stepwise
+from estimators.discrepancy.search.lower_minimum import HOPELESS, LEFT
 from offroad_env.errors import SolverFailure
 
 
@@ -58,7 +58,12 @@ def test_nothing_is_fitted_where_the_numbers_are_about_as_stated(monkeypatch, aw
         raise SolverFailure("does not drive")
 
     monkeypatch.setattr(from_stated, "begun_afresh", fitted)
-    assert from_stated.fits_from_stated(scores_of((away, 3.0), (0.0, 0.0, 3.0, -2.0)), 3.0, []) == []
+    scores = scores_of((away, 3.0), (0.0, 0.0, 3.0, -2.0))
+    assert from_stated.fits_from_stated(scores, 3.0) == []
+    assert len(begun) == asked
+    # Beside another effect the model has been fitted from stated numbers already.
+    scores.fit.candidates = (Candidate(effect="inertia"),)
+    assert from_stated.fits_from_stated(scores, 3.0) == []
     assert len(begun) == asked
 
 
@@ -75,11 +80,11 @@ def rough(costs, seen):
 
 
 def test_of_models_that_are_fitted_only_those_are_kept_that_explain_enough(monkeypatch):
-    costs = {"payload": 80.0, "inertia": 90.0, "steer_gain": 80.5, "torque_scale": 60.0}
+    costs = {"payload": 80.0, "inertia": 96.0, "steer_gain": 80.5, "torque_scale": 60.0}
     monkeypatch.setattr(from_stated, "begun_afresh", rough(costs, {}))
     monkeypatch.setattr(from_stated, "GaussNewton", lambda: SimpleNamespace(descend=lambda fit: fit))
     monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
-    found = from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 3.0, -2.0)), 3.0, [])
+    found = from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 3.0, -2.0)), 3.0)
     assert [one.candidates[-1].effect for one in found] == ["payload", "steer_gain", "torque_scale"]
 
 
@@ -104,6 +109,29 @@ def test_of_sizes_to_begin_from_the_one_is_fitted_to_the_end_that_explains_most_
     assert again is near
     assert seen["inertia"] == [near, near]
     assert len(ended) == 2
+
+
+@pytest.mark.parametrize(("share", "kept"), [(0.95, True), (1.05, False)])
+def test_no_descent_begins_where_the_vehicle_does_not_drive_as_logged(monkeypatch, share, kept):
+    fit = scores_of((6.0, 0.0), (0.0, 0.0, 0.0, 0.0)).fit
+    monkeypatch.setattr(from_stated, "begun_afresh", rough({"payload": share * HOPELESS * fit.cost}, {}))
+    monkeypatch.setattr(from_stated, "GaussNewton", lambda: SimpleNamespace(descend=lambda fit: fit))
+    best, near = from_stated._from_stated(fit, Candidate(effect="payload"), (1.0,), None)
+    assert (best is not None) == kept
+    assert near is not None
+
+
+def test_a_model_from_stated_numbers_whose_effect_was_refused_is_not_offered_again(monkeypatch):
+    monkeypatch.setattr(stepwise, "_forward", lambda *_: [])
+    monkeypatch.setattr(stepwise, "delayed", lambda *_: [])
+    monkeypatch.setattr(stepwise, "order_of", lambda one: one.cost)
+    scores = scores_of((6.0, 0.0), (0.0, 0.0, 3.0, -2.0))
+    begun = [
+        SimpleNamespace(candidates=(Candidate(effect=name),), cost=50.0) for name in ("payload", "inertia")
+    ]
+    assert stepwise._larger(scores, 3.0, None, begun, True) == begun
+    scores.candidates = scores.candidates[1:]
+    assert stepwise._larger(scores, 3.0, None, begun, True) == begun[1:]
 
 
 def test_an_effect_begins_in_the_place_of_its_number_at_the_size_that_does_the_same(monkeypatch):

@@ -56,6 +56,7 @@ def _search(
         return _Accepted(None if wrong else trials[0], [-5.0 if wrong else 5.0], refused=wrong and supported)
 
     monkeypatch.setattr(stepwise, "refined_places", lambda last, *_: last)
+    monkeypatch.setattr(stepwise, "fits_from_stated", lambda *_: [])
     monkeypatch.setattr(stepwise, "score_threshold", lambda *_: 4.0)
     monkeypatch.setattr(stepwise, "score_test", scores)
     monkeypatch.setattr(stepwise, "_accepted", accepted)
@@ -116,10 +117,13 @@ def test_of_two_effects_that_are_refused_together_the_stronger_is_tested_alone(
         names.append(name)
         return _Accepted(None if name in refused else trials[0], [5.0], refused=name == "ab")
 
-    def larger(last: SimpleNamespace, bar: float, test: HoldOutTest, singly: bool) -> list[Fit]:
+    def larger(
+        last: SimpleNamespace, bar: float, test: HoldOutTest, begun: list[Fit], singly: bool
+    ) -> list[Fit]:
         return [Fit(None, "", (Candidate(effect="b"),))] if singly else [Fit(None, "", last.candidates)]
 
     monkeypatch.setattr(stepwise, "refined_places", lambda last, *_: last)
+    monkeypatch.setattr(stepwise, "fits_from_stated", lambda *_: [])
     monkeypatch.setattr(stepwise, "score_threshold", lambda *_: 4.0)
     monkeypatch.setattr(stepwise, "_accepted", accepted)
     monkeypatch.setattr(stepwise, "_larger", larger)

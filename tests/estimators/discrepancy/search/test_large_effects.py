@@ -7,6 +7,7 @@ from estimators.discrepancy.faults.library import FAULTS
 from estimators.discrepancy.model.fit import fit_runs
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.tolerances import TOLERATED
+from estimators.discrepancy.search.from_stated import fits_from_stated
 from estimators.discrepancy.search.holdout import HoldOutTest
 from estimators.discrepancy.search.score_test import candidates_for, score_test
 from estimators.discrepancy.search.stepwise import _larger
@@ -27,7 +28,7 @@ def scores():
 @pytest.mark.check
 def test_a_number_that_has_hidden_a_large_effect_leads_to_it(scores):
     assert scores.fit.nuisance_values()["mass"] > 5.0
-    first = _larger(scores, 3.4, HoldOutTest(scores.fit, []))[0]
+    first = _larger(scores, 3.4, HoldOutTest(scores.fit, []), fits_from_stated(scores, 3.4), False)[0]
     assert [candidate.effect for candidate in first.candidates] == ["payload"]
     assert first.sizes[0] == pytest.approx(_LOAD, rel=0.15)
 

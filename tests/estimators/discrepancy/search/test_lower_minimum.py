@@ -10,6 +10,7 @@ from estimators.discrepancy.faults.library import FAULTS
 from estimators.discrepancy.model.fit import fit_runs
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel
+from estimators.discrepancy.search import lower_minimum as lower_minimum_module
 from estimators.discrepancy.search import stepwise
 from estimators.discrepancy.search.lower_minimum import begun_again, lower_minimum
 from estimators.discrepancy.search.refitting import refit
@@ -65,6 +66,12 @@ def test_a_model_that_has_left_the_stated_numbers_is_begun_again(sound):
     again = begun_again(_away(fit, "mass", 6.0))
     assert np.all(np.abs(again.nuisances) < 5.0 * fit.problem.nuisance_spread)
     assert again.minus_log_likelihood == pytest.approx(fit.minus_log_likelihood, abs=2.0)
+
+
+def test_no_model_is_begun_again_that_does_not_drive_as_logged_from_there(sound, monkeypatch):
+    away = _away(sound[0], "mass", 6.0)
+    monkeypatch.setattr(lower_minimum_module, "HOPELESS", 1e-3)
+    assert begun_again(away) is away
 
 
 def test_a_search_begins_again_from_the_better_minimum(sound, monkeypatch):

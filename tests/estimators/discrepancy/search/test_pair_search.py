@@ -223,7 +223,7 @@ def test_a_search_goes_on_where_its_first_choice_does_not_hold_once_it_is_fitted
     names = ("cg_shift", "steer_gain", "steer_lag")
     found = [SimpleNamespace(candidates=(Candidate(effect=name),)) for name in names]
 
-    def larger(last, bar, test, singly):
+    def larger(last, bar, test, begun, singly):
         return [trial for trial in found if trial.candidates[0] in last.candidates][:1]
 
     def accepted(test, trials, bars):
@@ -232,6 +232,7 @@ def test_a_search_goes_on_where_its_first_choice_does_not_hold_once_it_is_fitted
         return search_module._Accepted(fit, gains, refused=False)
 
     monkeypatch.setattr(search_module, "_larger", larger)
+    monkeypatch.setattr(search_module, "fits_from_stated", lambda *_: [])
     monkeypatch.setattr(search_module, "_accepted", accepted)
     monkeypatch.setattr(search_module, "refined_places", lambda last, bar, near: last)
     monkeypatch.setattr(search_module, "score_threshold", lambda last, rate: 3.0)
