@@ -97,6 +97,33 @@ def test_each_fault_acts_where_it_is_named():
     np.testing.assert_allclose(read.imu[1:, 2] - plain.imu[1:, 2], 2.0, atol=1e-3)  # less the pitch's cosine
 
 
+def _thrust(state, readings, plant, seconds):
+    """A tread: force on the body, and the torque at the rear wheels that balances it."""
+    slip, load = readings[at.AXLE + at.SLIP], readings[at.AXLE + at.N]
+    thrust = 0.2 * load * math.tanh(10.0 * slip)
+    state[at.V_X] += thrust / plant.vehicle.m * seconds
+    state[at.OMEGA_R] -= thrust * plant.vehicle.r / (2.0 * plant.vehicle.I_w) * seconds
+
+
+def _wind(state, readings, plant, seconds):
+    state[at.V_X] -= 0.4 * seconds
+    state[at.YAW_RATE] += 0.1 * seconds
+
+
+@pytest.mark.parametrize("kick", [_thrust, _wind])
+def test_the_imu_measures_what_changes_the_motion_whatever_acts_from_outside(kick):
+    """A wheel settles faster than the forces of a fault are renewed."""
+    drive = simulate_drive(PLANT, weave, suite(), 1, Faults(kick=kick), duration=6.0)
+    x, seen, period = drive.states, drive.readings, drive.timing.period
+    v_x, v_y, turning = x[:, at.V_X], x[:, at.V_Y], x[:, at.YAW_RATE]
+    moved = (v_x[2:] - v_x[:-2]) / (2.0 * period) - (v_y * turning)[1:-1]
+    assert np.mean(seen[1:-1, at.A_X] - moved) == pytest.approx(0.0, abs=0.005)
+    moved = (v_y[2:] - v_y[:-2]) / (2.0 * period) + (v_x * turning)[1:-1]
+    np.testing.assert_allclose(seen[1:-1, at.A_Y][50:], moved[50:], atol=0.02)
+    moved = (turning[2:] - turning[:-2]) / (2.0 * period)
+    np.testing.assert_allclose(seen[1:-1, at.YAW_ACC][50:], moved[50:], atol=0.02)
+
+
 def test_a_late_command_is_the_same_drive_with_the_commands_shifted():
     """A delay of one command: what acts in a period is what was commanded in the period before."""
     ticks = Timing().command_ticks

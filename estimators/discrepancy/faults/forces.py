@@ -1,4 +1,4 @@
-"""Forces that a fault adds from outside: as kicks on the state, and in what the IMU measures."""
+"""Forces that a fault adds from outside, as kicks on the state."""
 
 from __future__ import annotations
 
@@ -27,13 +27,7 @@ def body_force(force: Callable[[np.ndarray, Plant], Push]) -> Faults:
         x[at.V_Y] += F_y / m * span
         x[at.YAW_RATE] += M_z / I_z * span
 
-    def feel(x: np.ndarray, readings: np.ndarray, plant: Plant) -> None:
-        F_x, F_y, M_z = force(x, plant)
-        readings[at.A_X] += F_x / plant.vehicle.m
-        readings[at.A_Y] += F_y / plant.vehicle.m
-        readings[at.YAW_ACC] += M_z / plant.vehicle.I_z
-
-    return Faults(kick=kick, feel=feel)
+    return Faults(kick=kick)
 
 
 def wheel_forces(force: Callable[[np.ndarray, Plant], Push]) -> Faults:
@@ -59,12 +53,4 @@ def wheel_forces(force: Callable[[np.ndarray, Plant], Push]) -> Faults:
         for i, torque in enumerate(torques):
             x[at.OMEGA_F + i] -= torque / (v.wheels_per_axle * v.I_w) * span
 
-    def feel(x: np.ndarray, readings: np.ndarray, plant: Plant) -> None:
-        v = plant.vehicle
-        (F_x, F_y, M_z), _ = pushes(x, readings, plant)
-        readings[at.A_X] += F_x / v.m
-        readings[at.A_Y] += F_y / v.m
-        readings[at.YAW_ACC] += M_z / v.I_z
-        readings[at.PITCH_ACC] += F_x * v.h_cg / v.I_y
-
-    return Faults(kick=kick, feel=feel)
+    return Faults(kick=kick)
