@@ -54,7 +54,7 @@ def _input(log: Log, name: str, setup: Setup) -> np.ndarray:
         # Rows are dense enough that the mean over the row stands for a change within it.
         acting = _held_mean(times, values, asked, float(np.median(np.diff(log.times))))
     if name != "steer":
-        return np.asarray(inputs.drive_scale * acting)
+        return inputs.acting(acting)
     return _lagged(log.times, inputs.steer_gain * acting + inputs.steer_offset, inputs.steer_lag)
 
 

@@ -42,7 +42,7 @@ DRIVE_FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "clocks of inputs and sensors": ("clock_offset",),
         "ratio of the steering": ("steer_gain",),
         "zero of the steering": ("steer_offset",),
-        "torque of drive and brakes": ("torque_scale",),
+        "torque of drive and brakes": ("torque_scale", "drive_scale", "brake_scale"),
         "brakes left and right": ("one_sided_brake",),
         "load of the vehicle": ("payload", "placed_payload", "cg_shift", "cg_height", "inertia"),
         "resistance to the motion": ("rolling_resistance", "aero_drag", "rut_drag"),

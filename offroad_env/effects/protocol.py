@@ -43,7 +43,12 @@ class Inputs:
     steer_lag: float = 0.0  #: time constant of a first-order lag of the steering [s]
     steer_gain: float = 1.0  #: [-]
     steer_offset: float = 0.0  #: [rad]
-    drive_scale: float = 1.0  #: of drive torque, brake torque and body force [-]
+    drive_scale: float = 1.0  #: of drive torque, and of a body force ahead [-]
+    brake_scale: float = 1.0  #: of brake torque, and of a body force backwards [-]
+
+    def acting(self, pushed: np.ndarray) -> np.ndarray:
+        """What acts of torques or forces, positive where they drive and negative where they brake."""
+        return np.asarray(np.where(pushed > 0.0, self.drive_scale, self.brake_scale) * pushed)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -60,7 +60,7 @@ class InputChain:
             share = dt / inputs.steer_lag
             self._steer = steer + (before - steer) * math.exp(-share)
             steer += (before - steer) * (1.0 - math.exp(-share)) / share
-        return steer, inputs.drive_scale * drive, inputs.drive_scale * brake
+        return steer, inputs.drive_scale * drive, inputs.brake_scale * brake
 
 
 class ExtendedTruth:

@@ -267,15 +267,17 @@ def test_lyaskos_factor_deepens_the_sinkage_by_its_power():
 
 
 def test_inputs_reach_the_vehicle_late_scaled_and_smoothed():
-    chain = InputChain(Inputs(steer_delay=0.1, steer_gain=2.0, steer_offset=0.01, drive_scale=0.5))
+    chain = InputChain(
+        Inputs(steer_delay=0.1, steer_gain=2.0, steer_offset=0.01, drive_scale=0.5, brake_scale=2.0)
+    )
     seen = []
     for k in range(20):
-        chain.push(0.02 * k, (0.1 if k >= 5 else 0.0, 100.0, 0.0))
+        chain.push(0.02 * k, (0.1 if k >= 5 else 0.0, 100.0, 30.0))
         seen.append(chain.acting(0.02 * k, 0.02))
     steer = np.array(seen)[:, 0]
     assert np.allclose(steer[:10], 0.01)
     assert np.allclose(steer[10:], 0.21)
-    assert seen[0][1] == 50.0
+    assert seen[0][1:] == (50.0, 60.0)
     lag = InputChain(Inputs(steer_lag=0.2))
     for k in range(20):
         lag.push(0.02 * k, (0.0 if k == 0 else 1.0, 0.0, 0.0))

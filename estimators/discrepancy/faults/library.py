@@ -133,12 +133,17 @@ def _scaled_steering(share: float) -> Faults:
     return Faults(command=command)
 
 
-def _scaled_torque(share: float) -> Faults:
-    def command(past: list[Command]) -> Command:
-        steer, drive, brake = past[-1]
-        return steer, drive * (1.0 + share), brake * (1.0 + share)
+def _scaled_torque(driven: float, braked: float) -> Callable[[float], Faults]:
+    """Torques that are larger by these shares of the size."""
 
-    return Faults(command=command)
+    def make(share: float) -> Faults:
+        def command(past: list[Command]) -> Command:
+            steer, drive, brake = past[-1]
+            return steer, drive * (1.0 + driven * share), brake * (1.0 + braked * share)
+
+        return Faults(command=command)
+
+    return make
 
 
 def _scaled_channels(channels: slice) -> Callable[[float], Faults]:
@@ -352,7 +357,9 @@ FAULTS: dict[str, Callable[[float], Faults]] = {
     "clock_offset": _delayed_commands,
     "steer_offset": _offset_steering,
     "steer_gain": _scaled_steering,
-    "torque_scale": _scaled_torque,
+    "torque_scale": _scaled_torque(1.0, 1.0),
+    "drive_scale": _scaled_torque(1.0, 0.0),
+    "brake_scale": _scaled_torque(0.0, 1.0),
     "payload": _payload,
     "cg_shift": _shifted_cg,
     "cg_height": _scaled_vehicle("h_cg"),

@@ -22,8 +22,8 @@ from offroad_env.world.terrain import flat
 
 __all__ = ["FAMILIES", "OTHER_FORMS", "WRONG_NUMBERS"]
 
-#: Usual speed [m/s], steering angle [rad] and slip [-], where a form agrees with the library's.
-_SPEED, _ANGLE, _SLIP = 4.5, 0.15, 0.1
+#: Usual speed [m/s], steering angle [rad], slip [-] and torque [N m], where a form agrees with the library's.
+_SPEED, _ANGLE, _SLIP, _TORQUE = 4.5, 0.15, 0.1, 1500.0
 _AIR = 1.2  #: density [kg/m^3]
 
 
@@ -54,12 +54,12 @@ def _growing_gain(share: float) -> Faults:
     return Faults(command=command)
 
 
-def _driven_share(share: float) -> Faults:
-    """A drive that gives more torque than logged, while the brakes are as stated."""
+def _growing_torque(share: float) -> Faults:
+    """A drive that gives the more beyond the logged torque the larger this is; the brakes are as stated."""
 
     def command(past: list[Command]) -> Command:
         steer, drive, brake = past[-1]
-        return steer, drive * (1.0 + share), brake
+        return steer, drive * (1.0 + share * (0.7 + 0.3 * drive / _TORQUE)), brake
 
     return Faults(command=command)
 
@@ -154,7 +154,7 @@ OTHER_FORMS: Mapping[str, Callable[[float], Faults]] = MappingProxyType(
     {
         "steer_lag": _servo,
         "steer_gain": _growing_gain,
-        "torque_scale": _driven_share,
+        "torque_scale": _growing_torque,
         "payload": _placed_payload,
         "rolling_resistance": _growing_resistance,
         "aero_drag": _linear_drag,
@@ -199,7 +199,7 @@ FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "steer_lag": ("steer_lag", "steer_delay"),
         "steer_gain": ("steer_gain",),
-        "torque_scale": ("torque_scale",),
+        "torque_scale": ("torque_scale", "drive_scale"),
         "payload": ("payload", "placed_payload", "cg_shift", "inertia"),
         "rolling_resistance": ("rolling_resistance", "aero_drag", "rut_drag"),
         "aero_drag": ("aero_drag", "rolling_resistance"),

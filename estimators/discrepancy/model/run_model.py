@@ -302,12 +302,12 @@ class RunModel:
         """Inputs over each step of the grid, (K, 3) as the model's kernels take them."""
         steer = self._steering(inputs)
         if self.log.config.model == "paper":
-            force = inputs.drive_scale * self._mean("drive_force", inputs.delay)
+            force = inputs.acting(self._mean("drive_force", inputs.delay))
             return np.column_stack([steer, force, np.full(self.count, math.nan)])
         if not self.driven:
             return np.column_stack([steer, np.zeros((self.count, 2))])
         names = [name for name in ("torque_f", "torque_r") if self._has(name)]
-        total = inputs.drive_scale * sum(self._mean(name, inputs.delay) for name in names)
+        total = inputs.acting(np.sum([self._mean(name, inputs.delay) for name in names], axis=0))
         return np.column_stack([steer, np.maximum(total, 0.0), np.maximum(-total, 0.0)])
 
     def _driven_by(self, setup: Setup) -> _Driven:

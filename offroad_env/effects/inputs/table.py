@@ -88,6 +88,34 @@ TABLE = (
         look_alikes=("payload", "rolling_resistance"),
         separated_by="a pull against a load cell",
         needs=(("torque_f", "torque_r", "drive_force"),),
+        change=_of_inputs(
+            lambda inputs, share: replace(
+                inputs, drive_scale=inputs.drive_scale + share, brake_scale=inputs.brake_scale + share
+            )
+        ),
+    ),
+    _row(
+        id="drive_scale",
+        family="longitudinal",
+        size=Parameter(name="share", unit="-", low=-0.9, high=2.0),
+        plausible=lambda vehicle: 0.3,
+        sentence="the drive gives {size} more than logged",
+        source="definition: scale factor of drive torque and forward drive force",
+        look_alikes=("torque_scale", "payload", "rolling_resistance"),
+        separated_by="a pull against a load cell; from `torque_scale`, braking",
+        needs=(("torque_f", "torque_r", "drive_force"),),
         change=_of_inputs(lambda inputs, share: replace(inputs, drive_scale=inputs.drive_scale + share)),
+    ),
+    _row(
+        id="brake_scale",
+        family="longitudinal",
+        size=Parameter(name="share", unit="-", low=-0.9, high=2.0),
+        plausible=lambda vehicle: 0.3,
+        sentence="the brakes give {size} more than logged",
+        source="definition: scale factor of brake torque and backward drive force",
+        look_alikes=("torque_scale", "rolling_resistance"),
+        separated_by="braking hard, and coasting",
+        needs=(("torque_f", "torque_r", "drive_force"),),
+        change=_of_inputs(lambda inputs, share: replace(inputs, brake_scale=inputs.brake_scale + share)),
     ),
 )

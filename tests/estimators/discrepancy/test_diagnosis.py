@@ -324,7 +324,7 @@ def test_the_commands_of_the_finder_are_those_of_the_environment():
     log = simulated_log(draw_case(8, road="flat", duration=8.0))
     run = RunModel(log, use=FIT)
     for inputs in (
-        Inputs(steer_delay=0.06, steer_gain=1.2, steer_offset=0.02, drive_scale=0.8),
+        Inputs(steer_delay=0.06, steer_gain=1.2, steer_offset=0.02, drive_scale=0.8, brake_scale=1.3),
         Inputs(delay=0.04),
         Inputs(steer_lag=0.15),
     ):

@@ -112,7 +112,7 @@ def test_every_fault_of_another_form_has_a_family_and_departs_from_the_library(r
     assert set(FAMILIES) == {*OTHER_FORMS, *WRONG_NUMBERS}
     assert all(effect in EFFECTS for family in FAMILIES.values() for effect in family)
     case = draw_case(9, road="flat", duration=8.0, gnss=True)
-    sizes = {"steer_lag": 0.1, "steer_gain": 0.1, "payload": 0.3, "grouser_thrust": 0.1}
+    sizes = {"steer_lag": 0.1, "steer_gain": 0.1, "payload": 0.3, "grouser_thrust": 0.1, "torque_scale": 0.1}
     plain = simulated_log(case).channels
     for name, size in sizes.items():
         other, own = (simulated_log(case, make(size)).channels for make in (OTHER_FORMS[name], FAULTS[name]))
@@ -122,15 +122,20 @@ def test_every_fault_of_another_form_has_a_family_and_departs_from_the_library(r
 
 
 def test_a_corrected_log_has_lost_the_errors_of_its_sensors_and_inputs(run):
-    effects = {"accel_bias_y": 0.4, "wheel_radius_scale": 0.05, "steer_offset": 0.02, "torque_scale": 0.1}
+    effects = {"accel_bias_y": 0.4, "wheel_radius_scale": 0.05, "steer_offset": 0.02}
+    effects |= {"drive_scale": 0.1, "brake_scale": -0.2}
     values = [(name, {EFFECTS[name].size.name: size}) for name, size in effects.items()]
-    log = run.log
+    # With brakes that act now and then.
+    torque = run.log.channels["torque_f"] - 600.0
+    log = replace(run.log, channels=run.log.channels | {"torque_f": torque})
     found = corrected_log(log, apply(run.setup, values), run.setup).channels
     assert found["a_y"] == pytest.approx(log.channels["a_y"] - 0.4)
     assert found["omega_r"] == pytest.approx(log.channels["omega_r"] / 1.05, nan_ok=True)
     rows = ~np.isnan(log.channels["steer"])
     assert found["steer"][rows] == pytest.approx(log.channels["steer"][rows] + 0.02, abs=1e-6)
-    assert found["torque_f"][rows] == pytest.approx(1.1 * log.channels["torque_f"][rows], rel=1e-6)
+    torque = torque[rows]
+    assert torque.min() < 0.0 < torque.max()
+    assert found["torque_f"][rows] == pytest.approx(np.where(torque > 0.0, 1.1, 0.8) * torque, rel=1e-6)
     same = corrected_log(log, run.setup, run.setup).channels
     assert same["a_y"] == pytest.approx(log.channels["a_y"])
 
