@@ -178,8 +178,9 @@ def _searched(
     *,
     white: bool,
     progress: Callable[[str], None],
+    near: FitResult | None = None,
 ) -> _Searched:
-    """The search in these windows.
+    """The search in these windows; ``near`` is a nominal fit of them by another step of the solver.
 
     Raises
     ------
@@ -187,7 +188,7 @@ def _searched(
         When the nominal model cannot be driven through them.
     """
     progress("nominal model")
-    nominal = fit_runs(splits[FIT], white=white)
+    nominal = fit_runs(splits[FIT], white=white, near=near)
     not_judged = _not_judged(nominal)
     progress("search")
     names = [name for name in allowed if name not in not_judged]
@@ -215,7 +216,9 @@ def _refined(
             break
         splits = {use: [run.refined() for run in runs] for use, runs in splits.items()}
         try:
-            again = _searched(splits, allowed, failed, white=white, progress=progress)
+            again = _searched(
+                splits, allowed, failed, white=white, progress=progress, near=best.found.nominal
+            )
         except (OffroadError, ArithmeticError, np.linalg.LinAlgError):
             continue
         if failed.pop(SEARCH, None) is None and (again.accurate or again.solver_error < best.solver_error):

@@ -186,7 +186,7 @@ THRESHOLDS = (
     ("estimators.discrepancy.search.from_stated", "", "_OF_NUMBERS", 5),
     ("estimators.discrepancy.search.from_stated", "", "_OF_SCORES", 8),
     ("estimators.discrepancy.search.from_stated", "", "_WHATEVER", 3),
-    ("estimators.discrepancy.search.lower_minimum", "", "LEFT", 5.0),
+    ("estimators.discrepancy.search.lower_minimum", "", "LEFT", 4.5),
     ("estimators.discrepancy.search.lower_minimum", "", "HOPELESS", 10.0),
     ("agents.studies.fault_detection.one_log", "", "_WITHIN", 0.9),
     ("estimators.discrepancy.checks.holdout_gain", "", "_BAD", 1.5),

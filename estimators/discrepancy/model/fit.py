@@ -33,13 +33,17 @@ _UNSETTLED, _TIMES = 5.0, 2
 _LEAST_DEVIATION = 1e-6
 
 
-def fit_runs(runs: Sequence[ForwardModel], *, white: bool = False) -> FitResult:
+def fit_runs(
+    runs: Sequence[ForwardModel], *, white: bool = False, near: FitResult | None = None
+) -> FitResult:
     """The nominal model fitted: starts, nuisances and the colour of the noise.
 
     Parameters
     ----------
     white
         Take all noise for white: only to show what that does.
+    near
+        Fit of the same windows by another step of the solver, from which this one begins.
 
     Raises
     ------
@@ -47,6 +51,10 @@ def fit_runs(runs: Sequence[ForwardModel], *, white: bool = False) -> FitResult:
         When the model cannot be run at all.
     """
     problem = LeastSquaresProblem(runs)
+    if near is not None:
+        there = Linearisation.at(problem, near.point)
+        fit = settled(FitResult(linearisation=there, jacobian=Jacobian(), noise=near.noise, white=white))
+        return fit if white else replace(fit, null=null_simulations(fit))
     # Far from the data, noise as small as the sensors' leads into the nearest valley, by many steps.
     fit = _fitted(problem, white=white, wide=True)
     if problem.hard or not fit.converged:

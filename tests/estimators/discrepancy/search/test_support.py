@@ -84,8 +84,8 @@ def test_the_least_of_several_new_effects_decides_and_effects_that_were_there_do
     [
         (5.9, "", 0.0),
         (6.1, "", 0.5 * 6.1**2 - 0.5),
-        (4.9, "payload", 0.0),
-        (5.1, "payload", 0.5 * 5.1**2 - 0.5),
+        (4.4, "payload", 0.0),
+        (4.6, "payload", 0.5 * 4.6**2 - 0.5),
     ],
 )
 def test_a_number_that_returns_from_beyond_any_tolerance_is_evidence_that_no_scatter_widens(
