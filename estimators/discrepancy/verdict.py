@@ -199,11 +199,21 @@ class Diagnosis(ABC):
         """Of every cause, whether it may be named: of a possible size, also with unknown inputs fitted."""
         if self.joint is None:
             # A section that broke down must not make a name certain.
-            return (False,) * len(self.causes) if JOINT_SIZES in self.failed else self.physical
+            return (False,) * len(self.causes) if JOINT_SIZES in self.failed else self._possible
         # Two that may be one missing cause make every name uncertain, also those of the others.
         certain = not any(self.confounded)
-        pairs = zip(self._stable(self.joint), self.physical, strict=True)
+        pairs = zip(self._stable(self.joint), self._possible, strict=True)
         return tuple(bool(stable) and certain and possible for stable, possible in pairs)
+
+    @property
+    def _possible(self) -> tuple[bool, ...]:
+        """Of every cause, whether its size is physical and no number undoes it beyond its own tolerance."""
+        if self.search is None or not (self.causes and self.search.strayed):
+            return self.physical
+        numbers = self.search.extended.problem.nuisances
+        undone = {number.effect for number in numbers if number.name in self.search.strayed}
+        pairs = zip(self.causes, self.physical, strict=True)
+        return tuple(physical and one.best.candidate.effect not in undone for one, physical in pairs)
 
     @property
     def physical(self) -> tuple[bool, ...]:

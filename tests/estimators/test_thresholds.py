@@ -425,6 +425,16 @@ def named(found, remaining=0.0):
     return VehicleDiagnosis(logs=(log,), **parts).identifiable
 
 
+@pytest.mark.parametrize(("effect", "kept"), [("shear_modulus", False), ("payload", True)])
+def test_no_cause_is_certain_that_a_number_undoes_beyond_its_own_tolerance(effect, kept):
+    number = SimpleNamespace(name="shear_moduli", effect="shear_modulus")
+    problem = SimpleNamespace(nuisances=[number])
+    search = SimpleNamespace(extended=SimpleNamespace(problem=problem), strayed=("shear_moduli",))
+    cause = SimpleNamespace(best=SimpleNamespace(candidate=SimpleNamespace(effect=effect)))
+    found = VehicleDiagnosis(logs=(SimpleNamespace(rig=True),), search=search, causes=(cause,))
+    assert found.identifiable == (kept,)
+
+
 def test_causes_are_identifiable_by_their_information_their_share_and_their_size():
     assert named(joint()) == (True, True)
     assert named(joint(kept=0.4), remaining=1.0) == (True, True)  # it explains almost everything

@@ -94,8 +94,7 @@ class SearchResult:
     capped: bool = False
     #: Whether a score that is refused is larger than those of null logs.
     beyond_null_logs: bool = False
-    #: Numbers of vehicle and soil that the model without effects has to move beyond any tolerance; empty with
-    #: causes.
+    #: Numbers of vehicle and soil that the model has to move beyond any tolerance, also with its causes.
     strayed: tuple[str, ...] = ()
     causes: tuple[Cause, ...] = ()
 

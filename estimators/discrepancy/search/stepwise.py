@@ -415,7 +415,7 @@ def search(
         refused=refused,
         capped=capped,
         beyond_null_logs=refused and float(np.abs(first.z).max()) > score_threshold(first, _BEYOND),
-        strayed=() if fit.candidates else tuple(strayed(first.fit, _IMPOSSIBLE)),
+        strayed=tuple(strayed(fit, LEFT if fit.candidates else _IMPOSSIBLE)),
         causes=causes,
     )
 
@@ -477,7 +477,10 @@ def without_cause(
     scores = score_test(smaller, outside(smaller, others))
     smaller, causes = _causes(smaller, scores, first, confirmed, ())
     last = score_test(smaller, outside(smaller, first.candidates))
-    return replace(found, extended=smaller, last=last, causes=causes, refused=True, capped=False)
+    away = tuple(strayed(smaller, LEFT))
+    return replace(
+        found, extended=smaller, last=last, causes=causes, refused=True, capped=False, strayed=away
+    )
 
 
 def scored_only(nominal: FitResult, library: Sequence[str], rate: float) -> SearchResult:
