@@ -7,6 +7,7 @@ step is taken call by call. It costs some ten times as much.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable
 
 import numpy as np
@@ -47,7 +48,7 @@ class InputChain:
             del self._stamps[0], self._commands[0]
 
     def _at(self, t: float) -> Command:
-        i = int(np.searchsorted(self._stamps, t, side="right")) - 1
+        i = bisect_right(self._stamps, t) - 1
         return self._commands[max(i, 0)]
 
     def acting(self, t: float, dt: float) -> Command:
