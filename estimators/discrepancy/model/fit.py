@@ -54,14 +54,22 @@ def fit_runs(
     if near is not None:
         there = Linearisation.at(problem, near.point)
         fit = settled(FitResult(linearisation=there, jacobian=Jacobian(), noise=near.noise, white=white))
-        return fit if white else replace(fit, null=null_simulations(fit))
-    # Far from the data, noise as small as the sensors' leads into the nearest valley, by many steps.
+    else:
+        fit = _fitted_anew(problem, white=white)
+    return fit if white else replace(fit, null=null_simulations(fit))
+
+
+def _fitted_anew(problem: LeastSquaresProblem, *, white: bool) -> FitResult:
+    """The better of two fits from stated numbers, where two are of use.
+
+    Far from the data, noise as small as the sensors' leads into the nearest valley, by many steps.
+    """
     fit = _fitted(problem, white=white, wide=True)
     if problem.hard or not fit.converged:
         # On hard ground that valley may hold: tyres at a limit of their stiffness turn the car late, too.
         other = _fitted(problem, white=white, wide=False)
         fit = min(other, fit, key=lambda each: each.minus_log_likelihood)
-    return fit if white else replace(fit, null=null_simulations(fit))
+    return fit
 
 
 def _fitted(problem: LeastSquaresProblem, *, white: bool, wide: bool) -> FitResult:
