@@ -51,6 +51,8 @@ class Prediction:
     high: float
     #: Of speeds: error if the speed stayed as it was measured at the start; else NaN.
     kept: float = math.nan
+    #: Upper end of the 95 % interval of 1 - extended / kept; NaN where the forecasts are too few.
+    kept_high: float = math.nan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,13 +165,15 @@ def _prediction(quantity: str, horizon: float, errors: np.ndarray, rng: np.rando
     squares = errors**2
     before, after, *kept = np.sqrt(squares.mean(axis=0)).tolist()
     size = max(round(horizon / _LEAD), 1)
-    low = high = math.nan
+    low = high = kept_high = math.nan
     if len(errors) >= 3 * size:
         blocks = math.ceil(len(errors) / size)
         begins = rng.integers(len(errors), size=(_DRAWS, blocks))
         index = ((begins[:, :, None] + np.arange(size)) % len(errors)).reshape(_DRAWS, -1)
         drawn = np.maximum(np.sqrt(squares[index].mean(axis=1)), 1e-300)
         low, high = np.quantile(1.0 - drawn[:, 1] / drawn[:, 0], (0.025, 0.975)).tolist()
+        if kept:
+            kept_high = float(np.quantile(1.0 - drawn[:, 1] / drawn[:, 2], 0.975))
     return Prediction(
         quantity=quantity,
         unit=_QUANTITIES[quantity],
@@ -180,4 +184,5 @@ def _prediction(quantity: str, horizon: float, errors: np.ndarray, rng: np.rando
         low=low,
         high=high,
         kept=kept[0] if kept else math.nan,
+        kept_high=kept_high,
     )
