@@ -188,7 +188,8 @@ def _searched(
         When the nominal model cannot be driven through them.
     """
     progress("nominal model")
-    nominal = fit_runs(splits[FIT], white=white, near=near)
+    # The search simulates what roads do where it begins, which may be a better minimum.
+    nominal = fit_runs(splits[FIT], white=white, null=False, near=near)
     not_judged = _not_judged(nominal)
     progress("search")
     names = [name for name in allowed if name not in not_judged]

@@ -76,6 +76,9 @@ _LOSS, _LOSS_P = 0.03, 0.01
 #: Errors that differ by less than this share (mean logarithm over channels) do not decide between a structure
 #: and effects.
 _AS_GOOD = 0.1
+#: A structure whose errors exceed those with effects by this mean logarithm over channels, with any n, is not
+#: looked at closely: in windows apart it would not come within `_AS_GOOD`.
+_BEHIND = 0.4
 
 
 #: Largest errors of a structure that is named, over `FLOORS`: drives of another simulator leave 1.1 to 2.5,
@@ -172,7 +175,7 @@ def compare_structures(
     """Whether another structure predicts these runs better than the nominal one can with any n.
 
     None where it cannot be compared: on hard ground, by the paper's model, without torques at the wheels or
-    positions, or with too few windows.
+    positions, or with too few windows; and where no other is near what the nominal one predicts with effects.
 
     Parameters
     ----------
@@ -189,7 +192,11 @@ def compare_structures(
         return None
     if int((~trials.fitted).sum()) < _WINDOWS:
         return None
-    nominal = trials.best(Case(first.structure, _VEHICLES[0]))
+    own = Case(first.structure, _VEHICLES[0])
+    effects = None if setups is None else trials.with_effects(own, setups)
+    if effects is not None and not _rivalled(trials, effects):
+        return None
+    nominal = trials.best(own)
     found = _presets(trials, nominal)
     best = found[0]
     gain, p_value = trials.apart(nominal, best)
@@ -200,8 +207,8 @@ def compare_structures(
         best, causes = _pruned(trials, nominal, best)
         gain, p_value = trials.apart(nominal, best)
     over: float | None = None
-    if causes and setups is not None:
-        over = 1.0 - math.exp(-trials.apart(trials.with_effects(nominal.case, setups), best)[0])
+    if causes and effects is not None:
+        over = 1.0 - math.exp(-trials.apart(effects, best)[0])
     return StructureComparison(
         nominal=nominal,
         best=best,
@@ -214,6 +221,15 @@ def compare_structures(
         gains=trials.gains(nominal, best),
         gain_over_effects=over,
     )
+
+
+def _rivalled(trials: Trials, effects: StructureTrial) -> bool:
+    """Whether a preset comes near the nominal structure with effects, with any n."""
+    most = trials.cost(effects) + _BEHIND * len(FLOORS)
+    half, four = _VEHICLES
+    cases = [Case(name, half) for name in _PRESETS if name != effects.case.structure]
+    near = Case(effects.case.structure, four)
+    return any(trials.reaches(case, most) for case in cases) or trials.reaches(near, most, effects.change)
 
 
 def _presets(trials: Trials, nominal: StructureTrial) -> list[StructureTrial]:

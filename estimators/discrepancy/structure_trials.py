@@ -129,14 +129,22 @@ class Trials:
         return self._early[key]
 
     def _least(self, case: Case, changes: Sequence[float]) -> float:
-        """The change of n among ``changes`` that costs least; of many, one that costs little at once."""
-        best, least = changes[0], math.inf
+        """The change of n among ``changes`` that costs least."""
+        found = self._below(case, changes, math.inf)
+        return changes[0] if found is None else found
+
+    def _below(self, case: Case, changes: Sequence[float], most: float) -> float | None:
+        """The change of n among ``changes`` that costs least; of many, one that costs little at once.
+
+        None where all cost ``most`` or more.
+        """
+        best: float | None = None
         if len(changes) > _KEPT and self._portions[0].any():
             changes = sorted(changes, key=lambda change: self._cost(self._portion(case, change, 0)))[:_KEPT]
         for change in sorted(changes, key=abs):
-            cost = self._cost_up_to(case, change, least)
-            if cost < least:
-                best, least = change, cost
+            cost = self._cost_up_to(case, change, most)
+            if cost < most:
+                best, most = change, cost
         return best
 
     def _part(self, case: Case, change: float, *, fitted: bool) -> np.ndarray:
@@ -199,6 +207,10 @@ class Trials:
     def coarse(self, case: Case) -> StructureTrial:
         """The structure with the best of a few n."""
         return self.near(case, self._least(case, self._changes))
+
+    def reaches(self, case: Case, most: float, change: float | None = None) -> bool:
+        """Whether the structure costs less than ``most``, with any of a few n or the one that is given."""
+        return self._below(case, self._changes if change is None else [change], most) is not None
 
     def cost(self, trial: StructureTrial) -> float:
         """Sum of the logarithms of the errors in the fitted windows."""

@@ -59,7 +59,7 @@ _TESTABLE = 0.5
 #: A forecast is made worse if its error grows by this factor, and its 95 % interval excludes no change.
 _MISLED = 2.0
 #: A model predicts nothing if its error of the speed, up to so far ahead [s], is larger than this [m/s] and
-#: than that of a speed that stays as it is; by more than chance, where there are forecasts enough to tell.
+#: than that of a speed that stays as it is; significantly, where there are forecasts enough to tell.
 _AHEAD, _NOTHING = 3.0, 0.5
 #: Share of the excess of the nominal model that may remain if the causes are to count as an explanation.
 #: Repeats on a rig agree far better than any law of soil: more remains than in the log of a vehicle.

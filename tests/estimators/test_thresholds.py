@@ -186,6 +186,8 @@ THRESHOLDS = (
     ("estimators.discrepancy.search.from_stated", "", "_OF_NUMBERS", 5),
     ("estimators.discrepancy.search.from_stated", "", "_OF_SCORES", 8),
     ("estimators.discrepancy.search.from_stated", "", "_WHATEVER", 3),
+    ("estimators.discrepancy.search.from_stated", "", "_FIRST", 3),
+    ("estimators.discrepancy.structure_comparison", "", "_BEHIND", 0.4),
     ("estimators.discrepancy.search.lower_minimum", "", "LEFT", 4.5),
     ("estimators.discrepancy.search.lower_minimum", "", "HOPELESS", 10.0),
     ("agents.studies.fault_detection.one_log", "", "_WITHIN", 0.9),

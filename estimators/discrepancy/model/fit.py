@@ -21,7 +21,7 @@ from estimators.discrepancy.model.parameters import Candidate, Point
 from estimators.discrepancy.model.problem import LeastSquaresProblem
 from estimators.discrepancy.model.protocol import ForwardModel
 
-__all__ = ["autoregressive", "begun_afresh", "fit_runs", "settled", "stretches_of"]
+__all__ = ["autoregressive", "begun_afresh", "fit_runs", "settled", "stretches_of", "with_null_simulations"]
 
 #: Steps towards starts that a ground about right leads to.
 _ROUGHLY = 3
@@ -34,7 +34,7 @@ _LEAST_DEVIATION = 1e-6
 
 
 def fit_runs(
-    runs: Sequence[ForwardModel], *, white: bool = False, near: FitResult | None = None
+    runs: Sequence[ForwardModel], *, white: bool = False, null: bool = True, near: FitResult | None = None
 ) -> FitResult:
     """The nominal model fitted: starts, nuisances and the colour of the noise.
 
@@ -42,6 +42,8 @@ def fit_runs(
     ----------
     white
         Take all noise for white: only to show what that does.
+    null
+        Simulate what road and soil do to an unmodified vehicle, which all tests compare with.
     near
         Fit of the same windows by another step of the solver, from which this one begins.
 
@@ -56,7 +58,12 @@ def fit_runs(
         fit = settled(FitResult(linearisation=there, jacobian=Jacobian(), noise=near.noise, white=white))
     else:
         fit = _fitted_anew(problem, white=white)
-    return fit if white else replace(fit, null=null_simulations(fit))
+    return with_null_simulations(fit) if null else fit
+
+
+def with_null_simulations(fit: FitResult) -> FitResult:
+    """The fit with null simulations, unless it has them or takes all noise for white."""
+    return fit if fit.white or fit.null is not None else replace(fit, null=null_simulations(fit))
 
 
 def _fitted_anew(problem: LeastSquaresProblem, *, white: bool) -> FitResult:
@@ -86,14 +93,14 @@ def _begun(
 ) -> FitResult:
     """About the parameters, and starts that these lead to, from a point without starts.
 
-    ``near`` has the derivatives by tolerated numbers at a point not far away, if there are any.
+    ``near`` has derivatives at a point not far away, which are then all that is taken.
     """
     first = Linearisation.at(problem, problem.begun(point))
     noise = _first_noise(first, wide=wide)
-    known = Jacobian() if near is None else Jacobian(nuisances=near.nuisances)
+    known = Jacobian() if near is None else replace(near, effects={})
     fit = FitResult(linearisation=first, jacobian=known, noise=noise, white=white)
     # Once more from the starts that a ground about right leads to: no sensor may have measured the speed.
-    fit = GaussNewton(rounds=_ROUGHLY).descend(fit)
+    fit = GaussNewton(rounds=_ROUGHLY, renewing=near is None).descend(fit, fresh=near is None)
     return fit.moved(problem.begun(fit.point))
 
 

@@ -61,6 +61,8 @@ class GaussNewton:
     #: All new derivatives are by the tolerated numbers, too. Else the first of a descent are not: on the way
     #: to a minimum earlier ones serve as well, unless that way is long.
     whole: bool = False
+    #: New derivatives are taken on the way where steps reduce the cost too slowly.
+    renewing: bool = True
 
     def descend(self, fit: FitResult, *, fresh: bool = True) -> FitResult:
         """The fit at the minimum.
@@ -85,7 +87,8 @@ class GaussNewton:
                 # Errors of settings are small: what they change depends little on where the descent is.
                 (fit, white), new = self._linearised(fit, states=False), True
             step = _step(fit, white)
-            if not new and step.predicted > max(_SLOW * before, _STAKE):
+            slow = step.predicted > max(_SLOW * before, _STAKE)
+            if self.renewing and not new and slow:
                 (fit, white), new, whole = self._linearised(fit, tolerated=whole), True, True
                 step = _step(fit, white)
             # With new derivatives that are wrong by half, the reduction is at most twice the predicted one.

@@ -19,6 +19,7 @@ from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.search.alternatives import NEAR_BEST, best_by_effect, order_of
 from estimators.discrepancy.search.lower_minimum import HOPELESS, LEFT, deviations_off
+from estimators.discrepancy.search.result import EQUIVALENT
 from estimators.discrepancy.search.score_test import ScoreTest
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
@@ -33,6 +34,8 @@ _SUSPECT = 2.5
 _OF_NUMBERS, _OF_SCORES, _WHATEVER = 5, 8, 3
 #: Sizes to begin from, as shares of a plausible one.
 _BEGINS = (0.4, 0.8)
+#: Steps of a fit that are taken in any case.
+_FIRST = 3
 
 
 def fits_from_stated(scores: ScoreTest, threshold: float) -> list[FitResult]:
@@ -50,37 +53,53 @@ def fits_from_stated(scores: ScoreTest, threshold: float) -> list[FitResult]:
         trials = [_exchanged(scores, candidate, numbers)]
         if not fit.candidates:
             # Beside others a number may undo what the effect does.
-            afresh, near = _from_stated(fit, candidate, (sign, -sign) if numbers else (sign,), near)
+            afresh, near = _from_stated(fit, candidate, (sign, -sign) if numbers else (sign,), enough, near)
             trials.append(afresh)
         useful = [trial for trial in trials if trial is not None and trial.cost < enough]
-        found += [min(useful, key=order_of)] if useful else []
+        if useful:
+            found.append(min(useful, key=order_of))
+            at_end, cost = order_of(found[-1])
+            # What explains less than this one by so much is no alternative to it.
+            enough = enough if at_end else min(enough, cost + 0.5 * EQUIVALENT)
     return found
 
 
 def _from_stated(
-    fit: FitResult, candidate: Candidate, signs: Sequence[float], near: FitResult | None
+    fit: FitResult, candidate: Candidate, signs: Sequence[float], enough: float, near: FitResult | None
 ) -> tuple[FitResult | None, FitResult | None]:
     """The model with this effect, and a rough fit of it whose derivatives serve the next; None without.
 
-    From the size that explains most after a rough fit. It is fitted to the end: far from the data the
-    equations promise too little.
+    From the size that explains most after a rough fit.
+
+    Parameters
+    ----------
+    enough
+        What cannot cost less is not fitted to the end. The first steps are taken in any case: far from the
+        data the equations promise too little.
     """
     reach = EFFECTS[candidate.effect].plausible(fit.runs[0].setup.plant.vehicle)
     low, high = fit.runs[0].size_limits(candidate.effect)
-    begun = list[FitResult]()
-    for size in (sign * share * reach for sign in signs for share in _BEGINS):
-        if not low <= size <= high:
-            continue
-        try:
-            begun.append(begun_afresh(fit, (*fit.candidates, candidate), (*fit.sizes, size), near))
-        except OffroadError:
-            continue
-        near = begun[-1] if near is None else near
-    best = min(begun, key=lambda one: one.cost, default=None)
-    if best is None or best.cost > HOPELESS * fit.cost:
+    best: FitResult | None = None
+    for sign in signs:
+        # The other sign is of use where this one explains no more than the present fit.
+        if best is not None and best.cost < fit.cost:
+            break
+        for size in (sign * share * reach for share in _BEGINS):
+            if not low <= size <= high:
+                continue
+            try:
+                one = begun_afresh(fit, (*fit.candidates, candidate), (*fit.sizes, size), near)
+            except OffroadError:
+                continue
+            near = one if near is None else near
+            best = one if best is None or one.cost < best.cost else best
+    if best is None:
         return None, near
     try:
-        return GaussNewton().descend(best), near
+        closer = GaussNewton(rounds=_FIRST).descend(best)
+        if closer.cost > HOPELESS * fit.cost:
+            return None, near
+        return GaussNewton(enough=enough).descend(closer, fresh=False), near
     except OffroadError:
         return None, near
 

@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.discrepancy.model.fit import settled
+from estimators.discrepancy.model.fit import settled, with_null_simulations
 from estimators.discrepancy.model.fit_result import FitResult
-from estimators.discrepancy.model.natural_world import null_simulations
 from estimators.discrepancy.model.null_simulations import inflation_along
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.protocol import ForwardModel
@@ -90,8 +89,8 @@ def outside(fit: FitResult, candidates: Sequence[Candidate]) -> list[Candidate]:
     return [candidate for candidate in candidates if candidate.effect not in inside]
 
 
-def _forward(scores: ScoreTest, threshold: float) -> list[FitResult]:
-    """Models with one effect more, best first."""
+def _forward(scores: ScoreTest, threshold: float, enough: float) -> list[FitResult]:
+    """Models with one effect more, best first; ``enough`` as of `_refitted`."""
     fit, strength = scores.fit, np.abs(scores.z)
     order = best_by_effect(strength, scores.candidates)
     top = strength[order[0]] if order else 0.0
@@ -99,7 +98,7 @@ def _forward(scores: ScoreTest, threshold: float) -> list[FitResult]:
         return []
     order = [i for i in order if strength[i] > max(threshold, NEAR_BEST * top)][:REFITS]
     larger = [((*fit.candidates, scores.candidates[i]), (*fit.sizes, scores.size[i])) for i in order]
-    return _refitted(fit, larger)
+    return _refitted(fit, larger, enough)
 
 
 def _refitted(
@@ -172,8 +171,11 @@ def _larger(
     """
     fit = scores.fit
     left = outside(fit, scores.candidates)
-    single = [*_forward(scores, threshold), *delayed(fit, left, threshold)]
-    single = sorted([*single, *(one for one in begun if one.candidates[-1] in left)], key=order_of)
+    begun = [one for one in begun if one.candidates[-1] in left]
+    within = [cost for at_end, cost in map(order_of, begun) if not at_end]
+    near = min(within, default=np.inf) + 0.5 * EQUIVALENT
+    single = [*begun, *_forward(scores, threshold, near), *delayed(fit, left, threshold)]
+    single.sort(key=order_of)
     if not single and not fit.candidates:
         return []
     most = linearised_gain(fit, scores) if fit.candidates else float(np.max(scores.z**2, initial=0.0))
@@ -421,9 +423,9 @@ def search(
 
 
 def _well_begun(nominal: FitResult) -> FitResult:
-    """The nominal model at its better minimum, if its numbers have left their tolerances."""
+    """The nominal model with its null simulations, at the better minimum if numbers have left tolerances."""
     other = begun_again(nominal)
-    return nominal if other is nominal else replace(other, null=null_simulations(other))
+    return with_null_simulations(nominal if other is nominal else replace(other, null=None))
 
 
 class _Confirmed:
@@ -485,7 +487,7 @@ def without_cause(
 
 def scored_only(nominal: FitResult, library: Sequence[str], rate: float) -> SearchResult:
     """The first scores and nothing else, where a search breaks down."""
-    first = score_test(nominal, candidates_for(nominal, library))
+    first = score_test(with_null_simulations(nominal), candidates_for(nominal, library))
     return SearchResult(
         nominal=first.fit,
         extended=first.fit,

@@ -12,11 +12,13 @@ from estimators.discrepancy import structure_trials
 from estimators.discrepancy.diagnosis import diagnose
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
+from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.structure_comparison import (
     ADEQUATE,
     STRUCTURAL_CAUSES,
     StructureComparison,
     _pruned,
+    _rivalled,
     compare_structures,
     gains_with,
 )
@@ -70,6 +72,39 @@ def test_on_a_drive_that_was_not_used_the_error_falls_with_nothing_fitted(found,
 def test_no_structure_is_named_where_an_effect_is_the_cause():
     log = simulated_log(draw_case(102, duration=24.0), FAULTS["rolling_resistance"](0.05))
     assert not compare_structures([log]).found
+
+
+def test_no_other_structure_is_looked_at_closely_that_is_far_behind_the_effects():
+    case = draw_case(103, duration=19.0)
+    log = simulated_log(case)
+    setup = RunModel(log).setup
+    trials = structure_trials.Trials([log])
+    right, wrong = (
+        replace(setup, plant=setup.plant._replace(soil=setup.plant.soil._replace(n=n)))
+        for n in (case.n, case.n + 0.4)
+    )
+    assert compare_structures([log], [right]) is None
+    assert compare_structures([log], [wrong]) is not None
+    own = trials.coarse(Case("grid", "half_car"))
+    assert trials.reaches(own.case, trials.cost(own) + 1e-6)
+    assert not trials.reaches(own.case, trials.cost(own) - 1e-6)
+
+
+@pytest.mark.parametrize(("behind", "near"), [(0.39, True), (0.41, False)])
+@pytest.mark.parametrize(
+    "rival", [Case("grid", "half_car"), Case("field", "half_car"), Case("full", "four_wheel")]
+)
+def test_a_structure_is_near_the_effects_by_its_mean_logarithm(rival, behind, near):
+    class Stub:
+        def cost(self, trial):
+            return 7.0
+
+        def reaches(self, case, most, change=None):
+            assert change == (0.1 if case.vehicle_model == "four_wheel" else None)
+            return case == rival and most > 7.0 + behind * len(FLOORS)
+
+    effects = StructureTrial(case=Case("full", "half_car"), change=0.1, errors=np.zeros((2, len(FLOORS))))
+    assert _rivalled(Stub(), effects) is near
 
 
 @pytest.mark.check

@@ -10,6 +10,7 @@ from agents.studies.closed_loop.planning import careful, make_world, shipped_kno
 from estimators.discrepancy.model.parameters import Candidate, Point
 from estimators.discrepancy.search import from_stated, stepwise
 from estimators.discrepancy.search.lower_minimum import HOPELESS, LEFT
+from estimators.discrepancy.search.result import EQUIVALENT
 from offroad_env.errors import SolverFailure
 
 
@@ -67,6 +68,22 @@ def test_nothing_is_fitted_where_the_numbers_are_about_as_stated(monkeypatch, aw
     assert len(begun) == asked
 
 
+def descents(ended=None, least=None):
+    """Descents that stay where they begin; ends of those to a minimum, and what they must reach."""
+
+    def descent(rounds=8, enough=np.inf):
+        def descend(fit, *, fresh=True):
+            if ended is not None and not fresh:
+                ended.append(float(fit.sizes[-1]))
+            if least is not None and not fresh:
+                least.append(enough)
+            return fit
+
+        return SimpleNamespace(descend=descend)
+
+    return descent
+
+
 def rough(costs, seen):
     """Rough fits of these costs by effect and size, and what they were given as `near`."""
 
@@ -81,33 +98,31 @@ def rough(costs, seen):
 
 def test_of_models_that_are_fitted_only_those_are_kept_that_explain_enough(monkeypatch):
     costs = {"payload": 80.0, "inertia": 96.0, "steer_gain": 80.5, "torque_scale": 60.0}
+    least = []
     monkeypatch.setattr(from_stated, "begun_afresh", rough(costs, {}))
-    monkeypatch.setattr(from_stated, "GaussNewton", lambda: SimpleNamespace(descend=lambda fit: fit))
+    monkeypatch.setattr(from_stated, "GaussNewton", descents(least=least))
     monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
     found = from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 3.0, -2.0)), 3.0)
     assert [one.candidates[-1].effect for one in found] == ["payload", "steer_gain", "torque_scale"]
+    # What is no alternative to the best so far is not fitted to the end.
+    assert least == [95.5, *[80.0 + 0.5 * EQUIVALENT] * 3]
 
 
 def test_of_sizes_to_begin_from_the_one_is_fitted_to_the_end_that_explains_most_roughly(monkeypatch):
     """The derivatives of the first rough fit serve all others."""
-    costs, seen, ended = {"payload": [90.0, 70.0, 80.0, 75.0], "inertia": [60.0, 50.0]}, {}, []
-
-    def descend(fit):
-        ended.append(float(fit.sizes[-1]))
-        return fit
-
+    costs, seen, ended = {"payload": [190.0, 170.0, 180.0, 175.0], "inertia": [60.0, 50.0]}, {}, []
     monkeypatch.setattr(from_stated, "begun_afresh", rough(costs, seen))
-    monkeypatch.setattr(from_stated, "GaussNewton", lambda: SimpleNamespace(descend=descend))
+    monkeypatch.setattr(from_stated, "GaussNewton", descents(ended))
     fit = scores_of((6.0, 0.0), (0.0, 0.0, 0.0, 0.0)).fit
     monkeypatch.setattr(fit.runs[0], "size_limits", lambda name: (-9.0, 9.0))
-    best, near = from_stated._from_stated(fit, Candidate(effect="payload"), (1.0, -1.0), None)
-    assert best.cost == 70.0
-    assert near.cost == 90.0
+    best, near = from_stated._from_stated(fit, Candidate(effect="payload"), (1.0, -1.0), np.inf, None)
+    assert best.cost == 170.0
+    assert near.cost == 190.0
     assert seen["payload"] == [None, near, near, near]
-    other, again = from_stated._from_stated(fit, Candidate(effect="inertia"), (1.0,), near)
+    other, again = from_stated._from_stated(fit, Candidate(effect="inertia"), (1.0, -1.0), np.inf, near)
     assert other.cost == 50.0
     assert again is near
-    assert seen["inertia"] == [near, near]
+    assert seen["inertia"] == [near, near]  # better than the present fit: no other sign
     assert len(ended) == 2
 
 
@@ -115,16 +130,17 @@ def test_of_sizes_to_begin_from_the_one_is_fitted_to_the_end_that_explains_most_
 def test_no_descent_begins_where_the_vehicle_does_not_drive_as_logged(monkeypatch, share, kept):
     fit = scores_of((6.0, 0.0), (0.0, 0.0, 0.0, 0.0)).fit
     monkeypatch.setattr(from_stated, "begun_afresh", rough({"payload": share * HOPELESS * fit.cost}, {}))
-    monkeypatch.setattr(from_stated, "GaussNewton", lambda: SimpleNamespace(descend=lambda fit: fit))
-    best, near = from_stated._from_stated(fit, Candidate(effect="payload"), (1.0,), None)
+    monkeypatch.setattr(from_stated, "GaussNewton", descents())
+    best, near = from_stated._from_stated(fit, Candidate(effect="payload"), (1.0,), np.inf, None)
     assert (best is not None) == kept
     assert near is not None
 
 
 def test_a_model_from_stated_numbers_whose_effect_was_refused_is_not_offered_again(monkeypatch):
-    monkeypatch.setattr(stepwise, "_forward", lambda *_: [])
+    asked = []
+    monkeypatch.setattr(stepwise, "_forward", lambda scores, threshold, enough: asked.append(enough) or [])
     monkeypatch.setattr(stepwise, "delayed", lambda *_: [])
-    monkeypatch.setattr(stepwise, "order_of", lambda one: one.cost)
+    monkeypatch.setattr(stepwise, "order_of", lambda one: (one.cost > 52.0, one.cost))
     scores = scores_of((6.0, 0.0), (0.0, 0.0, 3.0, -2.0))
     begun = [
         SimpleNamespace(candidates=(Candidate(effect=name),), cost=50.0) for name in ("payload", "inertia")
@@ -132,10 +148,14 @@ def test_a_model_from_stated_numbers_whose_effect_was_refused_is_not_offered_aga
     assert stepwise._larger(scores, 3.0, None, begun, True) == begun
     scores.candidates = scores.candidates[1:]
     assert stepwise._larger(scores, 3.0, None, begun, True) == begun[1:]
+    # The others are fitted to the end only where they may be as good; one at the end of its range is no bar.
+    begun[1].cost = 53.0
+    stepwise._larger(scores, 3.0, None, begun, True)
+    assert asked == [50.0 + 0.5 * EQUIVALENT] * 2 + [np.inf]
 
 
 def test_an_effect_begins_in_the_place_of_its_number_at_the_size_that_does_the_same(monkeypatch):
-    monkeypatch.setattr(from_stated, "GaussNewton", lambda: SimpleNamespace(descend=lambda fit: fit))
+    monkeypatch.setattr(from_stated, "GaussNewton", descents())
     scores = scores_of((6.0, 1.0), (0.0, 0.0, 0.0, 0.0), alike=2.0)
     scores.fit.point = Point(nuisances=scores.fit.nuisances, sizes=np.empty(0), starts=(), warm=(), centre=())
     scores.fit.moved = lambda point: point

@@ -7,7 +7,7 @@ import pytest
 
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
-from estimators.discrepancy.model.fit import fit_runs
+from estimators.discrepancy.model.fit import begun_afresh, fit_runs, with_null_simulations
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.search import lower_minimum as lower_minimum_module
@@ -72,6 +72,26 @@ def test_no_model_is_begun_again_that_does_not_drive_as_logged_from_there(sound,
     away = _away(sound[0], "mass", 6.0)
     monkeypatch.setattr(lower_minimum_module, "HOPELESS", 1e-3)
     assert begun_again(away) is away
+
+
+def test_a_rough_fit_beside_another_takes_its_derivatives(sound):
+    fit, _ = sound
+    first = begun_afresh(fit, _PAYLOAD, [0.1])
+    second = begun_afresh(fit, _PAYLOAD, [0.4], first)
+    assert second.jacobian.states is first.jacobian.states
+    assert second.jacobian.nuisances is first.jacobian.nuisances
+    # The size may move, so that both come down; far from where the other began.
+    assert second.cost < 1.5 * first.cost
+
+
+def test_null_simulations_are_made_once_and_not_where_all_noise_is_white(sound):
+    fit, _ = sound
+    assert fit.null is not None
+    assert with_null_simulations(fit) is fit
+    without = replace(fit, null=None)
+    assert with_null_simulations(without).null is not None
+    white = replace(without, white=True)
+    assert with_null_simulations(white) is white
 
 
 def test_a_search_begins_again_from_the_better_minimum(sound, monkeypatch):
