@@ -13,12 +13,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.discrepancy.model.fit import begun_afresh
+from estimators.discrepancy.model.fit import HOPELESS, begun_afresh
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.search.alternatives import NEAR_BEST, best_by_effect, order_of
-from estimators.discrepancy.search.lower_minimum import HOPELESS, LEFT, deviations_off
+from estimators.discrepancy.search.lower_minimum import LEFT, deviations_off
 from estimators.discrepancy.search.result import EQUIVALENT
 from estimators.discrepancy.search.score_test import ScoreTest
 from offroad_env.effects import EFFECTS

@@ -11,19 +11,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.discrepancy.model.fit import begun_afresh, settled
+from estimators.discrepancy.model.fit import HOPELESS, begun_afresh, settled
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from offroad_env.errors import OffroadError
 
-__all__ = ["HOPELESS", "LEFT", "begun_again", "deviations_off", "lower_minimum"]
+__all__ = ["LEFT", "begun_again", "deviations_off", "lower_minimum"]
 
 #: Standard deviations from a stated number from which a model is fitted again from what is stated. In 60
 #: natural logs of unmodified vehicles, which nothing was chosen on before, none was further off than 4.1.
 LEFT = 4.5
-#: A rough fit of so many times the present cost is where the vehicle does not drive as logged: the descent
-#: from there is long and ends nowhere. On 11 logs with large faults those that served cost up to 4 times.
-HOPELESS = 10.0
 
 
 def deviations_off(fit: FitResult) -> np.ndarray:

@@ -1,11 +1,13 @@
 """Work that a fit to a drive does not repeat."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
+from estimators.discrepancy.model import fit as fit_module
 from estimators.discrepancy.model import run_model
 from estimators.discrepancy.model.displacement import displaced, same_everywhere
 from estimators.discrepancy.model.fit import fit_runs, settled
@@ -55,6 +57,38 @@ def test_on_the_way_to_a_minimum_derivatives_by_tolerated_numbers_serve_again(fi
     tolerated = fit.problem.nuisances.index(next(n for n in fit.problem.nuisances if n.tolerated))
     assert (mixed[:, tolerated] == 7.0).all()
     assert not (mixed[:, 0] == 7.0).any()
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fit, and what it would be with its noise learned."""
+
+    minus_log_likelihood: float
+    converged: bool = True
+    learned: float = 0.0
+
+    def with_learned_noise(self):
+        return Fit(self.learned)
+
+
+@pytest.mark.parametrize(
+    ("converged", "hard", "behind", "begun"),
+    [
+        (False, False, 0.49, True),
+        (False, False, 0.51, False),
+        (False, True, 0.51, True),
+        (True, False, 0.49, False),
+        (True, True, 0.49, True),
+    ],
+)
+def test_a_second_fit_goes_on_where_it_may_lead_somewhere(monkeypatch, converged, hard, behind, begun):
+    """On soil only if the first has not converged, and if the second is not far from the data."""
+    rows = 2000
+    first, second = Fit(-5000.0, converged), Fit(-5001.0, learned=-5000.0 + behind * rows)
+    monkeypatch.setattr(fit_module, "_begun", lambda *_, wide, **__: first if wide else second)
+    monkeypatch.setattr(fit_module, "settled", lambda one: one)
+    problem = SimpleNamespace(hard=hard, rows=rows, stated=lambda: None)
+    assert fit_module._fitted_anew(problem, white=False) is (second if begun else first)
 
 
 def test_steps_over_two_of_the_grid_predict_nearly_the_same(fit):

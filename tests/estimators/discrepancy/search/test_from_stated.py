@@ -7,9 +7,10 @@ import pytest
 
 from agents.studies.closed_loop import study
 from agents.studies.closed_loop.planning import careful, make_world, shipped_knobs
+from estimators.discrepancy.model.fit import HOPELESS
 from estimators.discrepancy.model.parameters import Candidate, Point
 from estimators.discrepancy.search import from_stated, stepwise
-from estimators.discrepancy.search.lower_minimum import HOPELESS, LEFT
+from estimators.discrepancy.search.lower_minimum import LEFT
 from estimators.discrepancy.search.result import EQUIVALENT
 from offroad_env.errors import SolverFailure
 
