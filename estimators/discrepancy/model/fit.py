@@ -40,8 +40,9 @@ _UNSETTLED, _TIMES = 5.0, 2
 #: A rough fit of so many times the cost of another is where the vehicle does not drive as logged: the descent
 #: from there is long and ends nowhere. On 11 logs with large faults those that served cost up to 4 times.
 HOPELESS = 10.0
-#: A second rough fit is as far from the data if, each in its own noise, it lacks so much log-likelihood per
-#: sample. One of 80 logs needed a second fit, which began 0.08 behind; one begun 0.74 behind went nowhere.
+#: A second fit is not gone on with that begins, each in its own noise, behind the first by so much
+#: log-likelihood per sample. Chosen on two logs: one begun 0.74 behind went nowhere for minutes; of 79 others
+#: with large faults or two, one asked for a second fit, which began 0.08 behind and came out no better.
 _BEHIND = 0.5
 #: Least standard deviation of a channel, in its unit: a channel that never changes must stay solvable.
 _LEAST_DEVIATION = 1e-6
@@ -123,7 +124,13 @@ def begun_afresh(
     """The model with these effects fitted roughly from stated numbers and these sizes, the noise as it is.
 
     For effects so large that the numbers of a model without them are far from any truth, and with them what
-    the effects do there. ``near`` : another one, begun likewise, whose derivatives serve again.
+    the effects do there.
+
+    Parameters
+    ----------
+    near
+        Another one, begun likewise. Its derivatives serve again: about half of the work, and enough to
+        compare sizes.
 
     Raises
     ------

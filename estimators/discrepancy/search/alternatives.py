@@ -15,7 +15,16 @@ from estimators.discrepancy.search.refitting import refit
 from estimators.discrepancy.search.result import EQUIVALENT, Alternative, Cause, separation
 from estimators.discrepancy.search.score_test import ScoreTest
 
-__all__ = ["FIRST_LOOK", "NEAR_BEST", "REFITS", "best_by_effect", "cause_of", "order_of", "p_value_of_score"]
+__all__ = [
+    "FIRST_LOOK",
+    "NEAR_BEST",
+    "REFITS",
+    "as_good_as",
+    "best_by_effect",
+    "cause_of",
+    "order_of",
+    "p_value_of_score",
+]
 
 #: Alternatives that are refitted, and how close a first look must find them.
 REFITS, FIRST_LOOK = 4, 3.0 * EQUIVALENT
@@ -44,6 +53,12 @@ def order_of(fit: FitResult) -> tuple[bool, float]:
     limits = fit.runs[0].size_limits
     pairs = zip(fit.candidates, fit.sizes, strict=True)
     return any(at_end(one.effect, float(size), limits(one.effect)) for one, size in pairs), fit.cost
+
+
+def as_good_as(models: Sequence[FitResult]) -> float:
+    """Cost above which a model is no alternative to the best of these with sizes inside their ranges."""
+    within = [cost for end, cost in map(order_of, models) if not end]
+    return min(within, default=np.inf) + 0.5 * EQUIVALENT
 
 
 class _Look(NamedTuple):

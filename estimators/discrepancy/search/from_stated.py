@@ -17,9 +17,8 @@ from estimators.discrepancy.model.fit import HOPELESS, begun_afresh
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.parameters import Candidate
-from estimators.discrepancy.search.alternatives import NEAR_BEST, best_by_effect, order_of
+from estimators.discrepancy.search.alternatives import NEAR_BEST, as_good_as, best_by_effect, order_of
 from estimators.discrepancy.search.lower_minimum import LEFT, deviations_off
-from estimators.discrepancy.search.result import EQUIVALENT
 from estimators.discrepancy.search.score_test import ScoreTest
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
@@ -58,9 +57,7 @@ def fits_from_stated(scores: ScoreTest, threshold: float) -> list[FitResult]:
         useful = [trial for trial in trials if trial is not None and trial.cost < enough]
         if useful:
             found.append(min(useful, key=order_of))
-            at_end, cost = order_of(found[-1])
-            # What explains less than this one by so much is no alternative to it.
-            enough = enough if at_end else min(enough, cost + 0.5 * EQUIVALENT)
+            enough = min(enough, as_good_as(found))
     return found
 
 

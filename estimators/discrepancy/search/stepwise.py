@@ -18,6 +18,7 @@ from estimators.discrepancy.search.alternatives import (
     FIRST_LOOK,
     NEAR_BEST,
     REFITS,
+    as_good_as,
     best_by_effect,
     cause_of,
     order_of,
@@ -172,9 +173,8 @@ def _larger(
     fit = scores.fit
     left = outside(fit, scores.candidates)
     begun = [one for one in begun if one.candidates[-1] in left]
-    within = [cost for at_end, cost in map(order_of, begun) if not at_end]
-    near = min(within, default=np.inf) + 0.5 * EQUIVALENT
-    single = [*begun, *_forward(scores, threshold, near), *delayed(fit, left, threshold)]
+    near = _forward(scores, threshold, as_good_as(begun))
+    single = [*begun, *near, *delayed(fit, left, threshold)]
     single.sort(key=order_of)
     if not single and not fit.candidates:
         return []

@@ -9,7 +9,7 @@ from agents.studies.closed_loop import study
 from agents.studies.closed_loop.planning import careful, make_world, shipped_knobs
 from estimators.discrepancy.model.fit import HOPELESS
 from estimators.discrepancy.model.parameters import Candidate, Point
-from estimators.discrepancy.search import from_stated, stepwise
+from estimators.discrepancy.search import alternatives, from_stated, stepwise
 from estimators.discrepancy.search.lower_minimum import LEFT
 from estimators.discrepancy.search.result import EQUIVALENT
 from offroad_env.errors import SolverFailure
@@ -141,7 +141,8 @@ def test_a_model_from_stated_numbers_whose_effect_was_refused_is_not_offered_aga
     asked = []
     monkeypatch.setattr(stepwise, "_forward", lambda scores, threshold, enough: asked.append(enough) or [])
     monkeypatch.setattr(stepwise, "delayed", lambda *_: [])
-    monkeypatch.setattr(stepwise, "order_of", lambda one: (one.cost > 52.0, one.cost))
+    for module in (stepwise, alternatives):
+        monkeypatch.setattr(module, "order_of", lambda one: (one.cost > 52.0, one.cost))
     scores = scores_of((6.0, 0.0), (0.0, 0.0, 3.0, -2.0))
     begun = [
         SimpleNamespace(candidates=(Candidate(effect=name),), cost=50.0) for name in ("payload", "inertia")
