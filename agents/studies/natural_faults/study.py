@@ -38,7 +38,7 @@ class NaturalFaults(Results):
     """
 
     nulls: int = 300  #: logs without a fault
-    seeds: int = 16  #: logs for each cause in each form, at twice its limit
+    seeds: int = 22  #: logs for each cause in each form, at twice its limit
     large: int = 7  #: logs for each cause at seven times its limit
     pairs: int = 3  #: logs of every seed with two causes, at twice and at seven times their limits
     wrong: int = 17  #: logs for each wrong number
