@@ -16,7 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.logs.immobile import only_spins
+from estimators.logs.axle_speeds import always_off, spins_less
+from estimators.logs.immobile import only_spins, stuck_spans
 from estimators.logs.late_steering import steers_late
 from estimators.logs.log import Log
 from estimators.logs.mounting_leaks import Leak, leaks_into_push, leaks_into_turn, without_leaks
@@ -37,16 +38,13 @@ _WHEELS = ("omega_f", "omega_r")
 _TORQUES = ("torque_f", "torque_r", "drive_force")
 #: On soft soil the thrust may vary by as many times what the speed does, since resistance grows with it.
 _RESISTED = 40.0
-#: Ratio of a wheel's speed to the vehicle's beyond any spin, and the quartiles' ratio of a wrong scale.
-_SPINS, _EVEN = 20.0, 1.6
 #: Speeds below which a course, or a rate of turn from an acceleration, means nothing [m/s].
 _SLOW = 1.0
 #: Slip angle of front wheels on soft soil over the lateral acceleration [rad s^2/m]; slip up to which a wheel
 #: rolls; angle from which a vehicle is steered [rad]; share of the windows that counts as most.
 _SLIDE, _ROLLS, _STEERED, _MOSTLY = 0.12, 0.25, 0.02, 0.75
-#: A light axle on soft soil may spin all the time, at a slip of two thirds: so many times as fast as the
-#: vehicle, which may turn so many times less, or more, than it is steered where its front wheels spin.
-_DRIVEN, _TURNED = 3.0, 6.0
+#: Where its front wheels spin, a vehicle may turn so many times less, or more, than it is steered.
+_TURNED = 6.0
 #: Share of a torque below which an axle is not driven, or not braked.
 _SHARE = 0.1
 #: From the first two correlations routes confirm each other; below the last a route does not follow.
@@ -112,7 +110,7 @@ def suspects_of(log: Log, untrusted: frozenset[str] = frozenset()) -> tuple[list
     found: list[Suspect] = []
     judged: set[str] = set()
     speeds = routes_of(windows, "speed", None)
-    agreed = _agreed(speeds, MOTIONS["speed"], untrusted)
+    agreed = _agreed(windows, speeds, untrusted)
     for name in MOTIONS:
         routes = speeds if name == "speed" else routes_of(windows, name, agreed)
         for route in routes:
@@ -211,10 +209,17 @@ def _push_routes(windows: Windows) -> list[Route]:
 # ------------------------------------------------------------------ the vote
 
 
-def _agreed(routes: Sequence[Route], motion: Motion, untrusted: frozenset[str]) -> np.ndarray | None:
-    """Median of the routes that confirm another, or of all where none does; None without a route."""
+def _agreed(windows: Windows, routes: Sequence[Route], untrusted: frozenset[str]) -> np.ndarray | None:
+    """Speed: median of the routes that confirm another, or of all where none does; None without a route.
+
+    Of two axles that contradict each other the one that spins, or locks, less is nearer to the vehicle.
+    """
     trusted = [route for route in routes if not set(route.channels) & untrusted]
-    cluster = witnesses_of(trusted, motion) or trusted
+    witnesses = witnesses_of(trusted, MOTIONS["speed"])
+    if not witnesses and len(trusted) == 2 and all(_of(route, _WHEELS) for route in trusted):
+        torques = [windows.mean(name) for name in _TORQUES]
+        return spins_less(trusted[0].values, trusted[1].values, torques, windows.direction)
+    cluster = witnesses or trusted
     return median_of(cluster) if cluster else None
 
 
@@ -268,7 +273,7 @@ def _judged(
     """A suspect, or None; and whether the others could judge the route at all."""
     witnesses = witnesses_of(others, motion)
     if not witnesses:
-        return _of_two(route, others, motion)
+        return _of_two(log, route, others, motion)
     reference = median_of(witnesses)
     size = reference - np.nanmean(reference) if motion.centred else reference
     if not np.sqrt(np.nanmean(size**2)) > motion.floor:
@@ -332,7 +337,7 @@ def _excused(found: Suspect, route: Route, rest: tuple[np.ndarray, Sequence[Rout
         if found.kind != "scale":
             return False
         fast = np.where(np.abs(reference) > _SLOW, reference, math.nan)
-        return not _always(np.abs(route.values / fast), motion)
+        return not always_off(np.abs(route.values / fast), motion.spread)
     if motion is not MOTIONS["push"]:
         return False
     if _of(route, _TORQUES):
@@ -397,17 +402,7 @@ def _slides(
     return float(np.mean(np.abs(steer[known]) < most)) > _MOSTLY
 
 
-def _always(ratio: np.ndarray, motion: Motion) -> bool:
-    """Whether a wheel has one wrong ratio to the speed at all times, or one that no wheel spins with."""
-    ratio = ratio[np.isfinite(ratio)]
-    if not len(ratio):
-        return False
-    least, low, high = np.quantile(ratio, [0.02, 0.25, 0.75])
-    even = high < _EVEN * low
-    return bool(low > _SPINS or (even and (least > _DRIVEN or high < 1.0 / motion.spread)))
-
-
-def _of_two(route: Route, others: Sequence[Route], motion: Motion) -> tuple[Suspect | None, bool]:
+def _of_two(log: Log, route: Route, others: Sequence[Route], motion: Motion) -> tuple[Suspect | None, bool]:
     """Two routes alone: where they contradict each other, either may be wrong."""
     if len(others) != 1:
         return None, False
@@ -418,9 +413,9 @@ def _of_two(route: Route, others: Sequence[Route], motion: Motion) -> tuple[Susp
         return None, decided
     wheels = motion is MOTIONS["speed"] and _of(route, _WHEELS) and _of(others[0], _WHEELS)
     if wheels and found.kind == "scale":
-        # One axle may spin, whichever it is.
+        # One axle may spin, whichever it is; it does before a vehicle gets stuck.
         pair = (route.values, others[0].values)
-        if only_spins(np.fmax(*np.abs(pair)), np.fmin(*np.abs(pair))):
+        if stuck_spans(log) or only_spins(np.fmax(*np.abs(pair)), np.fmin(*np.abs(pair))):
             return None, True
     both = tuple(sorted((*route.channels, *others[0].channels)))
     return replace(found, channels=both), decided

@@ -161,7 +161,7 @@ THRESHOLDS = (
     ("estimators.discrepancy.model.linearisation", "", "_APART", 0.25),
     ("estimators.discrepancy.model.linearisation", "", "_SHARE", 0.05),
     ("estimators.logs.plausibility", "", "_BRIDGED", 3),
-    ("estimators.logs.agreement", "", "_DRIVEN", 3.0),
+    ("estimators.logs.axle_speeds", "", "_DRIVEN", 3.0),
     ("estimators.logs.agreement", "", "_TURNED", 6.0),
     ("estimators.logs.immobile", "", "_UNEVEN", 3.0),
     ("estimators.logs.immobile", "", "_ALIKE", 1.5),

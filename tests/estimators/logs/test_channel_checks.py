@@ -8,6 +8,7 @@ import pytest
 from estimators.discrepancy.diagnosis import diagnose
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
+from estimators.discrepancy.faults.other_forms import OTHER_FORMS
 from estimators.discrepancy.summarise import summarise
 from estimators.discrepancy.verdict import Verdict
 from estimators.logs import agreement, quality, read_log
@@ -156,3 +157,17 @@ def test_front_wheels_that_spin_turn_a_vehicle_less_or_more_than_they_are_steere
     factors = {"steer": steered, "omega_f": spun}
     changed = {name: factor * drive.channels[name] for name, factor in factors.items()}
     assert ("steer" in _named(replace(drive, channels={**drive.channels, **changed}))) == problem
+
+
+@pytest.mark.parametrize(
+    ("seed", "name", "size"),
+    [
+        (24009, "rut_drag", 27_000.0),  # its front wheels spin until it digs in
+        (24012, "rolling_resistance", 0.2),  # they spin all the time: the rear ones tell its speed
+    ],
+)
+def test_front_wheels_that_spin_are_no_wrong_unit_where_no_receiver_shows_the_speed(seed, name, size):
+    log = simulated_log(draw_case(seed, road="unknown", natural=True), OTHER_FORMS[name](size))
+    assert "speed" not in log.channels
+    assert not quality(log).problems
+    assert "a_y" in _named(corrupted(log, "a_y", "sign")) or name == "rut_drag"
