@@ -85,6 +85,10 @@ class Setup:
         """The preset: "full" or "paper"."""
         return plant_model(self.plant)
 
+    def stated_numbers(self) -> np.ndarray:
+        """(F,) all numbers in the records of vehicle and soil, in SI units."""
+        return np.array([*self.plant.vehicle, *self.plant.soil], dtype=float)
+
     def with_vehicle(self, **changes: float) -> Setup:
         """The same with other values in the vehicle's record."""
         return replace(self, plant=self.plant._replace(vehicle=self.plant.vehicle._replace(**changes)))

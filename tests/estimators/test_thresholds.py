@@ -187,6 +187,8 @@ THRESHOLDS = (
     ("estimators.discrepancy.search.from_stated", "", "_OF_SCORES", 8),
     ("estimators.discrepancy.search.from_stated", "", "_WHATEVER", 3),
     ("estimators.discrepancy.search.from_stated", "", "_FIRST", 3),
+    ("estimators.discrepancy.search.from_stated", "", "_SAME", 0.1),
+    ("estimators.discrepancy.model.linearisation", "", "_ALIKE", 0.01),
     ("estimators.discrepancy.structure_comparison", "", "_BEHIND", 0.4),
     ("estimators.discrepancy.search.lower_minimum", "", "LEFT", 4.5),
     ("estimators.discrepancy.model.fit", "", "HOPELESS", 10.0),

@@ -11,7 +11,7 @@ import numpy as np
 from estimators.discrepancy.model.nuisances import acts
 from estimators.discrepancy.model.parameters import Candidate, CandidateKey, Point
 from estimators.discrepancy.model.problem import LeastSquaresProblem
-from estimators.discrepancy.model.protocol import Records
+from estimators.discrepancy.model.protocol import Nuisance, Records
 from offroad_env.effects import EFFECTS, Setup
 from offroad_env.errors import OffroadError, SolverFailure
 
@@ -28,6 +28,8 @@ _JUMP, _APART, _SHARE = 1.0, 0.25, 0.05
 #: by less than 1e-5, in squares of the residuals of a window; where it is not, by 0.1 and more. What exceeds
 #: this, and this share of the change itself, is taken for noise.
 _NOISE, _NOISE_SHARE = 1e-3, 1e-2
+#: Share by which what two parameters change may differ in proportion, and still be the same.
+_ALIKE = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,9 +89,7 @@ class Linearisation:
         for i, nuisance in enumerate(problem.nuisances):
             if nuisance.sensors_only or not any(acts(nuisance, run) for run in problem.runs):
                 continue
-            moved = point.nuisances.copy()
-            moved[i] += nuisance.step
-            setups = problem.setups(replace(point, nuisances=moved))
+            setups = self._with_nuisance(i)
             if any(new.inputs != own.inputs for new, own in zip(setups, self.setups, strict=True)):
                 continue
             after = problem.predicted_coarsely(setups, point.starts, point.warm, rough=True)
@@ -150,33 +150,72 @@ class Linearisation:
         after = self.problem.predicted(self.setups, moved)
         return self.difference(self.prediction, after, _STATE_STEP * self.problem.runs[0].spread[j])
 
-    def nuisance_columns(self, known: np.ndarray | None = None) -> np.ndarray:
+    def nuisance_columns(
+        self, known: np.ndarray | None = None, effects: Mapping[CandidateKey, np.ndarray] | None = None
+    ) -> np.ndarray:
         """Derivatives by the nuisances, (M, N); 0 for those that do not exist in these runs.
 
-        ``known`` (M, N): earlier ones, which serve again for the numbers that are stated to a tolerance.
-        These move little, and are half of the work of a linearisation.
+        Parameters
+        ----------
+        known
+            (M, N) earlier ones, which serve again for the numbers that are stated to a tolerance. These move
+            little, and are half of the work of a linearisation.
+        effects
+            Those by the sizes of the effects in the model. A number whose effect is among them has its
+            derivative from there: one of its own would differ by what finite differences do on bumps, and
+            the fit use that difference, with number and effect far off on either side.
         """
         columns = []
         for i, nuisance in enumerate(self.problem.nuisances):
+            same = self._by_own_effect(nuisance, i, effects or {})
+            if same is not None:
+                columns.append(same)
+                continue
             if known is not None and nuisance.tolerated:
                 columns.append(known[:, i])
                 continue
             if not any(acts(nuisance, run) for run in self.problem.runs):
                 columns.append(np.zeros(self.problem.rows))
                 continue
-            moved = self.point.nuisances.copy()
-            moved[i] += nuisance.step
-            setups = self.problem.setups(replace(self.point, nuisances=moved))
             change = self._sensor_change if nuisance.sensors_only else self.change
-            columns.append(change(setups, nuisance.step))
+            columns.append(change(self._with_nuisance(i), nuisance.step))
         return np.stack(columns, axis=1)
+
+    def _with_nuisance(self, i: int) -> tuple[Setup, ...]:
+        """The setups with one nuisance further by its step."""
+        moved = self.point.nuisances.copy()
+        moved[i] += self.problem.nuisances[i].step
+        return self.problem.setups(replace(self.point, nuisances=moved))
+
+    def _by_own_effect(
+        self, nuisance: Nuisance, i: int, effects: Mapping[CandidateKey, np.ndarray]
+    ) -> np.ndarray | None:
+        """Derivative (M,) by a number from that by its effect; None where these do not do the same."""
+        own = [c for c in self.point.candidates if c.effect == nuisance.effect and c.key in effects]
+        if not nuisance.tolerated or not own or EFFECTS[nuisance.effect].hook != "parameter":
+            return None
+        step = self._size_step(own[0].effect)
+        column = np.zeros(self.problem.rows)
+        pairs = zip(self.setups, self._with_nuisance(i), self._with_size(own[0], step), strict=True)
+        for k, (here, number, effect) in enumerate(pairs):
+            by_number, by_effect = (
+                (there.stated_numbers() - here.stated_numbers()) / length
+                for there, length in ((number, nuisance.step), (effect, step))
+            )
+            moved = by_effect != 0.0
+            ratio = by_number[moved] / by_effect[moved]
+            if not moved.any() or np.any(by_number[~moved]) or np.ptp(ratio) > _ALIKE * np.abs(ratio).max():
+                return None
+            rows = slice(self.problem.offsets[k], self.problem.offsets[k + 1])
+            column[rows] = float(np.mean(ratio)) * effects[own[0].key][rows]
+        return column
 
     def effect_column(self, candidate: Candidate) -> np.ndarray | None:
         """Derivative by the size of an effect, (M,); None where the model has no solution.
 
         At its present size; at its off-value, if it is not in the model.
         """
-        step = _SIZE_STEP * EFFECTS[candidate.effect].plausible(self.problem.runs[0].setup.plant.vehicle)
+        step = self._size_step(candidate.effect)
         column = self._effect_difference(candidate, step)
         if column is None:
             return None
@@ -206,19 +245,26 @@ class Linearisation:
 
     def _effect_difference(self, candidate: Candidate, step: float) -> np.ndarray | None:
         """Change of the prediction (M,) by a ``step`` of an effect's size, over the step."""
-        effect, point = EFFECTS[candidate.effect], self.point
         try:
-            if candidate in point.candidates:
-                moved = point.sizes.copy()
-                moved[point.candidates.index(candidate)] += step
-                setups = self.problem.setups(replace(point, sizes=moved))
-            else:
-                moved = np.append(point.sizes, effect.size.off + step)
-                candidates = (*point.candidates, candidate)
-                setups = self.problem.setups(replace(point, candidates=candidates, sizes=moved))
-            return (self._sensor_change if effect.sensors_only else self.change)(setups, step)
+            setups = self._with_size(candidate, step)
+            sensors_only = EFFECTS[candidate.effect].sensors_only
+            return (self._sensor_change if sensors_only else self.change)(setups, step)
         except OffroadError:
             return None
+
+    def _size_step(self, effect: str) -> float:
+        return _SIZE_STEP * EFFECTS[effect].plausible(self.problem.runs[0].setup.plant.vehicle)
+
+    def _with_size(self, candidate: Candidate, step: float) -> tuple[Setup, ...]:
+        """The setups with an effect further by a step of its size."""
+        point = self.point
+        if candidate in point.candidates:
+            moved = point.sizes.copy()
+            moved[point.candidates.index(candidate)] += step
+            return self.problem.setups(replace(point, sizes=moved))
+        moved = np.append(point.sizes, EFFECTS[candidate.effect].size.off + step)
+        candidates = (*point.candidates, candidate)
+        return self.problem.setups(replace(point, candidates=candidates, sizes=moved))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -263,12 +309,13 @@ class Jacobian:
             Where the model has no solution.
         """
         known = self.states if not states and self.states is not None else at.state_columns()
-        nuisances, effects = at.nuisance_columns(None if tolerated else self.nuisances), {}
+        effects = {}
         for candidate, size in zip(at.point.candidates, at.point.sizes, strict=True):
             column = at.effect_column(candidate)
             if column is None:
                 raise SolverFailure(f"the model breaks down near {candidate.effect} = {size:.3g}")
             effects[candidate.key] = column
+        nuisances = at.nuisance_columns(None if tolerated else self.nuisances, effects)
         return Jacobian(states=known, nuisances=nuisances, effects=effects)
 
     def completed(self, at: Linearisation, more: Sequence[Candidate] = ()) -> Jacobian:
@@ -282,7 +329,7 @@ class Jacobian:
                 found = at.effect_column(candidate)
                 usable = found is not None and np.isfinite(found).all()
                 effects[candidate.key] = found if found is not None and usable else np.zeros(at.problem.rows)
-        nuisances = at.nuisance_columns() if self.nuisances is None else self.nuisances
+        nuisances = at.nuisance_columns(None, effects) if self.nuisances is None else self.nuisances
         states = at.state_columns() if self.states is None else self.states
         return Jacobian(states=states, nuisances=nuisances, effects=effects)
 

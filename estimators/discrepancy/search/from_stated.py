@@ -12,15 +12,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from estimators.discrepancy.model.fit import HOPELESS, begun_afresh
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
+from estimators.discrepancy.model.nuisances import acts
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.search.alternatives import NEAR_BEST, as_good_as, best_by_effect, order_of
 from estimators.discrepancy.search.lower_minimum import LEFT, deviations_off
 from estimators.discrepancy.search.score_test import ScoreTest
-from offroad_env.effects import EFFECTS
+from offroad_env.effects import EFFECTS, Setup, apply
 from offroad_env.errors import OffroadError
 
 __all__ = ["fits_from_stated"]
@@ -35,6 +37,8 @@ _OF_NUMBERS, _OF_SCORES, _WHATEVER = 5, 8, 3
 _BEGINS = (0.4, 0.8)
 #: Steps of a fit that are taken in any case.
 _FIRST = 3
+#: Share of what numbers have changed, squared, that an effect may leave where it takes their place exactly.
+_SAME = 0.1
 
 
 def fits_from_stated(scores: ScoreTest, threshold: float) -> list[FitResult]:
@@ -106,9 +110,11 @@ def _exchanged(scores: ScoreTest, candidate: Candidate, numbers: Sequence[int]) 
     fit, own = scores.fit, scores.candidates.index(candidate) - len(scores.candidates)
     if not numbers:
         return None
-    trace, done = scores.white[:, own], scores.white[:, list(numbers)] @ fit.nuisances[list(numbers)]
-    size = float(trace @ done) / max(float(trace @ trace), 1e-300)
     low, high = fit.runs[0].size_limits(candidate.effect)
+    size = _doing_the_same(fit, candidate, numbers)
+    if size is None:
+        trace, done = scores.white[:, own], scores.white[:, list(numbers)] @ fit.nuisances[list(numbers)]
+        size = float(trace @ done) / max(float(trace @ trace), 1e-300)
     nuisances = fit.nuisances.copy()
     nuisances[list(numbers)] = 0.0
     sizes = np.append(fit.sizes, min(max(size, low), high))
@@ -117,6 +123,38 @@ def _exchanged(scores: ScoreTest, candidate: Candidate, numbers: Sequence[int]) 
         return GaussNewton().descend(fit.moved(point))
     except OffroadError:
         return None
+
+
+def _doing_the_same(fit: FitResult, candidate: Candidate, numbers: Sequence[int]) -> float | None:
+    """The size at which an effect makes of vehicle and soil what numbers have; None if it does not act on it.
+
+    By traces in the data a friction angle would begin at two thirds of what its number has done: they are
+    far from linear in it, and windows that a vehicle then drives otherwise hide the rest.
+    """
+    setups: list[tuple[Setup, np.ndarray, np.ndarray]] = []
+    for run in fit.runs:
+        there = run.setup
+        for k in numbers:
+            if acts(fit.problem.nuisances[k], run):
+                there = fit.problem.nuisances[k].change(there, run, float(fit.nuisances[k]))
+        setups.append((run.setup, run.setup.stated_numbers(), there.stated_numbers()))
+    reach = EFFECTS[candidate.effect].plausible(fit.runs[0].setup.plant.vehicle)
+    low, high = (limit / reach for limit in fit.runs[0].size_limits(candidate.effect))
+
+    def missing(share: np.ndarray) -> np.ndarray:
+        """Of what the numbers have changed, as shares of these changes."""
+        values, rest = candidate.values(float(share[0]) * reach), []
+        for setup, before, after in setups:
+            moved = after != before
+            now = apply(setup, [(candidate.effect, values)]).stated_numbers()
+            rest.append((after - now)[moved] / (after - before)[moved])
+        return np.concatenate(rest)
+
+    nothing = missing(np.zeros(1))
+    if not nothing.size or not low <= 0.0 <= high or not low < high:
+        return None
+    found = least_squares(missing, [0.0], bounds=(low, high))
+    return float(found.x[0]) * reach if 2.0 * found.cost < _SAME * float(nothing @ nothing) else None
 
 
 def _suspects(scores: ScoreTest) -> list[tuple[Candidate, float, tuple[int, ...]]]:

@@ -1,5 +1,6 @@
 """Effects that are fitted from stated numbers, where a fit has left these."""
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,11 +8,14 @@ import pytest
 
 from agents.studies.closed_loop import study
 from agents.studies.closed_loop.planning import careful, make_world, shipped_knobs
+from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.model.fit import HOPELESS
 from estimators.discrepancy.model.parameters import Candidate, Point
+from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.search import alternatives, from_stated, stepwise
 from estimators.discrepancy.search.lower_minimum import LEFT
 from estimators.discrepancy.search.result import EQUIVALENT
+from estimators.logs.tolerances import TOLERANCES
 from offroad_env.errors import SolverFailure
 
 
@@ -158,6 +162,7 @@ def test_a_model_from_stated_numbers_whose_effect_was_refused_is_not_offered_aga
 
 def test_an_effect_begins_in_the_place_of_its_number_at_the_size_that_does_the_same(monkeypatch):
     monkeypatch.setattr(from_stated, "GaussNewton", descents())
+    monkeypatch.setattr(from_stated, "_doing_the_same", lambda *_: None)
     scores = scores_of((6.0, 1.0), (0.0, 0.0, 0.0, 0.0), alike=2.0)
     scores.fit.point = Point(nuisances=scores.fit.nuisances, sizes=np.empty(0), starts=(), warm=(), centre=())
     scores.fit.moved = lambda point: point
@@ -168,6 +173,55 @@ def test_an_effect_begins_in_the_place_of_its_number_at_the_size_that_does_the_s
     assert scores.fit.nuisances.tolist() == [6.0, 1.0]
     monkeypatch.setattr(scores.fit.runs[0], "size_limits", lambda name: (-0.9, 2.0))
     assert from_stated._exchanged(scores, scores.candidates[0], (0,)).sizes.tolist() == [2.0]
+    # By what it makes of the vehicle, and not by traces, if that is the same.
+    monkeypatch.setattr(from_stated, "_doing_the_same", lambda *_: 0.7)
+    assert from_stated._exchanged(scores, scores.candidates[0], (0,)).sizes.tolist() == [0.7]
+
+
+@pytest.fixture(scope="module")
+def run():
+    return RunModel(simulated_log(draw_case(100, road="unknown", natural=True, duration=8.0)))
+
+
+def moved(run, **numbers):
+    """A fit with these numbers so many standard deviations off, and their places."""
+    names = [nuisance.name for nuisance in run.nuisances]
+    values, places = np.zeros(len(names)), [names.index(name) for name in numbers]
+    values[places] = [*numbers.values()]
+    problem = SimpleNamespace(nuisances=run.nuisances)
+    return SimpleNamespace(runs=[run], problem=problem, nuisances=values), tuple(places)
+
+
+@pytest.mark.parametrize("away", [-6.0, 3.0])
+def test_an_effect_takes_the_place_of_a_number_exactly(run, away):
+    fit, places = moved(run, strength=away)
+    size = from_stated._doing_the_same(fit, Candidate(effect="friction_angle"), places)
+    there = run.nuisances[places[0]].change(run.setup, run, away)
+    assert size == pytest.approx(there.plant.soil.phi - run.setup.plant.soil.phi, abs=1e-6)
+    fit, places = moved(run, springs_f=away, springs_r=away)
+    size = from_stated._doing_the_same(fit, Candidate(effect="spring_rate"), places)
+    assert size == pytest.approx(math.exp(TOLERANCES["springs"] * away) - 1.0, abs=1e-6)
+
+
+def test_what_no_effect_does_is_left_to_the_traces(run, monkeypatch):
+    fit, places = moved(run, radius=6.0)
+    assert from_stated._doing_the_same(fit, Candidate(effect="wheel_radius_scale"), places) is None
+    fit, places = moved(run, springs_f=6.0, springs_r=-6.0)
+    assert from_stated._doing_the_same(fit, Candidate(effect="spring_rate"), places) is None
+    fit, places = moved(run, strength=0.0)
+    assert from_stated._doing_the_same(fit, Candidate(effect="friction_angle"), places) is None
+    # A size that is held, or a range without nothing, leaves no choice.
+    for limits in ((0.0, 0.0), (0.1, 0.2)):
+        fit, places = moved(run, strength=6.0)
+        fit.runs = [SimpleNamespace(setup=run.setup, log=run.log, size_limits=lambda name, own=limits: own)]
+        assert from_stated._doing_the_same(fit, Candidate(effect="friction_angle"), places) is None
+
+
+@pytest.mark.parametrize(("front", "found"), [(1.9, True), (1.6, False)])
+def test_an_effect_that_does_most_of_what_two_numbers_do_takes_their_place(run, front, found):
+    fit, places = moved(run, springs_f=front, springs_r=3.0)
+    size = from_stated._doing_the_same(fit, Candidate(effect="spring_rate"), places)
+    assert (size is not None) == found
 
 
 @pytest.mark.check
