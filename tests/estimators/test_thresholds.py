@@ -188,6 +188,8 @@ THRESHOLDS = (
     ("estimators.discrepancy.search.from_stated", "", "_WHATEVER", 3),
     ("estimators.discrepancy.search.from_stated", "", "_FIRST", 3),
     ("estimators.discrepancy.search.from_stated", "", "_SAME", 0.1),
+    ("estimators.discrepancy.search.from_stated", "", "_OTHER_N", 0.1),
+    ("estimators.discrepancy.search.lower_minimum", "", "_EXPONENTS", (0.3, 0.5, 0.9, 1.1)),
     ("estimators.discrepancy.model.linearisation", "", "_ALIKE", 0.01),
     ("estimators.discrepancy.structure_comparison", "", "_BEHIND", 0.4),
     ("estimators.discrepancy.search.lower_minimum", "", "LEFT", 4.5),

@@ -104,22 +104,31 @@ def _begun(
     white: bool = False,
     wide: bool,
     near: Jacobian | None = None,
+    numbers: bool = True,
 ) -> FitResult:
     """About the parameters, and starts that these lead to, from a point without starts.
 
-    ``near`` has derivatives at a point not far away, which are then all that is taken.
+    ``near`` has derivatives at a point not far away, which are then all that is taken. Tolerated ``numbers``
+    move or stay.
     """
     first = Linearisation.at(problem, problem.begun(point))
     noise = _first_noise(first, wide=wide)
     known = Jacobian() if near is None else replace(near, effects={})
     fit = FitResult(linearisation=first, jacobian=known, noise=noise, white=white)
     # Once more from the starts that a ground about right leads to: no sensor may have measured the speed.
-    fit = GaussNewton(rounds=_ROUGHLY, renewing=near is None).descend(fit, fresh=near is None)
+    descent = GaussNewton(rounds=_ROUGHLY, renewing=near is None, numbers=numbers)
+    fit = descent.descend(fit, fresh=near is None)
     return fit.moved(problem.begun(fit.point))
 
 
 def begun_afresh(
-    fit: FitResult, candidates: Sequence[Candidate], sizes: Sequence[float], near: FitResult | None = None
+    fit: FitResult,
+    candidates: Sequence[Candidate],
+    sizes: Sequence[float],
+    near: FitResult | None = None,
+    *,
+    n: float | None = None,
+    numbers: bool = True,
 ) -> FitResult:
     """The model with these effects fitted roughly from stated numbers and these sizes, the noise as it is.
 
@@ -131,6 +140,10 @@ def begun_afresh(
     near
         Another one, begun likewise. Its derivatives serve again: about half of the work, and enough to
         compare sizes.
+    n
+        The sinkage exponent to begin from; None: as stated.
+    numbers
+        The tolerated numbers move, too. Where the effect is about right they need not, and lead astray.
 
     Raises
     ------
@@ -138,8 +151,9 @@ def begun_afresh(
         Where the model has no solution.
     """
     stated = replace(fit.problem.stated(), candidates=tuple(candidates), sizes=np.array(sizes))
+    stated = stated if n is None else fit.problem.with_exponent(stated, n)
     known = None if near is None else near.jacobian
-    begun = _begun(fit.problem, stated, white=fit.white, wide=True, near=known)
+    begun = _begun(fit.problem, stated, white=fit.white, wide=True, near=known, numbers=numbers)
     return replace(begun, noise=fit.noise, null=fit.null)
 
 

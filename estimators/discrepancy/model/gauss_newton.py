@@ -63,6 +63,7 @@ class GaussNewton:
     whole: bool = False
     #: New derivatives are taken on the way where steps reduce the cost too slowly.
     renewing: bool = True
+    numbers: bool = True  #: the tolerated numbers move, and do not stay where they are
 
     def descend(self, fit: FitResult, *, fresh: bool = True) -> FitResult:
         """The fit at the minimum.
@@ -112,6 +113,8 @@ class GaussNewton:
         there = fit.linearisation
         if self.held:
             jacobian = fit.jacobian.renewed_states(there)
+        elif not self.numbers:
+            jacobian = fit.jacobian.without_numbers(there).renewed(there, states=states, tolerated=False)
         else:
             jacobian = fit.jacobian.renewed(there, states=states, tolerated=tolerated)
         return self._whitened(fit.carried_to(replace(fit, jacobian=jacobian)))

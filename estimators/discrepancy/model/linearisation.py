@@ -291,6 +291,13 @@ class Jacobian:
         """The same with new derivatives by the states."""
         return replace(self, states=at.state_columns())
 
+    def without_numbers(self, at: Linearisation) -> Jacobian:
+        """As if nothing depended on the numbers that are stated to a tolerance: these stay where they are."""
+        nothing = np.zeros((at.problem.rows, at.problem.nuisance_count))
+        known = nothing if self.nuisances is None else self.nuisances
+        tolerated = [nuisance.tolerated for nuisance in at.problem.nuisances]
+        return replace(self, nuisances=np.where(tolerated, nothing, known))
+
     def renewed(self, at: Linearisation, *, states: bool = True, tolerated: bool = True) -> Jacobian:
         """New derivatives by states, nuisances and the effects in the model.
 

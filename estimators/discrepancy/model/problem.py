@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.discrepancy.model.nuisances import with_nuisances
+from estimators.discrepancy.model.nuisances import acts, ground_changed, with_nuisances
 from estimators.discrepancy.model.parameters import Candidate, Point
 from estimators.discrepancy.model.protocol import ForwardModel, Records
 from offroad_env.effects import EFFECTS, Setup, apply
@@ -95,6 +95,19 @@ class LeastSquaresProblem:
         return Point(
             nuisances=np.zeros(self.nuisance_count), sizes=np.empty(0), starts=(), warm=(), centre=()
         )
+
+    def with_exponent(self, point: Point, n: float) -> Point:
+        """The same on soil with another sinkage exponent in all runs; hard ground as it is."""
+        values = point.nuisances.copy()
+        for i, nuisance in enumerate(self.nuisances):
+            run = next((run for run in self.runs if acts(nuisance, run)), None)
+            if nuisance.change is ground_changed and run is not None and not self.hard:
+                values[i] = n - run.setup.plant.soil.n
+        return replace(point, nuisances=values)
+
+    def exponent(self, point: Point) -> float:
+        """The sinkage exponent of the first run."""
+        return float(self.setup(self.runs[0], point).plant.soil.n)
 
     def begun(self, point: Point) -> Point:
         """Starts of all windows from the sensors, the other parameters as they are.

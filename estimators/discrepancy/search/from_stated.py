@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -17,6 +18,7 @@ from scipy.optimize import least_squares
 from estimators.discrepancy.model.fit import HOPELESS, begun_afresh
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
+from estimators.discrepancy.model.linearisation import Jacobian
 from estimators.discrepancy.model.nuisances import acts
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.search.alternatives import NEAR_BEST, as_good_as, best_by_effect, order_of
@@ -39,6 +41,8 @@ _BEGINS = (0.4, 0.8)
 _FIRST = 3
 #: Share of what numbers have changed, squared, that an effect may leave where it takes their place exactly.
 _SAME = 0.1
+#: Exponents closer to each other than this lead to the same fit.
+_OTHER_N = 0.1
 
 
 def fits_from_stated(scores: ScoreTest, threshold: float) -> list[FitResult]:
@@ -85,11 +89,11 @@ def _from_stated(
         # The other sign is of use where this one explains no more than the present fit.
         if best is not None and best.cost < fit.cost:
             break
-        for size in (sign * share * reach for share in _BEGINS):
-            if not low <= size <= high:
-                continue
+        sizes = [sign * share * reach for share in _BEGINS]
+        for size, n in product((size for size in sizes if low <= size <= high), _exponents(fit)):
+            model = (*fit.candidates, candidate), (*fit.sizes, size)
             try:
-                one = begun_afresh(fit, (*fit.candidates, candidate), (*fit.sizes, size), near)
+                one = begun_afresh(fit, *model, near, n=n, numbers=False)
             except OffroadError:
                 continue
             near = one if near is None else near
@@ -97,12 +101,18 @@ def _from_stated(
     if best is None:
         return None, near
     try:
-        closer = GaussNewton(rounds=_FIRST).descend(best)
+        closer = GaussNewton(rounds=_FIRST).descend(replace(best, jacobian=Jacobian()))
         if closer.cost > HOPELESS * fit.cost:
             return None, near
         return GaussNewton(enough=enough).descend(closer, fresh=False), near
     except OffroadError:
         return None, near
+
+
+def _exponents(fit: FitResult) -> tuple[float | None, ...]:
+    """Where fits begin: with the stated n, and with that of the fit if it is another."""
+    here, stated = (fit.problem.exponent(point) for point in (fit.point, fit.problem.stated()))
+    return (None,) if abs(here - stated) < _OTHER_N else (None, here)
 
 
 def _exchanged(scores: ScoreTest, candidate: Candidate, numbers: Sequence[int]) -> FitResult | None:

@@ -1,6 +1,7 @@
 """Effects that are fitted from stated numbers, where a fit has left these."""
 
 import math
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +11,7 @@ from agents.studies.closed_loop import study
 from agents.studies.closed_loop.planning import careful, make_world, shipped_knobs
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.model.fit import HOPELESS
+from estimators.discrepancy.model.linearisation import Jacobian
 from estimators.discrepancy.model.parameters import Candidate, Point
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.search import alternatives, from_stated, stepwise
@@ -23,11 +25,13 @@ def scores_of(away, z, *, alike=1.0):
     """Two numbers, of `payload` and `inertia`, ``away`` from what is stated, and four candidates."""
     numbers = [SimpleNamespace(effect=name) for name in ("payload", "inertia")]
     problem = SimpleNamespace(nuisances=numbers, nuisance_spread=np.ones(2))
+    problem.exponent, problem.stated = lambda n: n, lambda: 0.7
     plant = SimpleNamespace(vehicle=SimpleNamespace(m=1000.0))
     run = SimpleNamespace(setup=SimpleNamespace(plant=plant), size_limits=lambda name: (-0.9, 2.0))
     fit = SimpleNamespace(
         nuisances=np.array(away), problem=problem, runs=[run], cost=100.0, candidates=(), sizes=np.empty(0)
     )
+    fit.point = 0.7
     names = ("payload", "inertia", "steer_gain", "torque_scale")
     white = np.column_stack([np.eye(2), alike * np.eye(2), np.ones((2, 2))])
     return SimpleNamespace(
@@ -59,7 +63,7 @@ def test_nothing_is_fitted_where_the_numbers_are_about_as_stated(monkeypatch, aw
     begun = []
     monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
 
-    def fitted(fit, candidates, sizes, near):
+    def fitted(fit, candidates, sizes, near, *, n, numbers):
         begun.append((candidates[-1].effect, float(sizes[-1])))
         raise SolverFailure("does not drive")
 
@@ -89,14 +93,27 @@ def descents(ended=None, least=None):
     return descent
 
 
+@dataclass
+class Rough:
+    """A rough fit, whose derivatives are not by all numbers."""
+
+    cost: float
+    candidates: tuple
+    sizes: tuple
+    runs: list
+    n: float | None
+    jacobian: str = "rough"
+
+
 def rough(costs, seen):
     """Rough fits of these costs by effect and size, and what they were given as `near`."""
 
-    def begun(fit, candidates, sizes, near):
+    def begun(fit, candidates, sizes, near, *, n, numbers):
+        assert not numbers
         effect, run = candidates[-1].effect, fit.runs[0]
         cost = costs[effect] if np.isscalar(costs[effect]) else costs[effect][len(seen.get(effect, ()))]
         seen.setdefault(effect, []).append(near)
-        return SimpleNamespace(cost=cost, candidates=candidates, sizes=sizes, runs=[run])
+        return Rough(cost=cost, candidates=candidates, sizes=sizes, runs=[run], n=n)
 
     return begun
 
@@ -129,6 +146,26 @@ def test_of_sizes_to_begin_from_the_one_is_fitted_to_the_end_that_explains_most_
     assert again is near
     assert seen["inertia"] == [near, near]  # better than the present fit: no other sign
     assert len(ended) == 2
+
+
+@pytest.mark.parametrize(
+    ("n", "begins"), [(0.7, [None]), (0.79, [None]), (0.81, [None, 0.81]), (0.4, [None, 0.4])]
+)
+def test_fits_begin_with_the_stated_n_and_with_another_that_a_fit_has_found(monkeypatch, n, begins):
+    """A friction angle on soft soil was not found from the stated n, nor from that of a fit on firmer one."""
+    asked = []
+
+    def begun(fit, candidates, sizes, near, *, n, numbers):
+        asked.append(n)
+        return Rough(1.0, candidates, sizes, fit.runs, n)
+
+    monkeypatch.setattr(from_stated, "begun_afresh", begun)
+    monkeypatch.setattr(from_stated, "GaussNewton", descents())
+    fit = scores_of((6.0, 0.0), (0.0, 0.0, 0.0, 0.0)).fit
+    fit.point = n
+    best, _ = from_stated._from_stated(fit, Candidate(effect="payload"), (1.0,), np.inf, None)
+    assert asked == 2 * begins
+    assert best.jacobian == Jacobian()
 
 
 @pytest.mark.parametrize(("share", "kept"), [(0.95, True), (1.05, False)])

@@ -8,12 +8,15 @@ import pytest
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
 from estimators.discrepancy.model.fit import begun_afresh, fit_runs, with_null_simulations
+from estimators.discrepancy.model.gauss_newton import GaussNewton
+from estimators.discrepancy.model.linearisation import Jacobian
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.search import lower_minimum as lower_minimum_module
 from estimators.discrepancy.search import stepwise
 from estimators.discrepancy.search.lower_minimum import begun_again, lower_minimum
 from estimators.discrepancy.search.refitting import refit
+from offroad_env.errors import SolverFailure
 
 _PAYLOAD = [Candidate(effect="payload")]
 
@@ -66,6 +69,38 @@ def test_a_model_that_has_left_the_stated_numbers_is_begun_again(sound):
     again = begun_again(_away(fit, "mass", 6.0))
     assert np.all(np.abs(again.nuisances) < 5.0 * fit.problem.nuisance_spread)
     assert again.minus_log_likelihood == pytest.approx(fit.minus_log_likelihood, abs=2.0)
+
+
+def test_it_begins_from_several_exponents_and_the_best_is_fitted(sound, monkeypatch):
+    away, asked, real = _away(sound[0], "mass", 6.0), {}, begun_afresh
+
+    def begun(fit, candidates, sizes, *, n=None):
+        if n == 0.3:
+            raise SolverFailure("sinks")
+        asked[n] = real(fit, candidates, sizes, n=n)
+        return asked[n]
+
+    ended = []
+    monkeypatch.setattr(lower_minimum_module, "begun_afresh", begun)
+    monkeypatch.setattr(lower_minimum_module, "settled", lambda fit, fresh: ended.append(fit) or fit)
+    begun_again(away)
+    assert list(asked) == [None, 0.5, 0.9, 1.1]
+    assert ended[0].first_cost == pytest.approx(min(one.cost for one in asked.values()))
+
+
+def test_a_rough_fit_begins_with_its_exponent_and_the_numbers_stay_if_they_shall(sound):
+    fit, _ = sound
+    problem = fit.problem
+    numbers = [i for i, nuisance in enumerate(problem.nuisances) if nuisance.tolerated]
+    assert problem.exponent(problem.with_exponent(problem.stated(), 0.31)) == pytest.approx(0.31)
+    kept = begun_afresh(fit, _PAYLOAD, [0.3], n=0.5, numbers=False)
+    assert not kept.nuisances[numbers].any() or np.flatnonzero(kept.nuisances[numbers]).tolist() == [0]
+    assert begun_afresh(fit, _PAYLOAD, [0.3]).nuisances[numbers].all()
+    # Beside another's derivatives they stay, too, and move again with derivatives of their own.
+    beside = begun_afresh(fit, _PAYLOAD, [0.2], kept, numbers=False)
+    assert np.count_nonzero(beside.nuisances[numbers]) <= 1
+    free = GaussNewton(rounds=1).descend(replace(beside, jacobian=Jacobian()))
+    assert np.count_nonzero(free.nuisances[numbers]) > 5
 
 
 def test_no_model_is_begun_again_that_does_not_drive_as_logged_from_there(sound, monkeypatch):
