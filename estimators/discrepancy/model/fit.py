@@ -7,6 +7,7 @@ of effects. The result is a small normal matrix with a score, which is all that 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -20,6 +21,7 @@ from estimators.discrepancy.model.natural_world import null_simulations
 from estimators.discrepancy.model.parameters import Candidate, Point
 from estimators.discrepancy.model.problem import LeastSquaresProblem
 from estimators.discrepancy.model.protocol import ForwardModel
+from offroad_env.errors import OffroadError
 
 __all__ = [
     "HOPELESS",
@@ -28,6 +30,7 @@ __all__ = [
     "fit_runs",
     "settled",
     "stretches_of",
+    "unfitted_cost",
     "with_null_simulations",
 ]
 
@@ -103,21 +106,17 @@ def _begun(
     *,
     white: bool = False,
     wide: bool,
-    near: Jacobian | None = None,
     numbers: bool = True,
 ) -> FitResult:
     """About the parameters, and starts that these lead to, from a point without starts.
 
-    ``near`` has derivatives at a point not far away, which are then all that is taken. Tolerated ``numbers``
-    move or stay.
+    Tolerated ``numbers`` move or stay.
     """
     first = Linearisation.at(problem, problem.begun(point))
     noise = _first_noise(first, wide=wide)
-    known = Jacobian() if near is None else replace(near, effects={})
-    fit = FitResult(linearisation=first, jacobian=known, noise=noise, white=white)
+    fit = FitResult(linearisation=first, jacobian=Jacobian(), noise=noise, white=white)
     # Once more from the starts that a ground about right leads to: no sensor may have measured the speed.
-    descent = GaussNewton(rounds=_ROUGHLY, renewing=near is None, numbers=numbers)
-    fit = descent.descend(fit, fresh=near is None)
+    fit = GaussNewton(rounds=_ROUGHLY, numbers=numbers).descend(fit)
     return fit.moved(problem.begun(fit.point))
 
 
@@ -125,7 +124,6 @@ def begun_afresh(
     fit: FitResult,
     candidates: Sequence[Candidate],
     sizes: Sequence[float],
-    near: FitResult | None = None,
     *,
     n: float | None = None,
     numbers: bool = True,
@@ -137,9 +135,6 @@ def begun_afresh(
 
     Parameters
     ----------
-    near
-        Another one, begun likewise. Its derivatives serve again: about half of the work, and enough to
-        compare sizes.
     n
         The sinkage exponent to begin from; None: as stated.
     numbers
@@ -150,11 +145,26 @@ def begun_afresh(
     SolverFailure
         Where the model has no solution.
     """
-    stated = replace(fit.problem.stated(), candidates=tuple(candidates), sizes=np.array(sizes))
-    stated = stated if n is None else fit.problem.with_exponent(stated, n)
-    known = None if near is None else near.jacobian
-    begun = _begun(fit.problem, stated, white=fit.white, wide=True, near=known, numbers=numbers)
+    stated = fit.problem.stated(candidates, sizes, n)
+    begun = _begun(fit.problem, stated, white=fit.white, wide=True, numbers=numbers)
     return replace(begun, noise=fit.noise, null=fit.null)
+
+
+def unfitted_cost(
+    fit: FitResult, candidates: Sequence[Candidate], sizes: Sequence[float], n: float | None
+) -> float:
+    """Cost in the noise of a fit of stated numbers and these sizes, from starts that the sensors give.
+
+    One simulation. Where a wrong model has left the data far behind, it is least about the right size and n
+    by far: a friction angle too small by 0.12 rad on clay costs 10,800 there, 31,500 at half of it, and
+    158,000 at an n that is 0.15 off. Infinite where the model has no solution.
+    """
+    try:
+        point = fit.problem.begun(fit.problem.stated(candidates, sizes, n))
+        there = Linearisation.at(fit.problem, point)
+    except OffroadError:
+        return math.inf
+    return FitResult(linearisation=there, jacobian=Jacobian(), noise=fit.noise, white=fit.white).cost
 
 
 def settled(fit: FitResult, *, fresh: bool = True) -> FitResult:

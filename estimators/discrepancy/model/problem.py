@@ -90,20 +90,23 @@ class LeastSquaresProblem:
 
     # ------------------------------------------------------------------ parameters
 
-    def stated(self) -> Point:
-        """Everything as stated, no effect, and no starts yet."""
-        return Point(
-            nuisances=np.zeros(self.nuisance_count), sizes=np.empty(0), starts=(), warm=(), centre=()
-        )
+    def stated(
+        self,
+        candidates: Sequence[Candidate] = (),
+        sizes: Sequence[float] = (),
+        n: float | None = None,
+    ) -> Point:
+        """Everything as stated and effects of these sizes, without starts yet.
 
-    def with_exponent(self, point: Point, n: float) -> Point:
-        """The same on soil with another sinkage exponent in all runs; hard ground as it is."""
-        values = point.nuisances.copy()
+        ``n`` : another sinkage exponent in all runs; hard ground stays as it is.
+        """
+        values = np.zeros(self.nuisance_count)
         for i, nuisance in enumerate(self.nuisances):
             run = next((run for run in self.runs if acts(nuisance, run)), None)
-            if nuisance.change is ground_changed and run is not None and not self.hard:
+            if n is not None and nuisance.change is ground_changed and run is not None and not self.hard:
                 values[i] = n - run.setup.plant.soil.n
-        return replace(point, nuisances=values)
+        own = np.array(sizes, dtype=float)
+        return Point(nuisances=values, candidates=tuple(candidates), sizes=own, starts=(), warm=(), centre=())
 
     def exponent(self, point: Point) -> float:
         """The sinkage exponent of the first run."""

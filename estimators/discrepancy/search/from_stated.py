@@ -8,21 +8,23 @@ and those that do what a number does in its place.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from estimators.discrepancy.model.fit import HOPELESS, begun_afresh
+from estimators.discrepancy.model.fit import HOPELESS, begun_afresh, unfitted_cost
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.linearisation import Jacobian
 from estimators.discrepancy.model.nuisances import acts
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.search.alternatives import NEAR_BEST, as_good_as, best_by_effect, order_of
-from estimators.discrepancy.search.lower_minimum import LEFT, deviations_off
+from estimators.discrepancy.search.lower_minimum import LEFT, deviations_off, exponents
 from estimators.discrepancy.search.score_test import ScoreTest
 from offroad_env.effects import EFFECTS, Setup, apply
 from offroad_env.errors import OffroadError
@@ -35,14 +37,14 @@ _SUSPECT = 2.5
 #: Effects that are fitted: of the numbers furthest off, and with the largest scores beside these, as long as
 #: they are near the largest; so many of them whatever they are.
 _OF_NUMBERS, _OF_SCORES, _WHATEVER = 5, 8, 3
-#: Sizes to begin from, as shares of a plausible one.
-_BEGINS = (0.4, 0.8)
+#: Sizes to begin from, as shares of a plausible one; about the best others so much larger and smaller.
+_SHARES, _FINER = (-0.8, -0.4, 0.4, 0.8), 0.2
+#: Likewise exponents n about the best.
+_NEAR_N = 0.1
 #: Steps of a fit that are taken in any case.
 _FIRST = 3
 #: Share of what numbers have changed, squared, that an effect may leave where it takes their place exactly.
 _SAME = 0.1
-#: Exponents closer to each other than this lead to the same fit.
-_OTHER_N = 0.1
 
 
 def fits_from_stated(scores: ScoreTest, threshold: float) -> list[FitResult]:
@@ -55,13 +57,16 @@ def fits_from_stated(scores: ScoreTest, threshold: float) -> list[FitResult]:
     if not np.any(deviations_off(fit) > LEFT):
         return []
     enough = fit.cost - 0.5 * threshold**2
-    near: FitResult | None = None
-    for candidate, sign, numbers in _suspects(scores):
+    suspects = _suspects(scores)
+    # Beside others a number may undo what the effect does.
+    begins = [None if fit.candidates else _begin(fit, candidate) for candidate, _ in suspects]
+    order = sorted(range(len(suspects)), key=lambda i: math.inf if (one := begins[i]) is None else one.cost)
+    for i in order:
+        candidate, numbers = suspects[i]
+        begin = begins[i]
         trials = [_exchanged(scores, candidate, numbers)]
-        if not fit.candidates:
-            # Beside others a number may undo what the effect does.
-            afresh, near = _from_stated(fit, candidate, (sign, -sign) if numbers else (sign,), enough, near)
-            trials.append(afresh)
+        if begin is not None:
+            trials.append(_from_stated(fit, candidate, begin, enough))
         useful = [trial for trial in trials if trial is not None and trial.cost < enough]
         if useful:
             found.append(min(useful, key=order_of))
@@ -69,12 +74,36 @@ def fits_from_stated(scores: ScoreTest, threshold: float) -> list[FitResult]:
     return found
 
 
-def _from_stated(
-    fit: FitResult, candidate: Candidate, signs: Sequence[float], enough: float, near: FitResult | None
-) -> tuple[FitResult | None, FitResult | None]:
-    """The model with this effect, and a rough fit of it whose derivatives serve the next; None without.
+class _Begin(NamedTuple):
+    """Where the fit of an effect begins."""
 
-    From the size that explains most after a rough fit.
+    cost: float  #: before anything is fitted
+    size: float
+    n: float
+
+
+def _begin(fit: FitResult, candidate: Candidate) -> _Begin | None:
+    """The size and the exponent that cost least before anything is fitted; None without a solution."""
+    reach = EFFECTS[candidate.effect].plausible(fit.runs[0].setup.plant.vehicle)
+    low, high = fit.runs[0].size_limits(candidate.effect)
+
+    def tried(sizes: Iterable[float], ns: Iterable[float]) -> list[_Begin]:
+        pairs = product([size for size in sizes if low <= size <= high], ns)
+        return [_Begin(unfitted_cost(fit, (candidate,), (size,), n), size, n) for size, n in pairs]
+
+    best = min(tried([share * reach for share in _SHARES], exponents(fit)), default=None)
+    if best is None or not math.isfinite(best.cost):
+        return None
+    around = tried([best.size + share * reach for share in (-_FINER, 0.0, _FINER)], _about(fit, best.n))
+    return min([best, *around])
+
+
+def _about(fit: FitResult, n: float) -> list[float]:
+    return [n] if fit.problem.hard else [n - _NEAR_N, n, n + _NEAR_N]
+
+
+def _from_stated(fit: FitResult, candidate: Candidate, begin: _Begin, enough: float) -> FitResult | None:
+    """The model with this effect; None without.
 
     Parameters
     ----------
@@ -82,37 +111,14 @@ def _from_stated(
         What cannot cost less is not fitted to the end. The first steps are taken in any case: far from the
         data the equations promise too little.
     """
-    reach = EFFECTS[candidate.effect].plausible(fit.runs[0].setup.plant.vehicle)
-    low, high = fit.runs[0].size_limits(candidate.effect)
-    best: FitResult | None = None
-    for sign in signs:
-        # The other sign is of use where this one explains no more than the present fit.
-        if best is not None and best.cost < fit.cost:
-            break
-        sizes = [sign * share * reach for share in _BEGINS]
-        for size, n in product((size for size in sizes if low <= size <= high), _exponents(fit)):
-            model = (*fit.candidates, candidate), (*fit.sizes, size)
-            try:
-                one = begun_afresh(fit, *model, near, n=n, numbers=False)
-            except OffroadError:
-                continue
-            near = one if near is None else near
-            best = one if best is None or one.cost < best.cost else best
-    if best is None:
-        return None, near
     try:
-        closer = GaussNewton(rounds=_FIRST).descend(replace(best, jacobian=Jacobian()))
+        rough = begun_afresh(fit, (candidate,), (begin.size,), n=begin.n, numbers=False)
+        closer = GaussNewton(rounds=_FIRST).descend(replace(rough, jacobian=Jacobian()))
         if closer.cost > HOPELESS * fit.cost:
-            return None, near
-        return GaussNewton(enough=enough).descend(closer, fresh=False), near
+            return None
+        return GaussNewton(enough=enough).descend(closer, fresh=False)
     except OffroadError:
-        return None, near
-
-
-def _exponents(fit: FitResult) -> tuple[float | None, ...]:
-    """Where fits begin: with the stated n, and with that of the fit if it is another."""
-    here, stated = (fit.problem.exponent(point) for point in (fit.point, fit.problem.stated()))
-    return (None,) if abs(here - stated) < _OTHER_N else (None, here)
+        return None
 
 
 def _exchanged(scores: ScoreTest, candidate: Candidate, numbers: Sequence[int]) -> FitResult | None:
@@ -167,22 +173,17 @@ def _doing_the_same(fit: FitResult, candidate: Candidate, numbers: Sequence[int]
     return float(found.x[0]) * reach if 2.0 * found.cost < _SAME * float(nothing @ nothing) else None
 
 
-def _suspects(scores: ScoreTest) -> list[tuple[Candidate, float, tuple[int, ...]]]:
-    """Effects that may be behind the fit, the signs of their sizes, and numbers that stand for them."""
+def _suspects(scores: ScoreTest) -> list[tuple[Candidate, tuple[int, ...]]]:
+    """Effects that may be behind the fit, and numbers that stand for them."""
     fit, away = scores.fit, deviations_off(scores.fit)
     by_effect = {scores.candidates[i].effect: i for i in best_by_effect(np.abs(scores.z), scores.candidates)}
-    found: dict[int, tuple[float, tuple[int, ...]]] = {}
+    found: dict[int, tuple[int, ...]] = {}
     for k in np.argsort(-away):
         i = by_effect.get(fit.problem.nuisances[k].effect)
-        if not away[k] > _SUSPECT or i is None:
-            continue
-        # The effect does what the number does, if their traces are alike, or the opposite.
-        alike = float(scores.white[:, k] @ scores.white[:, i - len(scores.candidates)])
-        if i in found or len(found) < _OF_NUMBERS:
-            sign, numbers = found.get(i, (float(np.copysign(1.0, fit.nuisances[k] * alike)), ()))
-            found[i] = sign, (*numbers, int(k))
+        if away[k] > _SUSPECT and i is not None and (i in found or len(found) < _OF_NUMBERS):
+            found[i] = (*found.get(i, ()), int(k))
     strength = np.abs(scores.z)
     for place, i in enumerate(list(by_effect.values())[:_OF_SCORES]):
         if place < _WHATEVER or strength[i] > NEAR_BEST * strength.max():
-            found.setdefault(i, (float(np.copysign(1.0, scores.size[i])), ()))
-    return [(scores.candidates[i], sign, numbers) for i, (sign, numbers) in found.items()]
+            found.setdefault(i, ())
+    return [(scores.candidates[i], numbers) for i, numbers in found.items()]

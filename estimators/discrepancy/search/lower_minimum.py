@@ -7,24 +7,23 @@ done to the numbers of a model without it need not come undone once the model ha
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
-from estimators.discrepancy.model.fit import HOPELESS, begun_afresh, settled
+from estimators.discrepancy.model.fit import HOPELESS, begun_afresh, settled, unfitted_cost
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from offroad_env.errors import OffroadError
 
-__all__ = ["LEFT", "begun_again", "deviations_off", "lower_minimum"]
+__all__ = ["LEFT", "begun_again", "deviations_off", "exponents", "lower_minimum"]
 
 #: Standard deviations from a stated number from which a model is fitted again from what is stated. In 60
 #: natural logs of unmodified vehicles, which nothing was chosen on before, none was further off than 4.1.
 LEFT = 4.5
 #: Sinkage exponents to begin from, besides the stated one: of soft clay, of sand and between, see
 #: J. Y. Wong, Theory of Ground Vehicles (2008), table 2.3.
-_EXPONENTS = (0.3, 0.5, 0.9, 1.1)
+_EXPONENTS = (0.3, 0.5, 0.7, 0.9, 1.1)
 
 
 def deviations_off(fit: FitResult) -> np.ndarray:
@@ -65,15 +64,19 @@ def begun_again(fit: FitResult) -> FitResult:
     """
     if not np.any(deviations_off(fit) > LEFT):
         return fit
-    begun: list[FitResult] = []
-    for n in (None,) if fit.problem.hard else (None, *_EXPONENTS):
-        with suppress(OffroadError):
-            begun.append(begun_afresh(fit, fit.candidates, fit.sizes.tolist(), n=n))
-    best = min(begun, key=lambda one: one.cost, default=None)
-    if best is None or best.cost > HOPELESS * fit.cost:
-        return fit
+    model = fit.candidates, fit.sizes.tolist()
+    n = min(exponents(fit), key=lambda n: unfitted_cost(fit, *model, n))
     try:
-        other = settled(GaussNewton().descend(best), fresh=False)
+        begun = begun_afresh(fit, *model, n=n)
+        if begun.cost > HOPELESS * fit.cost:
+            return fit
+        other = settled(GaussNewton().descend(begun), fresh=False)
     except OffroadError:
         return fit
     return min(fit, other, key=lambda one: one.minus_log_likelihood)
+
+
+def exponents(fit: FitResult) -> list[float]:
+    """Sinkage exponents that a fit may begin from: the stated one first; on hard ground no other."""
+    stated = fit.problem.exponent(fit.problem.stated())
+    return [stated] if fit.problem.hard else [stated, *_EXPONENTS]

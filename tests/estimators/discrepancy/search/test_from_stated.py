@@ -18,20 +18,20 @@ from estimators.discrepancy.search import alternatives, from_stated, stepwise
 from estimators.discrepancy.search.lower_minimum import LEFT
 from estimators.discrepancy.search.result import EQUIVALENT
 from estimators.logs.tolerances import TOLERANCES
+from offroad_env.effects import EFFECTS
 from offroad_env.errors import SolverFailure
 
 
 def scores_of(away, z, *, alike=1.0):
     """Two numbers, of `payload` and `inertia`, ``away`` from what is stated, and four candidates."""
     numbers = [SimpleNamespace(effect=name) for name in ("payload", "inertia")]
-    problem = SimpleNamespace(nuisances=numbers, nuisance_spread=np.ones(2))
-    problem.exponent, problem.stated = lambda n: n, lambda: 0.7
+    problem = SimpleNamespace(nuisances=numbers, nuisance_spread=np.ones(2), hard=False)
+    problem.exponent, problem.stated = lambda n: n, lambda: 0.6
     plant = SimpleNamespace(vehicle=SimpleNamespace(m=1000.0))
     run = SimpleNamespace(setup=SimpleNamespace(plant=plant), size_limits=lambda name: (-0.9, 2.0))
     fit = SimpleNamespace(
         nuisances=np.array(away), problem=problem, runs=[run], cost=100.0, candidates=(), sizes=np.empty(0)
     )
-    fit.point = 0.7
     names = ("payload", "inertia", "steer_gain", "torque_scale")
     white = np.column_stack([np.eye(2), alike * np.eye(2), np.ones((2, 2))])
     return SimpleNamespace(
@@ -47,50 +47,51 @@ def scores_of(away, z, *, alike=1.0):
 def test_a_number_that_is_far_off_is_suspected_of_its_own_effect(monkeypatch, inertia, found):
     monkeypatch.setattr(from_stated, "_WHATEVER", 1)
     suspects = from_stated._suspects(scores_of((6.0, -inertia), (0.0, 0.0, 3.0, 1.0)))
-    signs = {candidate.effect: sign for candidate, sign, _ in suspects}
-    assert list(signs) == ["payload", "inertia", "steer_gain"] if found else ["payload", "steer_gain"]
-    assert signs["payload"] == 1.0
-    assert signs.get("inertia", -1.0) == -1.0
+    numbers = {candidate.effect: own for candidate, own in suspects}
+    assert list(numbers) == ["payload", "inertia", "steer_gain"] if found else ["payload", "steer_gain"]
+    assert numbers["payload"] == (0,)
+    assert numbers.get("inertia", (1,)) == (1,)
+    assert numbers["steer_gain"] == ()
 
 
-def test_an_effect_that_undoes_its_number_begins_with_the_other_sign():
-    suspects = from_stated._suspects(scores_of((6.0, -6.0), (0.0, 0.0, 0.0, 0.0), alike=-1.0))
-    assert {c.effect: (sign, numbers) for c, sign, numbers in suspects}["payload"] == (-1.0, (0,))
+def by_size(best, least=10.0, asked=None):
+    """Costs before anything is fitted: least at a size (in plausible ones) and n for every effect."""
+
+    def cost(fit, candidates, sizes, n):
+        ((effect,), (size,)) = [one.effect for one in candidates], sizes
+        if asked is not None:
+            asked.append((effect, size, n))
+        if effect not in best:
+            return math.inf
+        share, where = best[effect]
+        reach = EFFECTS[effect].plausible(fit.runs[0].setup.plant.vehicle)
+        return least + 100.0 * abs(size / reach - share) + 100.0 * abs(n - where)
+
+    return cost
 
 
-@pytest.mark.parametrize(("away", "asked"), [(LEFT - 0.1, 0), (LEFT + 0.1, 12)])
-def test_nothing_is_fitted_where_the_numbers_are_about_as_stated(monkeypatch, away, asked):
-    begun = []
-    monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
-
-    def fitted(fit, candidates, sizes, near, *, n, numbers):
-        begun.append((candidates[-1].effect, float(sizes[-1])))
-        raise SolverFailure("does not drive")
-
-    monkeypatch.setattr(from_stated, "begun_afresh", fitted)
-    scores = scores_of((away, 3.0), (0.0, 0.0, 3.0, -2.0))
-    assert from_stated.fits_from_stated(scores, 3.0) == []
-    assert len(begun) == asked
-    # Beside another effect the model has been fitted from stated numbers already.
-    scores.fit.candidates = (Candidate(effect="inertia"),)
-    assert from_stated.fits_from_stated(scores, 3.0) == []
-    assert len(begun) == asked
-
-
-def descents(ended=None, least=None):
-    """Descents that stay where they begin; ends of those to a minimum, and what they must reach."""
-
-    def descent(rounds=8, enough=np.inf):
-        def descend(fit, *, fresh=True):
-            if ended is not None and not fresh:
-                ended.append(float(fit.sizes[-1]))
-            if least is not None and not fresh:
-                least.append(enough)
-            return fit
-
-        return SimpleNamespace(descend=descend)
-
-    return descent
+@pytest.mark.parametrize("share", [-1.0, -0.6, 0.2, 0.8])
+@pytest.mark.parametrize("n", [0.4, 0.62, 1.2])
+def test_a_fit_begins_at_the_size_and_the_exponent_that_cost_least_unfitted(monkeypatch, share, n):
+    asked = []
+    monkeypatch.setattr(from_stated, "unfitted_cost", by_size({"payload": (share, n)}, asked=asked))
+    fit = scores_of((6.0, 0.0), (0.0, 0.0, 0.0, 0.0)).fit
+    monkeypatch.setattr(fit.runs[0], "size_limits", lambda name: (-9.0, 9.0))
+    reach = EFFECTS["payload"].plausible(fit.runs[0].setup.plant.vehicle)
+    begin = from_stated._begin(fit, Candidate(effect="payload"))
+    assert begin.size / reach == pytest.approx(share)
+    assert begin.n == pytest.approx(n, abs=0.051)
+    # What is outside of the physical range is not tried.
+    asked.clear()
+    monkeypatch.setattr(fit.runs[0], "size_limits", lambda name: (-0.5 * reach, 9.0))
+    from_stated._begin(fit, Candidate(effect="payload"))
+    assert min(size for _, size, _ in asked) >= -0.5 * reach
+    # On hard ground there is no exponent.
+    asked.clear()
+    fit.problem.hard = True
+    from_stated._begin(fit, Candidate(effect="payload"))
+    assert {n for _, _, n in asked} == {0.6}
+    assert from_stated._begin(fit, Candidate(effect="inertia")) is None
 
 
 @dataclass
@@ -101,81 +102,85 @@ class Rough:
     candidates: tuple
     sizes: tuple
     runs: list
-    n: float | None
     jacobian: str = "rough"
 
 
-def rough(costs, seen):
-    """Rough fits of these costs by effect and size, and what they were given as `near`."""
+def descents(least=None, seen=None):
+    """Descents that stay where they begin; what those to a minimum must reach, and where they begin."""
 
-    def begun(fit, candidates, sizes, near, *, n, numbers):
+    def descent(rounds=8, enough=np.inf):
+        def descend(fit, *, fresh=True):
+            if least is not None and not fresh:
+                least.append(enough)
+            if seen is not None and fresh:
+                seen.append(fit)
+            return fit
+
+        return SimpleNamespace(descend=descend)
+
+    return descent
+
+
+def rough(costs, asked=None):
+    """Rough fits of these costs by effect, and what they began from."""
+
+    def begun(fit, candidates, sizes, *, n, numbers):
         assert not numbers
-        effect, run = candidates[-1].effect, fit.runs[0]
-        cost = costs[effect] if np.isscalar(costs[effect]) else costs[effect][len(seen.get(effect, ()))]
-        seen.setdefault(effect, []).append(near)
-        return Rough(cost=cost, candidates=candidates, sizes=sizes, runs=[run], n=n)
+        effect = candidates[-1].effect
+        if asked is not None:
+            asked.append((effect, sizes[-1], n))
+        if costs.get(effect) is None:
+            raise SolverFailure("does not drive")
+        return Rough(costs[effect], candidates, sizes, fit.runs)
 
     return begun
 
 
-def test_of_models_that_are_fitted_only_those_are_kept_that_explain_enough(monkeypatch):
-    costs = {"payload": 80.0, "inertia": 96.0, "steer_gain": 80.5, "torque_scale": 60.0}
-    least = []
-    monkeypatch.setattr(from_stated, "begun_afresh", rough(costs, {}))
-    monkeypatch.setattr(from_stated, "GaussNewton", descents(least=least))
+@pytest.mark.parametrize(("away", "asked"), [(LEFT - 0.1, 0), (LEFT + 0.1, 4)])
+def test_nothing_is_fitted_where_the_numbers_are_about_as_stated(monkeypatch, away, asked):
+    begun, everywhere = [], dict.fromkeys(("payload", "inertia", "steer_gain", "torque_scale"), (0.4, 0.6))
+    monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
+    monkeypatch.setattr(from_stated, "unfitted_cost", by_size(everywhere))
+    monkeypatch.setattr(from_stated, "begun_afresh", rough({}, begun))
+    scores = scores_of((away, 3.0), (0.0, 0.0, 3.0, -2.0))
+    assert from_stated.fits_from_stated(scores, 3.0) == []
+    assert len(begun) == asked
+    # Beside another effect the model has been fitted from stated numbers already.
+    scores.fit.candidates = (Candidate(effect="inertia"),)
+    assert from_stated.fits_from_stated(scores, 3.0) == []
+    assert len(begun) == asked
+
+
+def test_effects_that_cost_least_unfitted_come_first_and_those_are_kept_that_explain_enough(monkeypatch):
+    costs = {"payload": 96.0, "inertia": 80.0, "steer_gain": 80.5, "torque_scale": 60.0}
+    begin = {
+        "payload": (0.4, 0.6),
+        "steer_gain": (0.3, 0.6),
+        "inertia": (0.25, 0.6),
+        "torque_scale": (0.1, 0.6),
+    }
+    least, asked, seen = [], [], []
+    monkeypatch.setattr(from_stated, "unfitted_cost", by_size(begin))
+    monkeypatch.setattr(from_stated, "begun_afresh", rough(costs, asked))
+    monkeypatch.setattr(from_stated, "GaussNewton", descents(least, seen))
     monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
     found = from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 3.0, -2.0)), 3.0)
-    assert [one.candidates[-1].effect for one in found] == ["payload", "steer_gain", "torque_scale"]
+    assert [effect for effect, *_ in asked] == ["payload", "inertia", "steer_gain", "torque_scale"]
+    assert [one.candidates[-1].effect for one in found] == ["inertia", "steer_gain", "torque_scale"]
     # What is no alternative to the best so far is not fitted to the end.
-    assert least == [95.5, *[80.0 + 0.5 * EQUIVALENT] * 3]
-
-
-def test_of_sizes_to_begin_from_the_one_is_fitted_to_the_end_that_explains_most_roughly(monkeypatch):
-    """The derivatives of the first rough fit serve all others."""
-    costs, seen, ended = {"payload": [190.0, 170.0, 180.0, 175.0], "inertia": [60.0, 50.0]}, {}, []
-    monkeypatch.setattr(from_stated, "begun_afresh", rough(costs, seen))
-    monkeypatch.setattr(from_stated, "GaussNewton", descents(ended))
-    fit = scores_of((6.0, 0.0), (0.0, 0.0, 0.0, 0.0)).fit
-    monkeypatch.setattr(fit.runs[0], "size_limits", lambda name: (-9.0, 9.0))
-    best, near = from_stated._from_stated(fit, Candidate(effect="payload"), (1.0, -1.0), np.inf, None)
-    assert best.cost == 170.0
-    assert near.cost == 190.0
-    assert seen["payload"] == [None, near, near, near]
-    other, again = from_stated._from_stated(fit, Candidate(effect="inertia"), (1.0, -1.0), np.inf, near)
-    assert other.cost == 50.0
-    assert again is near
-    assert seen["inertia"] == [near, near]  # better than the present fit: no other sign
-    assert len(ended) == 2
-
-
-@pytest.mark.parametrize(
-    ("n", "begins"), [(0.7, [None]), (0.79, [None]), (0.81, [None, 0.81]), (0.4, [None, 0.4])]
-)
-def test_fits_begin_with_the_stated_n_and_with_another_that_a_fit_has_found(monkeypatch, n, begins):
-    """A friction angle on soft soil was not found from the stated n, nor from that of a fit on firmer one."""
-    asked = []
-
-    def begun(fit, candidates, sizes, near, *, n, numbers):
-        asked.append(n)
-        return Rough(1.0, candidates, sizes, fit.runs, n)
-
-    monkeypatch.setattr(from_stated, "begun_afresh", begun)
-    monkeypatch.setattr(from_stated, "GaussNewton", descents())
-    fit = scores_of((6.0, 0.0), (0.0, 0.0, 0.0, 0.0)).fit
-    fit.point = n
-    best, _ = from_stated._from_stated(fit, Candidate(effect="payload"), (1.0,), np.inf, None)
-    assert asked == 2 * begins
-    assert best.jacobian == Jacobian()
+    assert least == [95.5, 95.5, *[80.0 + 0.5 * EQUIVALENT] * 2]
+    # Rough fits have no derivatives by numbers; the next step takes all.
+    assert all(one.jacobian == Jacobian() for one in seen)
 
 
 @pytest.mark.parametrize(("share", "kept"), [(0.95, True), (1.05, False)])
 def test_no_descent_begins_where_the_vehicle_does_not_drive_as_logged(monkeypatch, share, kept):
     fit = scores_of((6.0, 0.0), (0.0, 0.0, 0.0, 0.0)).fit
-    monkeypatch.setattr(from_stated, "begun_afresh", rough({"payload": share * HOPELESS * fit.cost}, {}))
+    monkeypatch.setattr(from_stated, "begun_afresh", rough({"payload": share * HOPELESS * fit.cost}))
     monkeypatch.setattr(from_stated, "GaussNewton", descents())
-    best, near = from_stated._from_stated(fit, Candidate(effect="payload"), (1.0,), np.inf, None)
+    begin = from_stated._Begin(1.0, 0.4, 0.6)
+    best = from_stated._from_stated(fit, Candidate(effect="payload"), begin, np.inf)
     assert (best is not None) == kept
-    assert near is not None
 
 
 def test_a_model_from_stated_numbers_whose_effect_was_refused_is_not_offered_again(monkeypatch):

@@ -1,20 +1,22 @@
 """A search leaves a poor minimum, whether an effect leads out of it or the stated numbers do."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
-from estimators.discrepancy.model.fit import begun_afresh, fit_runs, with_null_simulations
+from estimators.discrepancy.model.fit import begun_afresh, fit_runs, unfitted_cost, with_null_simulations
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.linearisation import Jacobian
 from estimators.discrepancy.model.parameters import Candidate
+from estimators.discrepancy.model.problem import LeastSquaresProblem
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.search import lower_minimum as lower_minimum_module
 from estimators.discrepancy.search import stepwise
-from estimators.discrepancy.search.lower_minimum import begun_again, lower_minimum
+from estimators.discrepancy.search.lower_minimum import begun_again, exponents, lower_minimum
 from estimators.discrepancy.search.refitting import refit
 from offroad_env.errors import SolverFailure
 
@@ -71,35 +73,56 @@ def test_a_model_that_has_left_the_stated_numbers_is_begun_again(sound):
     assert again.minus_log_likelihood == pytest.approx(fit.minus_log_likelihood, abs=2.0)
 
 
-def test_it_begins_from_several_exponents_and_the_best_is_fitted(sound, monkeypatch):
-    away, asked, real = _away(sound[0], "mass", 6.0), {}, begun_afresh
+@pytest.mark.parametrize("n", [0.3, 1.1])
+def test_it_begins_from_the_exponent_that_costs_least_unfitted(sound, monkeypatch, n):
+    away, asked = _away(sound[0], "mass", 6.0), []
 
-    def begun(fit, candidates, sizes, *, n=None):
-        if n == 0.3:
-            raise SolverFailure("sinks")
-        asked[n] = real(fit, candidates, sizes, n=n)
-        return asked[n]
+    def begun(fit, candidates, sizes, *, n):
+        asked.append(n)
+        raise SolverFailure("sinks")
 
-    ended = []
     monkeypatch.setattr(lower_minimum_module, "begun_afresh", begun)
-    monkeypatch.setattr(lower_minimum_module, "settled", lambda fit, fresh: ended.append(fit) or fit)
-    begun_again(away)
-    assert list(asked) == [None, 0.5, 0.9, 1.1]
-    assert ended[0].first_cost == pytest.approx(min(one.cost for one in asked.values()))
+    monkeypatch.setattr(lower_minimum_module, "unfitted_cost", lambda fit, names, sizes, at: abs(at - n))
+    assert begun_again(away) is away
+    assert asked == [n]
+
+
+def test_before_anything_is_fitted_a_model_costs_least_about_the_true_size_and_exponent():
+    true = _fitted(FAULTS["payload"](0.5))
+    stated = true.problem.exponent(true.problem.stated())
+    about = true.problem.exponent(refit(true, _PAYLOAD, [0.5]).point)
+    cost = unfitted_cost(true, _PAYLOAD, [0.5], about)
+    assert cost < unfitted_cost(true, _PAYLOAD, [0.1], about)
+    assert cost < unfitted_cost(true, _PAYLOAD, [0.5], about + 0.4)
+    assert unfitted_cost(true, _PAYLOAD, [0.5], None) == unfitted_cost(true, _PAYLOAD, [0.5], stated)
+
+
+def test_a_model_without_a_solution_costs_more_than_any(sound, monkeypatch):
+    def sinks(self, point):
+        raise SolverFailure("sinks")
+
+    monkeypatch.setattr(LeastSquaresProblem, "begun", sinks)
+    assert unfitted_cost(sound[0], (), [], None) == np.inf
+
+
+def test_exponents_to_begin_from_are_those_of_soils_and_none_on_hard_ground(sound):
+    fit, _ = sound
+    stated = fit.problem.exponent(fit.problem.stated())
+    assert exponents(fit) == [stated, 0.3, 0.5, 0.7, 0.9, 1.1]
+    hard = SimpleNamespace(problem=SimpleNamespace(hard=True, exponent=lambda n: n, stated=lambda: 0.7))
+    assert exponents(hard) == [0.7]
 
 
 def test_a_rough_fit_begins_with_its_exponent_and_the_numbers_stay_if_they_shall(sound):
     fit, _ = sound
     problem = fit.problem
     numbers = [i for i, nuisance in enumerate(problem.nuisances) if nuisance.tolerated]
-    assert problem.exponent(problem.with_exponent(problem.stated(), 0.31)) == pytest.approx(0.31)
+    assert problem.exponent(problem.stated(n=0.31)) == pytest.approx(0.31)
     kept = begun_afresh(fit, _PAYLOAD, [0.3], n=0.5, numbers=False)
-    assert not kept.nuisances[numbers].any() or np.flatnonzero(kept.nuisances[numbers]).tolist() == [0]
+    # The mass, whose effect moves, has its derivative from there.
+    assert np.count_nonzero(kept.nuisances[numbers]) <= 1
     assert begun_afresh(fit, _PAYLOAD, [0.3]).nuisances[numbers].all()
-    # Beside another's derivatives they stay, too, and move again with derivatives of their own.
-    beside = begun_afresh(fit, _PAYLOAD, [0.2], kept, numbers=False)
-    assert np.count_nonzero(beside.nuisances[numbers]) <= 1
-    free = GaussNewton(rounds=1).descend(replace(beside, jacobian=Jacobian()))
+    free = GaussNewton(rounds=1).descend(replace(kept, jacobian=Jacobian()))
     assert np.count_nonzero(free.nuisances[numbers]) > 5
 
 
@@ -107,16 +130,6 @@ def test_no_model_is_begun_again_that_does_not_drive_as_logged_from_there(sound,
     away = _away(sound[0], "mass", 6.0)
     monkeypatch.setattr(lower_minimum_module, "HOPELESS", 1e-3)
     assert begun_again(away) is away
-
-
-def test_a_rough_fit_beside_another_takes_its_derivatives(sound):
-    fit, _ = sound
-    first = begun_afresh(fit, _PAYLOAD, [0.1])
-    second = begun_afresh(fit, _PAYLOAD, [0.4], first)
-    assert second.jacobian.states is first.jacobian.states
-    assert second.jacobian.nuisances is first.jacobian.nuisances
-    # The size may move, so that both come down; far from where the other began.
-    assert second.cost < 1.5 * first.cost
 
 
 def test_null_simulations_are_made_once_and_not_where_all_noise_is_white(sound):
