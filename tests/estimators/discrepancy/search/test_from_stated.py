@@ -152,12 +152,12 @@ def test_nothing_is_fitted_where_the_numbers_are_about_as_stated(monkeypatch, aw
 
 
 def test_effects_that_cost_least_unfitted_come_first_and_those_are_kept_that_explain_enough(monkeypatch):
-    costs = {"payload": 96.0, "inertia": 80.0, "steer_gain": 80.5, "torque_scale": 60.0}
+    costs = {"steer_gain": 96.0, "inertia": 80.0, "torque_scale": 80.5, "payload": 60.0}
     begin = {
-        "payload": (0.4, 0.6),
-        "steer_gain": (0.3, 0.6),
+        "payload": (0.1, 0.6),
         "inertia": (0.25, 0.6),
-        "torque_scale": (0.1, 0.6),
+        "steer_gain": (0.4, 0.6),
+        "torque_scale": (0.33, 0.6),
     }
     least, asked, seen = [], [], []
     monkeypatch.setattr(from_stated, "unfitted_cost", by_size(begin))
@@ -165,8 +165,8 @@ def test_effects_that_cost_least_unfitted_come_first_and_those_are_kept_that_exp
     monkeypatch.setattr(from_stated, "GaussNewton", descents(least, seen))
     monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
     found = from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 3.0, -2.0)), 3.0)
-    assert [effect for effect, *_ in asked] == ["payload", "inertia", "steer_gain", "torque_scale"]
-    assert [one.candidates[-1].effect for one in found] == ["inertia", "steer_gain", "torque_scale"]
+    assert [effect for effect, *_ in asked] == ["steer_gain", "inertia", "torque_scale", "payload"]
+    assert [one.candidates[-1].effect for one in found] == ["inertia", "torque_scale", "payload"]
     # What is no alternative to the best so far is not fitted to the end.
     assert least == [95.5, 95.5, *[80.0 + 0.5 * EQUIVALENT] * 2]
     # Rough fits have no derivatives by numbers; the next step takes all.
