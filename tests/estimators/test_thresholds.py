@@ -186,6 +186,7 @@ THRESHOLDS = (
     ("estimators.discrepancy.search.from_stated", "", "_OF_NUMBERS", 5),
     ("estimators.discrepancy.search.from_stated", "", "_OF_SCORES", 8),
     ("estimators.discrepancy.search.from_stated", "", "_WHATEVER", 3),
+    ("estimators.discrepancy.search.from_stated", "", "_NEAR_LEAST", 1.6),
     ("estimators.discrepancy.search.from_stated", "", "_FIRST", 3),
     ("estimators.discrepancy.search.from_stated", "", "_SAME", 0.1),
     ("estimators.discrepancy.search.from_stated", "", "_SHARES", (-0.8, -0.4, 0.4, 0.8)),

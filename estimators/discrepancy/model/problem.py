@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -46,6 +47,11 @@ class LeastSquaresProblem:
         #: (S,) information about the free states of a window before any data.
         self.state_information = 1.0 / self.runs[0].spread ** 2
         self.window_rows = self._rows_of_windows()
+
+    @cached_property
+    def rough(self) -> LeastSquaresProblem:
+        """The same with the rough solver: enough to compare points that are far apart."""
+        return LeastSquaresProblem(self.rough_runs)
 
     def _window_of_rows(self) -> np.ndarray:
         parts, before = [], 0

@@ -160,7 +160,7 @@ def test_effects_that_cost_least_unfitted_come_first_and_those_are_kept_that_exp
         "torque_scale": (0.33, 0.6),
     }
     least, asked, seen = [], [], []
-    monkeypatch.setattr(from_stated, "unfitted_cost", by_size(begin))
+    monkeypatch.setattr(from_stated, "unfitted_cost", by_size(begin, least=100.0))
     monkeypatch.setattr(from_stated, "begun_afresh", rough(costs, asked))
     monkeypatch.setattr(from_stated, "GaussNewton", descents(least, seen))
     monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
@@ -171,6 +171,28 @@ def test_effects_that_cost_least_unfitted_come_first_and_those_are_kept_that_exp
     assert least == [95.5, 95.5, *[80.0 + 0.5 * EQUIVALENT] * 2]
     # Rough fits have no derivatives by numbers; the next step takes all.
     assert all(one.jacobian == Jacobian() for one in seen)
+
+
+@pytest.mark.parametrize(("times", "asked"), [(1.55, 2), (1.65, 1)])
+def test_what_costs_far_more_than_the_least_unfitted_is_only_fitted_in_its_number_s_place(
+    monkeypatch, times, asked
+):
+    begun, exchanged = [], []
+    first, second = Candidate(effect="payload"), Candidate(effect="inertia")
+
+    def begin(fit, candidate):
+        return from_stated._Begin(100.0 if candidate == first else 100.0 * times, 0.3, 0.6)
+
+    def in_place(scores, candidate, numbers):
+        exchanged.append(candidate)
+
+    monkeypatch.setattr(from_stated, "_suspects", lambda scores: [(second, (1,)), (first, (0,))])
+    monkeypatch.setattr(from_stated, "_begin", begin)
+    monkeypatch.setattr(from_stated, "_exchanged", in_place)
+    monkeypatch.setattr(from_stated, "begun_afresh", rough({}, begun))
+    assert from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 0.0, 0.0)), 3.0) == []
+    assert [effect for effect, *_ in begun] == ["payload", "inertia"][:asked]
+    assert exchanged == [first, second]
 
 
 @pytest.mark.parametrize(("share", "kept"), [(0.95, True), (1.05, False)])
