@@ -3,21 +3,25 @@
 Compares the structures on each log as `offroad diagnose` does, with errors on windows to which nothing was
 fitted. Results are kept by log in FILE, one JSON line each, so that a stopped run goes on. ``--sound N`` adds
 N drives of this project's own model, each with a fault of the library at its largest plausible size: there no
-structure may be named.
+structure may be named. ``--verdicts`` makes the whole diagnosis of each log (a minute or two) and counts the
+effects that it names besides: here none is there to be named.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from estimators.discrepancy.diagnosis import diagnose
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
-from estimators.discrepancy.structure_comparison import compare_structures
+from estimators.discrepancy.structure_comparison import StructureComparison, compare_structures
+from estimators.discrepancy.summarise import summarise
 from estimators.logs import read_log
 from estimators.logs.log import Log
 from offroad_env.effects import EFFECTS
@@ -30,9 +34,18 @@ SEED, DURATION = 100, 30.0
 NEAR = 0.06
 
 
-def result(log: Log) -> dict[str, Any]:
-    """What the comparison finds in a log."""
-    found = compare_structures([log])
+def result(log: Log, whole: bool) -> dict[str, Any]:
+    """What the comparison, or the whole diagnosis, finds in a log."""
+    if not whole:
+        return _compared(log, compare_structures([log]))
+    found = diagnose([log])
+    summary = summarise(found)
+    named = [one.effects for one in summary.causes if one.named and not one.structural]
+    return _compared(log, found.structure) | {"verdict": str(summary.verdict), "effects": named}
+
+
+def _compared(log: Log, found: StructureComparison | None) -> dict[str, Any]:
+    """The comparison as a line of the file."""
     if found is None:
         return {"compared": False}
     gains = {gain.channel: 1.0 - gain.extended / gain.nominal for gain in found.gains}
@@ -59,6 +72,7 @@ def main() -> None:
     parser.add_argument("logs", nargs="*", type=Path)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--sound", type=int, default=0)
+    parser.add_argument("--verdicts", action="store_true")
     asked = parser.parse_args()
     lines = asked.out.read_text().splitlines() if asked.out.exists() else []
     known = {row["log"]: row for row in map(json.loads, lines)}
@@ -68,11 +82,16 @@ def main() -> None:
     for name, job in jobs.items():
         if name in known:
             continue
-        row = {"log": name} | result(read_log(job) if isinstance(job, Path) else job)
+        row = {"log": name} | result(read_log(job) if isinstance(job, Path) else job, asked.verdicts)
         known[name] = row
         with asked.out.open("a") as file:
             file.write(json.dumps(row) + "\n")
-    report([row for row in known.values() if row["compared"]])
+    report([*known.values()])
+    verdicts = [row for row in known.values() if "verdict" in row and not row["log"].startswith("sound")]
+    if verdicts:
+        print(f"verdicts: {dict(Counter(row['verdict'] for row in verdicts))}")
+        certain = sum(any(len(one) == 1 for one in row["effects"]) for row in verdicts)
+        print(f"an effect named for certain: {certain} of {len(verdicts)}")
 
 
 def report(rows: list[dict[str, Any]]) -> None:
@@ -80,7 +99,7 @@ def report(rows: list[dict[str, Any]]) -> None:
     own = [row for row in rows if row["log"].startswith("sound")]
     other = [row for row in rows if row not in own]
     if other:
-        named = [row for row in other if row["found"]]
+        named = [row for row in other if row.get("found")]
         near = sum(abs(row["n"] - row["stated"]) <= NEAR for row in named)
         print(f"structure named: {len(named)} of {len(other)}; n within {NEAR}: {near} of {len(other)}")
         for cause in sorted({one["id"] for row in named for one in row["causes"]}):
@@ -90,7 +109,7 @@ def report(rows: list[dict[str, Any]]) -> None:
             gains = [row["gains"][channel] for row in named if channel in row["gains"]]
             print(f"  {channel}: {100.0 * np.median(gains):.0f} % less error (median)")
     if own:
-        print(f"named on drives of this model: {sum(row['found'] for row in own)} of {len(own)}")
+        print(f"named on drives of this model: {sum(row.get('found', False) for row in own)} of {len(own)}")
 
 
 if __name__ == "__main__":

@@ -237,13 +237,9 @@ def _completed(
     """The result with what a search found: other structures, unknown inputs, forecasts, and the test data."""
     progress("unknown inputs")
     result, found, apart = _judged(begun, done, allowed, failed), done.found, done.splits[REPORT]
-    # Where hardly an effect is testable, as on a straight drive, another structure still may be.
-    untestable = result.verdict is Verdict.NOT_TESTABLE
-    if result.causes or result.incomplete or result.inaccurate or untestable:
-        progress("structures")
-        setups = _setups_with(found, result.logs)
-        compared = attempt("structures", lambda: compare_structures(result.logs, setups), None, failed)
-        result = _with_structure(result, compared)
+    progress("structures")
+    compared = attempt("structures", lambda: _compared(result, found), None, failed)
+    result = _with_structure(result, compared)
     if result.restructured is not None:
         return result
     if result.causes and result.incomplete:
@@ -310,10 +306,21 @@ def _search(
     return scored_only(nominal, library, SCREEN_RATE) if found is None else found
 
 
+def _compared(result: VehicleDiagnosis, found: SearchResult) -> StructureComparison | None:
+    """Other structures, tried on each log.
+
+    Where hardly an effect is testable, as on a straight drive, another structure still may be. Where none was
+    found, numbers within their tolerances may stand in for a wrong structure, and n with them.
+    """
+    fine = result.verdict is Verdict.NO_EFFECT
+    setups = _setups_with(found, result.logs) if result.causes or fine else None
+    return compare_structures(result.logs, setups, adequate_nominal=fine)
+
+
 def _setups_with(found: SearchResult, logs: Sequence[Log]) -> tuple[Setup, ...] | None:
-    """Vehicle, soil, inputs and sensors of each log with the effects that were found; None without any."""
+    """Vehicle, soil, inputs and sensors of each log as fitted, with the effects that were found."""
     fit = found.extended
-    if not found.causes or not fit.converged:
+    if not fit.converged:
         return None
     return tuple(fit.problem.setup(RunModel(log, nuisances=fit.problem.nuisances), fit.point) for log in logs)
 

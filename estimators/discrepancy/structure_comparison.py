@@ -113,13 +113,19 @@ class StructureComparison:
     p_value: float
     n: float  #: with the best structure [-]
     gains: tuple[ChannelGain, ...]  #: by channel, on windows apart
-    #: Share by which errors fall from those of the nominal structure with effects; None without effects.
+    #: Share by which errors fall from those of the nominal structure as fitted; None if that is not known.
     gain_over_effects: float | None = None
+    adequate_nominal: bool = False  #: whether nothing else shows that the nominal structure is wrong
 
     @property
     def found(self) -> bool:
-        """Whether another structure is named: effects of the nominal one do not predict better."""
-        return bool(self.causes) and (self.gain_over_effects is None or self.gain_over_effects > -_AS_GOOD)
+        """Whether another structure is named.
+
+        Effects of the nominal one must not predict better; where nothing else shows that it is wrong, it must
+        predict worse, with its numbers as fitted.
+        """
+        least = _AS_GOOD if self.adequate_nominal else -_AS_GOOD
+        return bool(self.causes) and (self.gain_over_effects is None or self.gain_over_effects > least)
 
     @property
     def misfit(self) -> float:
@@ -170,7 +176,7 @@ class StructureComparison:
 
 
 def compare_structures(
-    logs: Sequence[Log], setups: Sequence[Setup] | None = None
+    logs: Sequence[Log], setups: Sequence[Setup] | None = None, *, adequate_nominal: bool = False
 ) -> StructureComparison | None:
     """Whether another structure predicts these runs better than the nominal one can with any n.
 
@@ -180,8 +186,10 @@ def compare_structures(
     Parameters
     ----------
     setups
-        The runs with the effects that were found, as fitted: a structure must predict better than these, too.
-        Default: there are no effects.
+        The runs with the effects that were found, and numbers as fitted: a structure must predict better than
+        these, too. Default: they are not known.
+    adequate_nominal
+        Whether nothing else shows that the nominal structure is wrong: then a tie speaks for it.
     """
     first = logs[0].config
     if first.model != "full" or first.soil.rigid > 0.5:
@@ -220,6 +228,7 @@ def compare_structures(
         n=trials.stated + best.change,
         gains=trials.gains(nominal, best),
         gain_over_effects=over,
+        adequate_nominal=adequate_nominal,
     )
 
 

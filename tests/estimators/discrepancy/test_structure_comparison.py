@@ -139,6 +139,27 @@ def test_a_structure_is_certain_only_where_effects_predict_worse(found, gain, fo
     assert compared.tied is tied
 
 
+@pytest.mark.parametrize(("gain", "found_then"), [(0.11, True), (0.09, False), (0.0, False), (-0.3, False)])
+def test_where_nothing_shows_that_the_nominal_structure_is_wrong_another_must_predict_better(
+    found, gain, found_then
+):
+    compared = replace(found, gain_over_effects=gain, adequate_nominal=True)
+    assert compared.found is found_then
+    assert not compared.tied
+
+
+def test_numbers_within_their_tolerances_do_not_hide_a_wrong_structure():
+    """No effect shows on this drive: shear moduli 4.4 of their tolerances off and n 0.13 too low hide it."""
+    log = read_log(measured_data("chrono_scm") / "clay_0.01_sin02_R0.csv")
+    diagnosis = diagnose([log])
+    assert diagnosis.verdict == "NAMED"
+    assert diagnosis.restructured is not None
+    assert diagnosis.restructured.adequate_nominal
+    assert not diagnosis.search.causes
+    assert diagnosis.restructured.gain_over_effects > 0.3
+    assert diagnosis.restructured.n == pytest.approx(log.config.soil.n, abs=0.06)
+
+
 @pytest.mark.check
 def test_effects_that_explain_a_straight_drive_are_not_named_for_certain(sand):
     diagnosis = diagnose(sand[:1])
