@@ -50,6 +50,9 @@ SCREEN_RATE = 0.06
 _OLD_POSE = ("clock", "yaw")
 #: How often the step of the solver is halved where it is not accurate enough for the scores.
 _HALVINGS = 2
+#: Another structure whose errors are smaller than with the effects found so far by more than this share makes
+#: a finer solver unnecessary. Three times what counts as a tie, since a fit may not have converged yet.
+_CLEARLY = 0.3
 #: Effects that cannot be distinguished from what a log states as unknown.
 _NOT_JUDGED = {
     "imu.position": ("lever_arm_x", "lever_arm_z"),
@@ -116,10 +119,13 @@ def diagnose(
     except (SolverFailure, ArithmeticError, np.linalg.LinAlgError) as error:
         failed[NOMINAL] = f"{type(error).__name__}: {error}"
         return _without_nominal(ordered, reports, failed, progress)
-    done = _refined(done, allowed, failed, white=white, progress=progress)
     begun = VehicleDiagnosis(
         logs=ordered, quality=reports, findings=_used_findings(ordered, reports), failed=failed
     )
+    restructured = _clearly_restructured(begun, done, allowed, progress)
+    if restructured is not None:
+        return restructured
+    done = _refined(done, allowed, failed, white=white, progress=progress)
     result = _completed(begun, done, allowed, failed, progress)
     return _with_fewer_causes(result, begun, done, allowed, progress)
 
@@ -198,6 +204,24 @@ def _searched(
     return _Searched(splits, nominal, not_judged, found, found.solver_error())
 
 
+def _clearly_restructured(
+    begun: VehicleDiagnosis, done: _Searched, allowed: Sequence[str], progress: Callable[[str], None]
+) -> VehicleDiagnosis | None:
+    """The result where a finer search is due, and another structure predicts the runs clearly better anyway.
+
+    Effects within a wrong structure are not judged: what a finer solver, at many times the cost, would change
+    in them does not matter. None where it may.
+    """
+    if done.accurate:
+        return None
+    failed = dict(begun.failed)
+    result = _judged(begun, done, allowed, failed)
+    result = _with_structures(result, done.found.extended, failed, progress)
+    named = result.restructured
+    clear = named is not None and (named.gain_over_effects or 0.0) > _CLEARLY
+    return replace(result, failed=failed) if clear else None
+
+
 def _refined(
     done: _Searched,
     allowed: Sequence[str],
@@ -237,9 +261,8 @@ def _completed(
     """The result with what a search found: other structures, unknown inputs, forecasts, and the test data."""
     progress("unknown inputs")
     result, found, apart = _judged(begun, done, allowed, failed), done.found, done.splits[REPORT]
-    progress("structures")
-    compared = attempt("structures", lambda: _compared(result, found), None, failed)
-    result = _with_structure(result, compared)
+    known = found.extended.converged and (result.causes or result.verdict is Verdict.NO_EFFECT)
+    result = _with_structures(result, found.extended if known else None, failed, progress)
     if result.restructured is not None:
         return result
     if result.causes and result.incomplete:
@@ -306,31 +329,35 @@ def _search(
     return scored_only(nominal, library, SCREEN_RATE) if found is None else found
 
 
-def _compared(result: VehicleDiagnosis, found: SearchResult) -> StructureComparison | None:
-    """Other structures, tried on each log.
+def _with_structures(
+    result: VehicleDiagnosis,
+    fit: FitResult | None,
+    failed: dict[str, str],
+    progress: Callable[[str], None],
+) -> VehicleDiagnosis:
+    """The result with other structures compared, also with ``fit``; effects of a wrong one stand in for it.
 
     Where hardly an effect is testable, as on a straight drive, another structure still may be. Where none was
     found, numbers within their tolerances may stand in for a wrong structure, and n with them.
     """
+    progress("structures")
     fine = result.verdict is Verdict.NO_EFFECT
-    setups = _setups_with(found, result.logs) if result.causes or fine else None
-    return compare_structures(result.logs, setups, adequate_nominal=fine)
 
+    def compare() -> StructureComparison | None:
+        setups = None if fit is None else _setups_of(fit, result.logs)
+        return compare_structures(result.logs, setups, adequate_nominal=fine)
 
-def _setups_with(found: SearchResult, logs: Sequence[Log]) -> tuple[Setup, ...] | None:
-    """Vehicle, soil, inputs and sensors of each log as fitted, with the effects that were found."""
-    fit = found.extended
-    if not fit.converged:
-        return None
-    return tuple(fit.problem.setup(RunModel(log, nuisances=fit.problem.nuisances), fit.point) for log in logs)
-
-
-def _with_structure(result: VehicleDiagnosis, compared: StructureComparison | None) -> VehicleDiagnosis:
-    """The result with the comparison of structures; effects within a wrong structure stand in for it."""
+    compared = attempt("structures", compare, None, failed)
     if compared is None or not compared.found:
         return replace(result, structure=compared)
     stand_ins = tuple(cause.best.candidate.effect for cause in result.causes)
     return replace(result, structure=compared, causes=(), unknown_inputs=(), stand_ins=stand_ins)
+
+
+def _setups_of(fit: FitResult, logs: Sequence[Log]) -> tuple[Setup, ...]:
+    """Vehicle, soil, inputs and sensors of each log as fitted."""
+    problem = fit.problem
+    return tuple(problem.setup(RunModel(log, nuisances=problem.nuisances), fit.point) for log in logs)
 
 
 def _used_findings(logs: Sequence[Log], reports: Sequence[QualityReport]) -> tuple[Finding, ...]:

@@ -160,6 +160,25 @@ def test_numbers_within_their_tolerances_do_not_hide_a_wrong_structure():
     assert diagnosis.restructured.n == pytest.approx(log.config.soil.n, abs=0.06)
 
 
+@pytest.mark.parametrize(("gain", "refined"), [(0.31, False), (0.29, True), (None, True)])
+def test_no_finer_solver_is_asked_for_effects_of_a_structure_that_is_clearly_wrong(
+    found, monkeypatch, gain, refined
+):
+    asked = []
+
+    def refine(done, *_args, **_kwargs):
+        asked.append(done)
+        return done
+
+    monkeypatch.setattr(diagnosis_module._Searched, "accurate", False)
+    monkeypatch.setattr(diagnosis_module, "_refined", refine)
+    compared = replace(found, gain_over_effects=gain)
+    monkeypatch.setattr(diagnosis_module, "compare_structures", lambda *_args, **_kwargs: compared)
+    diagnosis = diagnose([simulated_log(draw_case(103, duration=19.0))])
+    assert bool(asked) is refined
+    assert diagnosis.restructured is compared
+
+
 @pytest.mark.check
 def test_effects_that_explain_a_straight_drive_are_not_named_for_certain(sand):
     diagnosis = diagnose(sand[:1])
