@@ -50,9 +50,9 @@ SCREEN_RATE = 0.06
 _OLD_POSE = ("clock", "yaw")
 #: How often the step of the solver is halved where it is not accurate enough for the scores.
 _HALVINGS = 2
-#: Another structure whose errors are smaller than with the effects found so far by more than this share makes
-#: a finer solver unnecessary. Three times what counts as a tie, since a fit may not have converged yet.
-_CLEARLY = 0.3
+#: Another structure makes a finer solver unnecessary if it predicts better than the effects found so far, by
+#: this share of their errors where their fit has not converged yet: twice what counts as a tie.
+_CLEARLY = 0.2
 #: Effects that cannot be distinguished from what a log states as unknown.
 _NOT_JUDGED = {
     "imu.position": ("lever_arm_x", "lever_arm_z"),
@@ -218,7 +218,9 @@ def _clearly_restructured(
     result = _judged(begun, done, allowed, failed)
     result = _with_structures(result, done.found.extended, failed, progress)
     named = result.restructured
-    clear = named is not None and (named.gain_over_effects or 0.0) > _CLEARLY
+    if named is None or named.gain_over_effects is None or named.tied:
+        return None
+    clear = done.found.extended.converged or named.gain_over_effects > _CLEARLY
     return replace(result, failed=failed) if clear else None
 
 

@@ -160,17 +160,33 @@ def test_numbers_within_their_tolerances_do_not_hide_a_wrong_structure():
     assert diagnosis.restructured.n == pytest.approx(log.config.soil.n, abs=0.06)
 
 
-@pytest.mark.parametrize(("gain", "refined"), [(0.31, False), (0.29, True), (None, True)])
+@pytest.mark.parametrize(
+    ("gain", "converged", "refined"),
+    [
+        (0.11, True, False),
+        (0.09, True, True),
+        (0.21, False, False),
+        (0.19, False, True),
+        (None, True, True),
+        (None, False, True),
+    ],
+)
 def test_no_finer_solver_is_asked_for_effects_of_a_structure_that_is_clearly_wrong(
-    found, monkeypatch, gain, refined
+    found, monkeypatch, gain, converged, refined
 ):
     asked = []
+    search = diagnosis_module.search
+
+    def stopped(*args):
+        done = search(*args)
+        return replace(done, extended=replace(done.extended, converged=converged))
 
     def refine(done, *_args, **_kwargs):
         asked.append(done)
         return done
 
     monkeypatch.setattr(diagnosis_module._Searched, "accurate", False)
+    monkeypatch.setattr(diagnosis_module, "search", stopped)
     monkeypatch.setattr(diagnosis_module, "_refined", refine)
     compared = replace(found, gain_over_effects=gain)
     monkeypatch.setattr(diagnosis_module, "compare_structures", lambda *_args, **_kwargs: compared)
