@@ -18,7 +18,7 @@ from estimators.analysis.consistency import innovation_flag
 from estimators.analysis.scores import score
 from estimators.discrepancy.checks.unmodelled_forces import JointSizes
 from estimators.discrepancy.search.holdout import HoldOutResult
-from estimators.discrepancy.search.stepwise import strayed
+from estimators.discrepancy.search.lower_minimum import strayed
 from estimators.discrepancy.verdict import RigChecks, RigDiagnosis, VehicleDiagnosis, Verdict
 from estimators.discrepancy.wording import _discrepancy_phrase
 from estimators.filters.belief_history import BeliefHistory
@@ -189,9 +189,16 @@ THRESHOLDS = (
     ("estimators.discrepancy.search.from_stated", "", "_NEAR_LEAST", 1.6),
     ("estimators.discrepancy.search.from_stated", "", "_FIRST", 3),
     ("estimators.discrepancy.search.from_stated", "", "_SAME", 0.1),
-    ("estimators.discrepancy.search.from_stated", "", "_SHARES", (-0.8, -0.4, 0.4, 0.8)),
-    ("estimators.discrepancy.search.from_stated", "", "_FINER", 0.2),
-    ("estimators.discrepancy.search.from_stated", "", "_NEAR_N", 0.1),
+    ("estimators.discrepancy.search.from_stated", "", "_BEGUN", 8),
+    ("estimators.discrepancy.search.unfitted", "", "_SHARES", (-0.8, -0.4, 0.4, 0.8)),
+    ("estimators.discrepancy.search.unfitted", "", "_FINER", 0.2),
+    ("estimators.discrepancy.search.unfitted", "", "_NEAR_N", 0.1),
+    ("estimators.discrepancy.search.unfitted", "", "_CLOSELY", 3),
+    ("estimators.discrepancy.search.unfitted", "", "_FIRSTS", 3),
+    ("estimators.discrepancy.search.unfitted", "", "_BESIDE", 2),
+    ("estimators.discrepancy.search.unfitted", "", "_PAIRS", 4),
+    ("estimators.discrepancy.search.lower_minimum", "", "_ASTRAY", 3.5),
+    ("estimators.discrepancy.search.lower_minimum", "", "_ASTRAY_N", 0.25),
     ("estimators.discrepancy.search.lower_minimum", "", "_EXPONENTS", (0.3, 0.5, 0.7, 0.9, 1.1)),
     ("estimators.discrepancy.model.linearisation", "", "_ALIKE", 0.01),
     ("estimators.discrepancy.structure_comparison", "", "_BEHIND", 0.4),

@@ -43,6 +43,8 @@ Numbers = dict[str, Any]  #: result of one unit, or of the study, as JSON takes 
 NATURAL = ("natural", "wrong", "other", "library", "large", "two", "large two")
 #: A fault that is possible lies within this share of its physical range: a size at an end is never named.
 _WITHIN = 0.9
+#: How often a limit is taken from a drive at twice the limit before, in which the vehicle gets stuck.
+_ROUNDS = 3
 #: Effects that cannot be negative.
 _ONE_SIDED = (*ONE_SIDED, *NEVER_NEGATIVE, "aero_drag")
 #: Where the soil of a fault changes, as parameters of the effect.
@@ -91,20 +93,33 @@ def _limit_with_fault(case: Case, name: str, limit: float, ends: tuple[float, fl
     """Limit of a cause in the drive that has it at twice ``limit``, which is that of the drive without.
 
     A fault changes the drive: what grows with the sinkage scatters with the ground that shakes it, and a slow
-    vehicle shows less. Where no vehicle can have it, or it gets stuck, the limit remains.
+    vehicle shows less, one that gets stuck next to nothing. Where no vehicle can have it the limit remains;
+    where what is left before the vehicle gets stuck never shows half of what stops it, none exists.
     """
-    size = _size(name, 2.0 * limit, case.seed)
-    if not ends[0] < size < ends[1]:
-        return limit
-    log = simulated_log(case, _fault(name, size))
-    if stuck_spans(log):
-        return limit
+    beyond = max(map(abs, ends))
+    for _ in range(_ROUNDS):
+        size = _size(name, 2.0 * limit, case.seed)
+        if not ends[0] < size < ends[1]:
+            return limit
+        log = simulated_log(case, _fault(name, size))
+        own = _limit_in(log, name, size)
+        if not stuck_spans(log):
+            return max(limit, own) if math.isfinite(own) else limit
+        if own <= limit:
+            return limit
+        limit = min(own, beyond)
+    return beyond
+
+
+def _limit_in(log: Log, name: str, size: float) -> float:
+    """Limit of a cause in the log that has it at this size; infinite where there is too little to fit."""
     try:
         trial = refit(fit_runs([RunModel(log, use=FIT)]), [Candidate(effect=name)], [size])
-        deviation = 0.0 if trial is None else float(settled(trial, fresh=False).size_deviations()[0])
+        if trial is None:
+            return math.inf
+        return DETECTABLE * float(settled(trial, fresh=False).size_deviations()[0])
     except OffroadError:
-        return limit
-    return max(limit, DETECTABLE * deviation)
+        return math.inf
 
 
 def possible(name: str, multiple: float, seed: int, known: Mapping[int, Numbers]) -> bool:

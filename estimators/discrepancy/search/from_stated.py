@@ -9,23 +9,22 @@ and those that do what a number does in its place.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from estimators.discrepancy.model.fit import HOPELESS, begun_afresh, unfitted_cost
+from estimators.discrepancy.model.fit import HOPELESS, begun_afresh
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from estimators.discrepancy.model.linearisation import Jacobian
 from estimators.discrepancy.model.nuisances import acts
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.search.alternatives import NEAR_BEST, as_good_as, best_by_effect, order_of
-from estimators.discrepancy.search.lower_minimum import LEFT, deviations_off, exponents
+from estimators.discrepancy.search.lower_minimum import astray, deviations_off
 from estimators.discrepancy.search.score_test import ScoreTest
+from estimators.discrepancy.search.unfitted import Begin, begin_of, begins_of_pairs, looked_at
 from offroad_env.effects import EFFECTS, Setup, apply
 from offroad_env.errors import OffroadError
 
@@ -37,13 +36,11 @@ _SUSPECT = 2.5
 #: Effects that are fitted: of the numbers furthest off, and with the largest scores beside these, as long as
 #: they are near the largest; so many of them whatever they are.
 _OF_NUMBERS, _OF_SCORES, _WHATEVER = 5, 8, 3
-#: Sizes to begin from, as shares of a plausible one; about the best others so much larger and smaller.
-_SHARES, _FINER = (-0.8, -0.4, 0.4, 0.8), 0.2
-#: Likewise exponents n about the best.
-_NEAR_N = 0.1
 #: What costs more unfitted than so many times the least is not fitted from there: of 107 such fits in 19 logs
 #: with faults 29 were of use, and these had cost at most 1.37 times the least.
 _NEAR_LEAST = 1.6
+#: So many effects that cost least unfitted are fitted from there.
+_BEGUN = 8
 #: Steps of a fit that are taken in any case.
 _FIRST = 3
 #: Share of what numbers have changed, squared, that an effect may leave where it takes their place exactly.
@@ -54,60 +51,45 @@ def fits_from_stated(scores: ScoreTest, threshold: float) -> list[FitResult]:
     """Models with one effect more, fitted from stated numbers, that explain more by as much as it must.
 
     None where the fit is near these numbers. Beside other effects, whose model has been fitted from stated
-    numbers itself, only what numbers of their own have done is exchanged.
+    numbers itself, only what numbers of their own have done is exchanged. Beside none, models of two effects
+    that explain more than one by as much follow.
     """
-    fit, found = scores.fit, list[FitResult]()
-    if not np.any(deviations_off(fit) > LEFT):
+    fit = scores.fit
+    if not astray(fit):
         return []
-    enough = fit.cost - 0.5 * threshold**2
     suspects = _suspects(scores)
     # Beside others a number may undo what the effect does.
-    begins = [None if fit.candidates else _begin(fit, candidate) for candidate, _ in suspects]
-    order = sorted(range(len(suspects)), key=lambda i: math.inf if (one := begins[i]) is None else one.cost)
-    most = _NEAR_LEAST * min((one.cost for one in begins if one is not None), default=math.inf)
-    for i in order:
-        candidate, numbers = suspects[i]
-        begin = begins[i]
-        trials = [_exchanged(scores, candidate, numbers)]
-        if begin is not None and begin.cost < most:
-            trials.append(_from_stated(fit, candidate, begin, enough))
+    begins = [] if fit.candidates else _begins(scores, [candidate for candidate, _ in suspects])
+    most = _NEAR_LEAST * min((one.cost for one in begins), default=math.inf)
+    begun = {one.candidates[0].effect: one for one in begins[:_BEGUN] if one.cost < most}
+    own = {candidate.effect: (candidate, numbers) for candidate, numbers in suspects}
+    must, found = 0.5 * threshold**2, list[FitResult]()
+    enough = fit.cost - must
+    for effect in [*begun, *(one for one in own if one not in begun)]:
+        trials = [_exchanged(scores, *own[effect])] if effect in own else []
+        trials += [_from_stated(fit, begun[effect], enough)] if effect in begun else []
         useful = [trial for trial in trials if trial is not None and trial.cost < enough]
         if useful:
             found.append(min(useful, key=order_of))
             enough = min(enough, as_good_as(found))
-    return found
+    least = min([fit.cost, *(one.cost for one in found)]) - must
+    pairs = [_from_stated(fit, one, least) for one in begins_of_pairs(fit, begins)]
+    return [*found, *(pair for pair in pairs if pair is not None and pair.cost < least)]
 
 
-class _Begin(NamedTuple):
-    """Where the fit of an effect begins."""
-
-    cost: float  #: before anything is fitted
-    size: float
-    n: float
-
-
-def _begin(fit: FitResult, candidate: Candidate) -> _Begin | None:
-    """The size and the exponent that cost least before anything is fitted; None without a solution."""
-    reach = EFFECTS[candidate.effect].plausible(fit.runs[0].setup.plant.vehicle)
-    low, high = fit.runs[0].size_limits(candidate.effect)
-
-    def tried(sizes: Iterable[float], ns: Iterable[float]) -> list[_Begin]:
-        pairs = product([size for size in sizes if low <= size <= high], ns)
-        return [_Begin(unfitted_cost(fit, (candidate,), (size,), n), size, n) for size, n in pairs]
-
-    best = min(tried([share * reach for share in _SHARES], exponents(fit)), default=None)
-    if best is None or not math.isfinite(best.cost):
-        return None
-    around = tried([best.size + share * reach for share in (-_FINER, 0.0, _FINER)], _about(fit, best.n))
-    return min([best, *around])
+def _begins(scores: ScoreTest, suspects: Sequence[Candidate]) -> list[Begin]:
+    """Where fits of suspected effects begin, and of others; those first that cost least before."""
+    fit, names = scores.fit, {one.effect for one in suspects}
+    known = [begin for one in suspects if (begin := begin_of(fit, one)) is not None]
+    if known:
+        best = [scores.candidates[i] for i in best_by_effect(np.abs(scores.z), scores.candidates)]
+        n = min(known, key=lambda one: one.cost).n
+        known += looked_at(fit, [one for one in best if one.effect not in names], n)
+    return sorted(known, key=lambda one: one.cost)
 
 
-def _about(fit: FitResult, n: float) -> list[float]:
-    return [n] if fit.problem.hard else [n - _NEAR_N, n, n + _NEAR_N]
-
-
-def _from_stated(fit: FitResult, candidate: Candidate, begin: _Begin, enough: float) -> FitResult | None:
-    """The model with this effect; None without.
+def _from_stated(fit: FitResult, begin: Begin, enough: float) -> FitResult | None:
+    """The model with these effects; None without.
 
     Parameters
     ----------
@@ -116,7 +98,7 @@ def _from_stated(fit: FitResult, candidate: Candidate, begin: _Begin, enough: fl
         data the equations promise too little.
     """
     try:
-        rough = begun_afresh(fit, (candidate,), (begin.size,), n=begin.n, numbers=False)
+        rough = begun_afresh(fit, begin.candidates, begin.sizes, n=begin.n, numbers=False)
         closer = GaussNewton(rounds=_FIRST).descend(replace(rough, jacobian=Jacobian()))
         if closer.cost > HOPELESS * fit.cost:
             return None

@@ -16,11 +16,14 @@ from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from offroad_env.errors import OffroadError
 
-__all__ = ["LEFT", "begun_again", "deviations_off", "exponents", "lower_minimum"]
+__all__ = ["LEFT", "astray", "begun_again", "deviations_off", "exponents", "lower_minimum", "strayed"]
 
-#: Standard deviations from a stated number from which a model is fitted again from what is stated. In 60
-#: natural logs of unmodified vehicles, which nothing was chosen on before, none was further off than 4.1.
+#: Standard deviations from a stated number from which it is suspected. In 60 natural logs of unmodified
+#: vehicles, which nothing was chosen on before, none was further off than 4.1.
 LEFT = 4.5
+#: A model is fitted again from what is stated where a number is so many standard deviations off, or the
+#: sinkage exponent so far: that costs time and decides nothing.
+_ASTRAY, _ASTRAY_N = 3.5, 0.25
 #: Sinkage exponents to begin from, besides the stated one: of soft clay, of sand and between, see
 #: J. Y. Wong, Theory of Ground Vehicles (2008), table 2.3.
 _EXPONENTS = (0.3, 0.5, 0.7, 0.9, 1.1)
@@ -29,6 +32,21 @@ _EXPONENTS = (0.3, 0.5, 0.7, 0.9, 1.1)
 def deviations_off(fit: FitResult) -> np.ndarray:
     """(N,) distance of every number from what is stated [its standard deviations]."""
     return np.asarray(np.abs(fit.nuisances) / fit.problem.nuisance_spread)
+
+
+def astray(fit: FitResult) -> bool:
+    """Whether a fit has left what is stated so far that there may be a better one near it."""
+    problem, away = fit.problem, bool(np.any(deviations_off(fit) > _ASTRAY))
+    return away or (
+        not problem.hard and abs(problem.exponent(fit.point) - problem.exponent(problem.stated())) > _ASTRAY_N
+    )
+
+
+def strayed(fit: FitResult, deviations: float) -> list[str]:
+    """Stated numbers of vehicle and soil that a fit has moved by more than so many standard deviations."""
+    away = deviations_off(fit) > deviations
+    pairs = zip(fit.problem.nuisances, away, strict=True)
+    return [nuisance.name for nuisance, far in pairs if far and nuisance.tolerated]
 
 
 def lower_minimum(fit: FitResult, larger: FitResult, bar: float) -> FitResult | None:
@@ -62,7 +80,7 @@ def begun_again(fit: FitResult) -> FitResult:
 
     From several exponents: one that is far from the stated n may lie behind a ridge.
     """
-    if not np.any(deviations_off(fit) > LEFT):
+    if not astray(fit):
         return fit
     model = fit.candidates, fit.sizes.tolist()
     n = min(exponents(fit), key=lambda n: unfitted_cost(fit, *model, n))

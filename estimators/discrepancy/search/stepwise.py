@@ -26,7 +26,13 @@ from estimators.discrepancy.search.alternatives import (
 from estimators.discrepancy.search.finite_delays import delayed
 from estimators.discrepancy.search.from_stated import fits_from_stated
 from estimators.discrepancy.search.holdout import HoldOutResult, HoldOutTest
-from estimators.discrepancy.search.lower_minimum import LEFT, begun_again, deviations_off, lower_minimum
+from estimators.discrepancy.search.lower_minimum import (
+    LEFT,
+    begun_again,
+    deviations_off,
+    lower_minimum,
+    strayed,
+)
 from estimators.discrepancy.search.pair_search import Proposal, linearised_gain, proposed_pairs
 from estimators.discrepancy.search.refitting import refit
 from estimators.discrepancy.search.result import EQUIVALENT, Cause, SearchResult, separation
@@ -40,7 +46,7 @@ from estimators.discrepancy.search.score_test import (
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
 
-__all__ = ["MOST", "outside", "scored_only", "search", "strayed", "without_cause"]
+__all__ = ["MOST", "outside", "scored_only", "search", "without_cause"]
 
 #: Most effects in one model.
 MOST = 4
@@ -55,7 +61,8 @@ _IMPOSSIBLE = 6.0
 _RESTARTS = 2
 #: Models as good as the best that are tested on windows apart.
 _TESTED = 3
-#: Effects whose scores exceed so many thresholds, which noise does not, are sought closely along the route.
+#: So many thresholds noise does not exceed: effects with such scores are sought closely along the route, and
+#: two that explain so much more than one need not be confirmed apart.
 _LARGE = 2.0
 
 
@@ -119,13 +126,6 @@ def _refitted(
     return sorted(trials, key=order_of)
 
 
-def strayed(fit: FitResult, deviations: float) -> list[str]:
-    """Stated numbers of vehicle and soil that a fit has moved by more than so many standard deviations."""
-    away = deviations_off(fit) > deviations
-    pairs = zip(fit.problem.nuisances, away, strict=True)
-    return [nuisance.name for nuisance, far in pairs if far and nuisance.tolerated]
-
-
 def _pairs(
     scores: ScoreTest,
     threshold: float,
@@ -172,19 +172,19 @@ def _larger(
     """
     fit = scores.fit
     left = outside(fit, scores.candidates)
-    begun = [one for one in begun if one.candidates[-1] in left]
+    inside = len(fit.candidates)
+    news = [one for one in begun if all(new in left for new in one.candidates[inside:])]
+    begun, double = ([one for one in news if len(one.candidates) == inside + k] for k in (1, 2))
     near = _forward(scores, threshold, as_good_as(begun))
     single = [*begun, *near, *delayed(fit, left, threshold)]
     single.sort(key=order_of)
-    if not single and not fit.candidates:
-        return []
+    if not fit.candidates and (singly or not single):
+        return single
     most = linearised_gain(fit, scores) if fit.candidates else float(np.max(scores.z**2, initial=0.0))
     # A pair must be better by as much as an effect must, or else as good as what is there.
     must = 0.5 * threshold**2
-    if not fit.candidates and singly:
-        return single
     if not fit.candidates:
-        pairs = _pairs(scores, threshold, most, single[0].cost - must)
+        pairs = sorted([*double, *_pairs(scores, threshold, most, single[0].cost - must)], key=order_of)
         return pairs if pairs and _replaces(pairs[0], single[0], threshold, test) else single
     enough = single[0].cost + 0.5 * EQUIVALENT if single else fit.cost - must
     known = {_names(trial.candidates) for trial in single}
@@ -201,12 +201,14 @@ def _replaces(pair: FitResult, single: FitResult, threshold: float, test: HoldOu
     """Whether two effects take the place of one, that need not be among them.
 
     The second must be significant in the fitted windows, where road and soil scatter along the difference of
-    the models, and the windows apart must reject the one.
+    the models, and the windows apart must reject the one; or not the two, where the difference is large.
     """
-    if separation(pair, single) <= threshold**2:
+    apart = separation(pair, single)
+    if apart <= threshold**2:
         return False
     result = test.result(pair, single)
-    return result is None or result.surpasses
+    large = apart > (_LARGE * threshold) ** 2
+    return result is None or result.surpasses or (large and not result.contradicts)
 
 
 def _pruned(fit: FitResult, threshold: float) -> FitResult:

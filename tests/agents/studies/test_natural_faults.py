@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -101,15 +102,14 @@ def test_logs_of_vehicles_that_are_stuck_at_once_are_counted_and_left_out():
 
 
 @pytest.mark.parametrize(
-    ("deviation", "stuck", "limit"),
+    ("deviation", "limit"),
     [
-        (0.02, (), DETECTABLE * 0.02),  # the fault makes the ground scatter more
-        (0.001, (), 0.05),  # never below that of the drive without the fault
-        (0.02, ((0.0, 9.0),), 0.05),  # a vehicle that is stuck shows nothing
-        (None, (), 0.05),  # the model with the fault breaks down
+        (0.02, DETECTABLE * 0.02),  # the fault makes the ground scatter more
+        (0.001, 0.05),  # never below that of the drive without the fault
+        (None, 0.05),  # the model with the fault breaks down
     ],
 )
-def test_a_limit_is_that_of_the_drive_with_the_fault(monkeypatch, deviation, stuck, limit):
+def test_a_limit_is_that_of_the_drive_with_the_fault(monkeypatch, deviation, limit):
     sizes: list[float] = []
 
     def refitted(fit: object, candidates: list[Candidate], values: list[float]) -> SimpleNamespace | None:
@@ -117,14 +117,44 @@ def test_a_limit_is_that_of_the_drive_with_the_fault(monkeypatch, deviation, stu
         return None if deviation is None else SimpleNamespace(size_deviations=lambda: [deviation])
 
     monkeypatch.setattr(one_log, "simulated_log", lambda case, fault: None)
-    monkeypatch.setattr(one_log, "stuck_spans", lambda log: stuck)
+    monkeypatch.setattr(one_log, "stuck_spans", lambda log: ())
     monkeypatch.setattr(one_log, "RunModel", lambda log, use: None)
     monkeypatch.setattr(one_log, "fit_runs", lambda runs: None)
     monkeypatch.setattr(one_log, "refit", refitted)
     monkeypatch.setattr(one_log, "settled", lambda trial, fresh: trial)
     found = one_log._limit_with_fault(SimpleNamespace(seed=1), "payload", 0.05, (-1.0, 1.0))
     assert found == pytest.approx(limit)
-    assert sizes == ([] if stuck else [0.1])
+    assert sizes == [0.1]
+
+
+@pytest.mark.parametrize(
+    ("limits", "stuck", "found"),
+    [
+        ([0.04], [True], 0.05),  # what is left before the vehicle gets stuck shows enough
+        ([0.08, 0.07], [True, True], 0.08),  # with a larger one it does
+        ([0.08, 0.09], [True, False], 0.09),  # and the drive with that one goes on
+        ([math.inf], [True], 1.0),  # nothing is left: no vehicle can have twice this limit
+        ([0.08, 0.2, 0.3], [True] * 3, 1.0),  # what is left never shows enough
+        ([0.6], [True], 0.6),  # twice this is beyond what a vehicle can have
+    ],
+)
+def test_a_fault_that_stops_the_vehicle_has_the_limit_of_what_is_left_before(
+    monkeypatch, limits, stuck, found
+):
+    own, halts, sizes = iter(limits), iter(stuck), list[float]()
+
+    def limit_in(log, name, size):
+        sizes.append(abs(size))
+        return next(own)
+
+    monkeypatch.setattr(one_log, "simulated_log", lambda case, fault: None)
+    monkeypatch.setattr(one_log, "stuck_spans", lambda log: next(halts))
+    monkeypatch.setattr(one_log, "_limit_in", limit_in)
+    case = SimpleNamespace(seed=1)
+    assert one_log._limit_with_fault(case, "bulldozing", 0.05, (0.0, 1.0)) == pytest.approx(found)
+    assert sizes == [2.0 * one for one in (0.05, *limits)][: len(sizes)]
+    known = {1: {"limits": {"bulldozing": found}, "ranges": {"bulldozing": (0.0, 1.0)}}}
+    assert one_log.possible("bulldozing", 2.0, 1, known) == (found < 0.45)
 
 
 def test_a_fault_beyond_what_a_vehicle_can_have_keeps_its_limit():

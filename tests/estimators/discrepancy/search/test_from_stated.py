@@ -14,9 +14,10 @@ from estimators.discrepancy.model.fit import HOPELESS
 from estimators.discrepancy.model.linearisation import Jacobian
 from estimators.discrepancy.model.parameters import Candidate, Point
 from estimators.discrepancy.model.run_model import RunModel
-from estimators.discrepancy.search import alternatives, from_stated, stepwise
-from estimators.discrepancy.search.lower_minimum import LEFT
+from estimators.discrepancy.search import alternatives, from_stated, stepwise, unfitted
+from estimators.discrepancy.search.lower_minimum import _ASTRAY, _ASTRAY_N
 from estimators.discrepancy.search.result import EQUIVALENT
+from estimators.discrepancy.search.unfitted import Begin
 from estimators.logs.tolerances import TOLERANCES
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import SolverFailure
@@ -32,6 +33,7 @@ def scores_of(away, z, *, alike=1.0):
     fit = SimpleNamespace(
         nuisances=np.array(away), problem=problem, runs=[run], cost=100.0, candidates=(), sizes=np.empty(0)
     )
+    fit.point = 0.6
     names = ("payload", "inertia", "steer_gain", "torque_scale")
     white = np.column_stack([np.eye(2), alike * np.eye(2), np.ones((2, 2))])
     return SimpleNamespace(
@@ -58,14 +60,14 @@ def by_size(best, least=10.0, asked=None):
     """Costs before anything is fitted: least at a size (in plausible ones) and n for every effect."""
 
     def cost(fit, candidates, sizes, n):
-        ((effect,), (size,)) = [one.effect for one in candidates], sizes
         if asked is not None:
-            asked.append((effect, size, n))
-        if effect not in best:
+            asked.append((*(one.effect for one in candidates), *sizes, n))
+        if any(one.effect not in best for one in candidates):
             return math.inf
-        share, where = best[effect]
-        reach = EFFECTS[effect].plausible(fit.runs[0].setup.plant.vehicle)
-        return least + 100.0 * abs(size / reach - share) + 100.0 * abs(n - where)
+        reaches = [EFFECTS[one.effect].plausible(fit.runs[0].setup.plant.vehicle) for one in candidates]
+        there = [best[one.effect] for one in candidates]
+        off = sum(abs(x / reach - share) for x, reach, (share, _) in zip(sizes, reaches, there, strict=True))
+        return least + 100.0 * off + 100.0 * max(abs(n - where) for _, where in there)
 
     return cost
 
@@ -74,24 +76,100 @@ def by_size(best, least=10.0, asked=None):
 @pytest.mark.parametrize("n", [0.4, 0.62, 1.2])
 def test_a_fit_begins_at_the_size_and_the_exponent_that_cost_least_unfitted(monkeypatch, share, n):
     asked = []
-    monkeypatch.setattr(from_stated, "unfitted_cost", by_size({"payload": (share, n)}, asked=asked))
+    monkeypatch.setattr(unfitted, "unfitted_cost", by_size({"payload": (share, n)}, asked=asked))
     fit = scores_of((6.0, 0.0), (0.0, 0.0, 0.0, 0.0)).fit
     monkeypatch.setattr(fit.runs[0], "size_limits", lambda name: (-9.0, 9.0))
     reach = EFFECTS["payload"].plausible(fit.runs[0].setup.plant.vehicle)
-    begin = from_stated._begin(fit, Candidate(effect="payload"))
-    assert begin.size / reach == pytest.approx(share)
+    begin = unfitted.begin_of(fit, Candidate(effect="payload"))
+    assert begin.sizes[0] / reach == pytest.approx(share)
     assert begin.n == pytest.approx(n, abs=0.051)
     # What is outside of the physical range is not tried.
     asked.clear()
     monkeypatch.setattr(fit.runs[0], "size_limits", lambda name: (-0.5 * reach, 9.0))
-    from_stated._begin(fit, Candidate(effect="payload"))
+    unfitted.begin_of(fit, Candidate(effect="payload"))
     assert min(size for _, size, _ in asked) >= -0.5 * reach
     # On hard ground there is no exponent.
     asked.clear()
     fit.problem.hard = True
-    from_stated._begin(fit, Candidate(effect="payload"))
+    unfitted.begin_of(fit, Candidate(effect="payload"))
     assert {n for _, _, n in asked} == {0.6}
-    assert from_stated._begin(fit, Candidate(effect="inertia")) is None
+    assert unfitted.begin_of(fit, Candidate(effect="inertia")) is None
+
+
+def wide_fit(monkeypatch):
+    fit = scores_of((6.0, 0.0), (0.0, 0.0, 0.0, 0.0)).fit
+    monkeypatch.setattr(fit.runs[0], "size_limits", lambda name: (-1e9, 1e9))
+    return fit
+
+
+def test_other_effects_are_looked_at_about_one_exponent_and_the_best_closely(monkeypatch):
+    names = ("payload", "inertia", "steer_gain", "torque_scale")
+    asked, best = [], {name: (0.3 + 0.02 * i, 0.6) for i, name in enumerate(names)}
+    monkeypatch.setattr(
+        unfitted, "unfitted_cost", by_size({**best, "gyro_bias_yaw": (0.4, 0.6)}, asked=asked)
+    )
+    monkeypatch.setattr(unfitted, "_CLOSELY", 2)
+    fit = wide_fit(monkeypatch)
+    every = [Candidate(effect=name) for name in (*names, "gyro_bias_yaw", "spring_rate")]
+    found = unfitted.looked_at(fit, every, 0.6)
+    # What a sensor does is seen by scores; what has no solution is none.
+    assert {one.candidates[0].effect for one in found} == set(names)
+    assert not any(effect == "gyro_bias_yaw" for effect, *_ in asked)
+    assert {n for *_, n in asked} == {0.6, 0.5, 0.7}
+    # At 0.4 of a plausible size the last is nearest, and comes first.
+    assert [one.candidates[0].effect for one in found[:2]] == ["torque_scale", "steer_gain"]
+
+
+def test_pairs_begin_where_two_effects_of_different_families_cost_less_than_one(monkeypatch):
+    asked = []
+    best = {
+        "torque_scale": (-0.4, 0.9),
+        "steer_gain": (0.8, 0.9),
+        "payload": (0.4, 0.9),
+        "inertia": (0.4, 0.9),
+    }
+    sizes = {"torque_scale": -0.3, "payload": 0.3, "inertia": 0.3, "steer_gain": 0.3}
+    fit = wide_fit(monkeypatch)
+    reach = {name: EFFECTS[name].plausible(fit.runs[0].setup.plant.vehicle) for name in best}
+    begins = [
+        Begin(cost, (Candidate(effect=name),), (sizes[name] * reach[name],), 0.9)
+        for name, cost in (("torque_scale", 50.0), ("payload", 55.0), ("inertia", 60.0), ("steer_gain", 90.0))
+    ]
+    monkeypatch.setattr(unfitted, "unfitted_cost", by_size(best, asked=asked))
+    found = unfitted.begins_of_pairs(fit, begins)
+    names = [tuple(one.effect for one in begin.candidates) for begin in found]
+    # Payload and inertia are one family; of the pairs with them the first is the better.
+    assert {frozenset(pair) for pair in names} >= {frozenset(("torque_scale", "steer_gain"))}
+    assert frozenset(("payload", "inertia")) not in {frozenset(pair) for pair in names}
+    assert len({frozenset(pair) for pair in names}) == len(names) <= 4
+    assert [one.cost for one in found] == sorted(one.cost for one in found)
+    pair = found[names.index(("torque_scale", "steer_gain"))]
+    assert pair.sizes[0] / reach["torque_scale"] == pytest.approx(-0.5, abs=0.21)
+    assert pair.sizes[1] / reach["steer_gain"] == pytest.approx(0.8, abs=0.01)
+    # Nothing where one effect costs less than any two.
+    assert unfitted.begins_of_pairs(fit, [one._replace(cost=5.0) for one in begins]) == []
+
+
+def test_firsts_and_seconds_of_pairs_are_of_different_families(monkeypatch):
+    tried = []
+    names = ("payload", "inertia", "torque_scale", "drive_scale", "steer_gain", "bulldozing")
+
+    def coarse(fit, candidate, ns, first):
+        tried.append((first.candidates[0].effect, candidate.effect))
+        return Begin(1.0 + len(tried), (*first.candidates, candidate), (*first.sizes, 0.1), first.n)
+
+    monkeypatch.setattr(unfitted, "_coarse", coarse)
+    monkeypatch.setattr(unfitted, "_closely", lambda fit, begin: begin)
+    monkeypatch.setattr(unfitted, "_PAIRS", 99)
+    begins = [Begin(100.0 + i, (Candidate(effect=name),), (0.1,), 0.6) for i, name in enumerate(names)]
+    found = unfitted.begins_of_pairs(None, begins)
+    assert list(dict.fromkeys(first for first, _ in tried)) == ["payload", "torque_scale", "steer_gain"]
+    pairs = [tuple(one.effect for one in begin.candidates) for begin in found]
+    assert pairs == [
+        ("payload", "torque_scale"),
+        ("payload", "steer_gain"),
+        ("torque_scale", "steer_gain"),
+    ]
 
 
 @dataclass
@@ -136,19 +214,33 @@ def rough(costs, asked=None):
     return begun
 
 
-@pytest.mark.parametrize(("away", "asked"), [(LEFT - 0.1, 0), (LEFT + 0.1, 4)])
-def test_nothing_is_fitted_where_the_numbers_are_about_as_stated(monkeypatch, away, asked):
+@pytest.mark.parametrize(
+    ("away", "n", "asked"),
+    [
+        (_ASTRAY - 0.1, 0.6, 0),
+        (_ASTRAY + 0.1, 0.6, 4),
+        (0.0, 0.6 + _ASTRAY_N - 0.01, 0),
+        (0.0, 0.6 - _ASTRAY_N - 0.01, 4),
+    ],
+)
+def test_nothing_is_fitted_where_the_numbers_are_about_as_stated(monkeypatch, away, n, asked):
     begun, everywhere = [], dict.fromkeys(("payload", "inertia", "steer_gain", "torque_scale"), (0.4, 0.6))
     monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
-    monkeypatch.setattr(from_stated, "unfitted_cost", by_size(everywhere))
+    monkeypatch.setattr(from_stated, "begins_of_pairs", lambda *arguments: [])
+    monkeypatch.setattr(unfitted, "unfitted_cost", by_size(everywhere))
     monkeypatch.setattr(from_stated, "begun_afresh", rough({}, begun))
     scores = scores_of((away, 3.0), (0.0, 0.0, 3.0, -2.0))
+    scores.fit.point = n
     assert from_stated.fits_from_stated(scores, 3.0) == []
     assert len(begun) == asked
     # Beside another effect the model has been fitted from stated numbers already.
     scores.fit.candidates = (Candidate(effect="inertia"),)
     assert from_stated.fits_from_stated(scores, 3.0) == []
     assert len(begun) == asked
+    # On hard ground the exponent means nothing.
+    scores.fit.candidates, scores.fit.problem.hard = (), True
+    from_stated.fits_from_stated(scores, 3.0)
+    assert len(begun) == asked + (4 if away > _ASTRAY else 0)
 
 
 def test_effects_that_cost_least_unfitted_come_first_and_those_are_kept_that_explain_enough(monkeypatch):
@@ -160,7 +252,8 @@ def test_effects_that_cost_least_unfitted_come_first_and_those_are_kept_that_exp
         "torque_scale": (0.33, 0.6),
     }
     least, asked, seen = [], [], []
-    monkeypatch.setattr(from_stated, "unfitted_cost", by_size(begin, least=100.0))
+    monkeypatch.setattr(from_stated, "begins_of_pairs", lambda *arguments: [])
+    monkeypatch.setattr(unfitted, "unfitted_cost", by_size(begin, least=100.0))
     monkeypatch.setattr(from_stated, "begun_afresh", rough(costs, asked))
     monkeypatch.setattr(from_stated, "GaussNewton", descents(least, seen))
     monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
@@ -181,13 +274,15 @@ def test_what_costs_far_more_than_the_least_unfitted_is_only_fitted_in_its_numbe
     first, second = Candidate(effect="payload"), Candidate(effect="inertia")
 
     def begin(fit, candidate):
-        return from_stated._Begin(100.0 if candidate == first else 100.0 * times, 0.3, 0.6)
+        return Begin(100.0 if candidate == first else 100.0 * times, (candidate,), (0.3,), 0.6)
 
     def in_place(scores, candidate, numbers):
         exchanged.append(candidate)
 
     monkeypatch.setattr(from_stated, "_suspects", lambda scores: [(second, (1,)), (first, (0,))])
-    monkeypatch.setattr(from_stated, "_begin", begin)
+    monkeypatch.setattr(from_stated, "begin_of", begin)
+    monkeypatch.setattr(from_stated, "looked_at", lambda *arguments: [])
+    monkeypatch.setattr(from_stated, "begins_of_pairs", lambda *arguments: [])
     monkeypatch.setattr(from_stated, "_exchanged", in_place)
     monkeypatch.setattr(from_stated, "begun_afresh", rough({}, begun))
     assert from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 0.0, 0.0)), 3.0) == []
@@ -195,13 +290,56 @@ def test_what_costs_far_more_than_the_least_unfitted_is_only_fitted_in_its_numbe
     assert exchanged == [first, second]
 
 
+@pytest.mark.parametrize(("cost", "kept"), [(75.4, True), (75.6, False)])
+def test_pairs_follow_that_explain_more_than_one_effect_by_as_much_as_one_must(monkeypatch, cost, kept):
+    pair = tuple(Candidate(effect=name) for name in ("payload", "steer_gain"))
+    least: list[float] = []
+
+    def fitted(fit, begin, enough):
+        if len(begin.candidates) == 2:
+            least.append(enough)
+        return SimpleNamespace(cost=cost if len(begin.candidates) == 2 else 80.0, candidates=begin.candidates)
+
+    monkeypatch.setattr(from_stated, "order_of", lambda one: one.cost)
+    monkeypatch.setattr(from_stated, "as_good_as", lambda found: found[0].cost)
+    monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
+    monkeypatch.setattr(from_stated, "_from_stated", fitted)
+    monkeypatch.setattr(from_stated, "_suspects", lambda scores: [(scores.candidates[0], ())])
+    monkeypatch.setattr(from_stated, "begin_of", lambda fit, one: Begin(9.0, (one,), (0.3,), 0.6))
+    monkeypatch.setattr(from_stated, "looked_at", lambda *arguments: [])
+    monkeypatch.setattr(
+        from_stated, "begins_of_pairs", lambda *arguments: [Begin(5.0, pair, (0.3, 0.1), 0.6)]
+    )
+    found = from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 0.0, 0.0)), 3.0)
+    assert [len(one.candidates) for one in found] == ([1, 2] if kept else [1])
+    assert least == [75.5]
+
+
+def test_not_more_than_so_many_effects_are_fitted_from_where_they_cost_least(monkeypatch):
+    begun: list[str] = []
+    names = list(EFFECTS)[:12]
+    monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
+    monkeypatch.setattr(from_stated, "_suspects", lambda scores: [(Candidate(effect=names[0]), ())])
+    monkeypatch.setattr(from_stated, "begin_of", lambda fit, one: Begin(10.0, (one,), (0.3,), 0.6))
+    others = [
+        Begin(10.0 + 0.1 * i, (Candidate(effect=name),), (0.3,), 0.6) for i, name in enumerate(names[1:])
+    ]
+    monkeypatch.setattr(from_stated, "looked_at", lambda *arguments: others)
+    monkeypatch.setattr(from_stated, "begins_of_pairs", lambda *arguments: [])
+    monkeypatch.setattr(
+        from_stated, "_from_stated", lambda fit, begin, enough: begun.append(begin.candidates[0].effect)
+    )
+    assert from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 0.0, 0.0)), 3.0) == []
+    assert begun == names[:8]
+
+
 @pytest.mark.parametrize(("share", "kept"), [(0.95, True), (1.05, False)])
 def test_no_descent_begins_where_the_vehicle_does_not_drive_as_logged(monkeypatch, share, kept):
     fit = scores_of((6.0, 0.0), (0.0, 0.0, 0.0, 0.0)).fit
     monkeypatch.setattr(from_stated, "begun_afresh", rough({"payload": share * HOPELESS * fit.cost}))
     monkeypatch.setattr(from_stated, "GaussNewton", descents())
-    begin = from_stated._Begin(1.0, 0.4, 0.6)
-    best = from_stated._from_stated(fit, Candidate(effect="payload"), begin, np.inf)
+    begin = Begin(1.0, (Candidate(effect="payload"),), (0.4,), 0.6)
+    best = from_stated._from_stated(fit, begin, np.inf)
     assert (best is not None) == kept
 
 

@@ -154,7 +154,7 @@ def test_a_search_begins_again_from_the_better_minimum(sound, monkeypatch):
         return onward(test, last, bar, rate)
 
     monkeypatch.setattr(stepwise, "_onward", first_accepted)
-    found = stepwise.search(_away(fit, "mass", 3.0), ("payload", "torque_scale"), 0.06)
+    found = stepwise.search(_away(fit, "mass", 2.5), ("payload", "torque_scale"), 0.06)
     assert len(begun) == 2
     assert found.causes == ()
     assert found.nominal.minus_log_likelihood == pytest.approx(fit.minus_log_likelihood, abs=1.0)

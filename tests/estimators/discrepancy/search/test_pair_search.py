@@ -95,9 +95,18 @@ def test_a_likelihood_ratio_is_worth_less_where_road_and_soil_scatter_along_the_
 
 @pytest.mark.parametrize(
     ("gap", "gain", "replaces"),
-    [(20.0, 12.0, True), (8.0, 12.0, False), (20.0, 1.0, False), (20.0, None, True)],
+    [
+        (20.0, 12.0, True),
+        (8.0, 12.0, False),
+        (20.0, 1.0, False),
+        (20.0, None, True),
+        # Far more than noise in the fitted windows, and none of the two is rejected by those apart.
+        (37.0, 1.0, True),
+        (35.0, 1.0, False),
+        (37.0, -6.0, False),
+    ],
 )
-def test_a_pair_takes_the_place_of_one_cause_only_where_the_windows_apart_reject_the_one(
+def test_a_pair_takes_the_place_of_one_cause_where_windows_apart_reject_the_one_or_the_gain_is_large(
     monkeypatch, gap, gain, replaces
 ):
     result = None if gain is None else HoldOutResult(gain=gain, expected=4.0, deviation=4.0)
