@@ -28,7 +28,7 @@ from estimators.discrepancy.search.result import SearchResult
 from estimators.discrepancy.search.score_test import DETECTABLE, ScoreTest, candidates_for, score_test
 from estimators.discrepancy.verdict import VehicleDiagnosis
 from estimators.logs.immobile import stuck_spans
-from estimators.logs.immobile_findings import IMMOBILE
+from estimators.logs.immobile_findings import IMMOBILE, stuck_findings
 from estimators.logs.log import Log
 from offroad_env.effects import EFFECTS, apply
 from offroad_env.errors import OffroadError
@@ -113,6 +113,8 @@ def _limit_with_fault(case: Case, name: str, limit: float, ends: tuple[float, fl
 
 def _limit_in(log: Log, name: str, size: float) -> float:
     """Limit of a cause in the log that has it at this size; infinite where there is too little to fit."""
+    if any(finding.severity == "problem" for finding in stuck_findings(log)):
+        return math.inf
     try:
         trial = refit(fit_runs([RunModel(log, use=FIT)]), [Candidate(effect=name)], [size])
         if trial is None:

@@ -118,6 +118,7 @@ def test_a_limit_is_that_of_the_drive_with_the_fault(monkeypatch, deviation, lim
 
     monkeypatch.setattr(one_log, "simulated_log", lambda case, fault: None)
     monkeypatch.setattr(one_log, "stuck_spans", lambda log: ())
+    monkeypatch.setattr(one_log, "stuck_findings", lambda log: [])
     monkeypatch.setattr(one_log, "RunModel", lambda log, use: None)
     monkeypatch.setattr(one_log, "fit_runs", lambda runs: None)
     monkeypatch.setattr(one_log, "refit", refitted)
@@ -125,6 +126,11 @@ def test_a_limit_is_that_of_the_drive_with_the_fault(monkeypatch, deviation, lim
     found = one_log._limit_with_fault(SimpleNamespace(seed=1), "payload", 0.05, (-1.0, 1.0))
     assert found == pytest.approx(limit)
     assert sizes == [0.1]
+    # Hardly anything is driven: there is nothing to fit.
+    monkeypatch.setattr(one_log, "stuck_findings", lambda log: [SimpleNamespace(severity="warning")])
+    assert (one_log._limit_in(None, "payload", 0.1) < math.inf) == (deviation is not None)
+    monkeypatch.setattr(one_log, "stuck_findings", lambda log: [SimpleNamespace(severity="problem")])
+    assert one_log._limit_in(None, "payload", 0.1) == math.inf
 
 
 @pytest.mark.parametrize(
