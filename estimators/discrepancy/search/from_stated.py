@@ -22,7 +22,7 @@ from estimators.discrepancy.model.linearisation import Jacobian
 from estimators.discrepancy.model.nuisances import acts
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.search.alternatives import NEAR_BEST, as_good_as, best_by_effect, order_of
-from estimators.discrepancy.search.lower_minimum import astray, deviations_off
+from estimators.discrepancy.search.lower_minimum import LEFT, astray, deviations_off
 from estimators.discrepancy.search.score_test import ScoreTest
 from estimators.discrepancy.search.unfitted import Begin, begin_of, begins_of_pairs, looked_at
 from offroad_env.effects import EFFECTS, Setup, apply
@@ -68,13 +68,25 @@ def fits_from_stated(scores: ScoreTest, threshold: float) -> list[FitResult]:
     for effect in [*begun, *(one for one in own if one not in begun)]:
         trials = [_exchanged(scores, *own[effect])] if effect in own else []
         trials += [_from_stated(fit, begun[effect], enough)] if effect in begun else []
-        useful = [trial for trial in trials if trial is not None and trial.cost < enough]
+        useful = [one for one in trials if one is not None and one.cost + _released(fit, one) < enough]
         if useful:
             found.append(min(useful, key=order_of))
             enough = min(enough, as_good_as(found))
     least = min([fit.cost, *(one.cost for one in found)]) - must
     pairs = [_from_stated(fit, one, least) for one in begins_of_pairs(fit, begins)]
-    return [*found, *(pair for pair in pairs if pair is not None and pair.cost < least)]
+    return [*found, *(one for one in pairs if one is not None and one.cost + _released(fit, one) < least)]
+
+
+def _released(fit: FitResult, trial: FitResult) -> float:
+    """Log-likelihood that a model gains by what is stated alone, where no number is beyond suspicion.
+
+    Noise moves a number by 4 deviations in one null log of 60, and an effect that does the same is free:
+    what the number costs is then no evidence for it.
+    """
+    if np.any(deviations_off(fit) > LEFT):
+        return 0.0
+    before, after = (fit.problem.nuisance_prior_cost(model.point) for model in (fit, trial))
+    return max(before - after, 0.0)
 
 
 def _begins(scores: ScoreTest, suspects: Sequence[Candidate]) -> list[Begin]:

@@ -15,7 +15,7 @@ from estimators.discrepancy.model.linearisation import Jacobian
 from estimators.discrepancy.model.parameters import Candidate, Point
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.search import alternatives, from_stated, stepwise, unfitted
-from estimators.discrepancy.search.lower_minimum import _ASTRAY, _ASTRAY_N
+from estimators.discrepancy.search.lower_minimum import _ASTRAY, _ASTRAY_N, LEFT
 from estimators.discrepancy.search.result import EQUIVALENT
 from estimators.discrepancy.search.unfitted import Begin
 from estimators.logs.tolerances import TOLERANCES
@@ -288,6 +288,31 @@ def test_what_costs_far_more_than_the_least_unfitted_is_only_fitted_in_its_numbe
     assert from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 0.0, 0.0)), 3.0) == []
     assert [effect for effect, *_ in begun] == ["payload", "inertia"][:asked]
     assert exchanged == [first, second]
+
+
+@pytest.mark.parametrize(("away", "counts"), [(LEFT - 0.1, False), (LEFT + 0.1, True)])
+def test_what_a_tolerance_alone_releases_is_no_evidence_before_a_number_is_suspected(
+    monkeypatch, away, counts
+):
+    """The data gain 1 in the log-likelihood, and the number that returns the rest."""
+    scores = scores_of((away, 0.0), (0.0, 0.0, 0.0, 0.0))
+    fit = scores.fit
+    fit.problem.nuisance_prior_cost = lambda point: point
+    fit.point, prior = 0.6, 0.5 * away**2
+    cost = fit.cost - 1.0 - prior
+
+    def fitted(fit, begin, enough):
+        return SimpleNamespace(cost=cost, candidates=begin.candidates, point=0.6 - prior)
+
+    monkeypatch.setattr(from_stated, "order_of", lambda one: one.cost)
+    monkeypatch.setattr(from_stated, "as_good_as", lambda found: found[0].cost)
+    monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
+    monkeypatch.setattr(from_stated, "_from_stated", fitted)
+    monkeypatch.setattr(from_stated, "_suspects", lambda scores: [(scores.candidates[0], ())])
+    monkeypatch.setattr(from_stated, "begin_of", lambda fit, one: Begin(9.0, (one,), (0.3,), 0.6))
+    monkeypatch.setattr(from_stated, "looked_at", lambda *arguments: [])
+    monkeypatch.setattr(from_stated, "begins_of_pairs", lambda *arguments: [])
+    assert bool(from_stated.fits_from_stated(scores, 3.0)) is counts
 
 
 @pytest.mark.parametrize(("cost", "kept"), [(75.4, True), (75.6, False)])
