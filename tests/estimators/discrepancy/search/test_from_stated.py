@@ -290,6 +290,18 @@ def test_what_costs_far_more_than_the_least_unfitted_is_only_fitted_in_its_numbe
     assert exchanged == [first, second]
 
 
+def only_begun(monkeypatch, fitted, others=(), pairs=()):
+    """One suspect without a number, other effects and pairs, each ``fitted`` from where it begins."""
+    monkeypatch.setattr(from_stated, "order_of", lambda one: one.cost)
+    monkeypatch.setattr(from_stated, "as_good_as", lambda found: found[0].cost)
+    monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
+    monkeypatch.setattr(from_stated, "_from_stated", fitted)
+    monkeypatch.setattr(from_stated, "_suspects", lambda scores: [(scores.candidates[0], ())])
+    monkeypatch.setattr(from_stated, "begin_of", lambda fit, one: Begin(9.0, (one,), (0.3,), 0.6))
+    monkeypatch.setattr(from_stated, "looked_at", lambda *arguments: list(others))
+    monkeypatch.setattr(from_stated, "begins_of_pairs", lambda *arguments: list(pairs))
+
+
 @pytest.mark.parametrize(("away", "counts"), [(LEFT - 0.1, False), (LEFT + 0.1, True)])
 def test_what_a_tolerance_alone_releases_is_no_evidence_before_a_number_is_suspected(
     monkeypatch, away, counts
@@ -304,14 +316,7 @@ def test_what_a_tolerance_alone_releases_is_no_evidence_before_a_number_is_suspe
     def fitted(fit, begin, enough):
         return SimpleNamespace(cost=cost, candidates=begin.candidates, point=0.6 - prior)
 
-    monkeypatch.setattr(from_stated, "order_of", lambda one: one.cost)
-    monkeypatch.setattr(from_stated, "as_good_as", lambda found: found[0].cost)
-    monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
-    monkeypatch.setattr(from_stated, "_from_stated", fitted)
-    monkeypatch.setattr(from_stated, "_suspects", lambda scores: [(scores.candidates[0], ())])
-    monkeypatch.setattr(from_stated, "begin_of", lambda fit, one: Begin(9.0, (one,), (0.3,), 0.6))
-    monkeypatch.setattr(from_stated, "looked_at", lambda *arguments: [])
-    monkeypatch.setattr(from_stated, "begins_of_pairs", lambda *arguments: [])
+    only_begun(monkeypatch, fitted)
     assert bool(from_stated.fits_from_stated(scores, 3.0)) is counts
 
 
@@ -325,16 +330,7 @@ def test_pairs_follow_that_explain_more_than_one_effect_by_as_much_as_one_must(m
             least.append(enough)
         return SimpleNamespace(cost=cost if len(begin.candidates) == 2 else 80.0, candidates=begin.candidates)
 
-    monkeypatch.setattr(from_stated, "order_of", lambda one: one.cost)
-    monkeypatch.setattr(from_stated, "as_good_as", lambda found: found[0].cost)
-    monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
-    monkeypatch.setattr(from_stated, "_from_stated", fitted)
-    monkeypatch.setattr(from_stated, "_suspects", lambda scores: [(scores.candidates[0], ())])
-    monkeypatch.setattr(from_stated, "begin_of", lambda fit, one: Begin(9.0, (one,), (0.3,), 0.6))
-    monkeypatch.setattr(from_stated, "looked_at", lambda *arguments: [])
-    monkeypatch.setattr(
-        from_stated, "begins_of_pairs", lambda *arguments: [Begin(5.0, pair, (0.3, 0.1), 0.6)]
-    )
+    only_begun(monkeypatch, fitted, pairs=[Begin(5.0, pair, (0.3, 0.1), 0.6)])
     found = from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 0.0, 0.0)), 3.0)
     assert [len(one.candidates) for one in found] == ([1, 2] if kept else [1])
     assert least == [75.5]
@@ -342,20 +338,11 @@ def test_pairs_follow_that_explain_more_than_one_effect_by_as_much_as_one_must(m
 
 def test_not_more_than_so_many_effects_are_fitted_from_where_they_cost_least(monkeypatch):
     begun: list[str] = []
-    names = list(EFFECTS)[:12]
-    monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
-    monkeypatch.setattr(from_stated, "_suspects", lambda scores: [(Candidate(effect=names[0]), ())])
-    monkeypatch.setattr(from_stated, "begin_of", lambda fit, one: Begin(10.0, (one,), (0.3,), 0.6))
-    others = [
-        Begin(10.0 + 0.1 * i, (Candidate(effect=name),), (0.3,), 0.6) for i, name in enumerate(names[1:])
-    ]
-    monkeypatch.setattr(from_stated, "looked_at", lambda *arguments: others)
-    monkeypatch.setattr(from_stated, "begins_of_pairs", lambda *arguments: [])
-    monkeypatch.setattr(
-        from_stated, "_from_stated", lambda fit, begin, enough: begun.append(begin.candidates[0].effect)
-    )
+    names = [name for name in EFFECTS if name != "payload"][:11]
+    others = [Begin(9.1 + 0.1 * i, (Candidate(effect=name),), (0.3,), 0.6) for i, name in enumerate(names)]
+    only_begun(monkeypatch, lambda fit, begin, enough: begun.append(begin.candidates[0].effect), others)
     assert from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 0.0, 0.0)), 3.0) == []
-    assert begun == names[:8]
+    assert begun == ["payload", *names[:7]]
 
 
 @pytest.mark.parametrize(("share", "kept"), [(0.95, True), (1.05, False)])
