@@ -19,6 +19,7 @@ from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.nuisances import nuisances_of
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT, REPORT, SELECT, SHORTEST
+from estimators.discrepancy.search.another_first import better_without_first, leaves_a_rest
 from estimators.discrepancy.search.result import Cause, SearchResult
 from estimators.discrepancy.search.stepwise import scored_only, search, without_cause
 from estimators.discrepancy.sections import attempt
@@ -127,6 +128,10 @@ def diagnose(
         return restructured
     done = _refined(done, allowed, failed, white=white, progress=progress)
     result = _completed(begun, done, allowed, failed, progress)
+    if result.restructured is None:
+        again = _without_first(done, allowed, failed, progress)
+        if again is not done:
+            done, result = again, _completed(begun, again, allowed, failed, progress)
     return _with_fewer_causes(result, begun, done, allowed, progress)
 
 
@@ -251,6 +256,22 @@ def _refined(
         if failed.pop(SEARCH, None) is None and (again.accurate or again.solver_error < best.solver_error):
             best = again
     return best
+
+
+def _without_first(
+    done: _Searched, allowed: Sequence[str], failed: dict[str, str], progress: Callable[[str], None]
+) -> _Searched:
+    """The search without its first name, where a rest remains and that explains more; else as it is."""
+    if not leaves_a_rest(done.found, SCREEN_RATE):
+        return done
+    progress("search without the first cause")
+    names, apart = [name for name in allowed if name not in done.not_judged], done.splits[SELECT]
+    again = partial(better_without_first, done.found, names, SCREEN_RATE, apart)
+    found = attempt("search without the first cause", again, None, failed)
+    if found is None:
+        return done
+    other = done._replace(found=found, solver_error=found.solver_error())
+    return other if other.accurate or not done.accurate else done
 
 
 def _completed(
