@@ -19,8 +19,8 @@ from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.nuisances import nuisances_of
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT, REPORT, SELECT, SHORTEST
-from estimators.discrepancy.search.another_first import better_without_first, leaves_a_rest
 from estimators.discrepancy.search.result import Cause, SearchResult
+from estimators.discrepancy.search.second_look import incomplete, looked_again
 from estimators.discrepancy.search.stepwise import scored_only, search, without_cause
 from estimators.discrepancy.sections import attempt
 from estimators.discrepancy.stated_model import model_with
@@ -129,7 +129,7 @@ def diagnose(
     done = _refined(done, allowed, failed, white=white, progress=progress)
     result = _completed(begun, done, allowed, failed, progress)
     if result.restructured is None:
-        again = _without_first(done, allowed, failed, progress)
+        again = _looked_again(done, allowed, failed, progress)
         if again is not done:
             done, result = again, _completed(begun, again, allowed, failed, progress)
     return _with_fewer_causes(result, begun, done, allowed, progress)
@@ -258,17 +258,17 @@ def _refined(
     return best
 
 
-def _without_first(
+def _looked_again(
     done: _Searched, allowed: Sequence[str], failed: dict[str, str], progress: Callable[[str], None]
 ) -> _Searched:
-    """The search without its first name, where a rest remains and that explains more; else as it is."""
-    if not leaves_a_rest(done.found, SCREEN_RATE):
+    """A wider search, where the first leaves something and the other explains more; else as it is."""
+    if not incomplete(done.found):
         return done
-    progress("search without the first cause")
+    progress("wider search")
     names, apart = [name for name in allowed if name not in done.not_judged], done.splits[SELECT]
-    again = partial(better_without_first, done.found, names, SCREEN_RATE, apart)
-    found = attempt("search without the first cause", again, None, failed)
-    if found is None:
+    again = partial(looked_again, done.found, names, SCREEN_RATE, apart)
+    found = attempt("wider search", again, done.found, failed)
+    if found is done.found:
         return done
     other = done._replace(found=found, solver_error=found.solver_error())
     return other if other.accurate or not done.accurate else done

@@ -190,6 +190,7 @@ THRESHOLDS = (
     ("estimators.discrepancy.search.from_stated", "", "_FIRST", 3),
     ("estimators.discrepancy.search.from_stated", "", "_SAME", 0.1),
     ("estimators.discrepancy.search.from_stated", "", "_BEGUN", 8),
+    ("estimators.discrepancy.search.second_look", "", "_RARE", 0.005),
     ("estimators.discrepancy.search.unfitted", "", "_SHARES", (-0.8, -0.4, 0.4, 0.8)),
     ("estimators.discrepancy.search.unfitted", "", "_FINER", 0.2),
     ("estimators.discrepancy.search.unfitted", "", "_NEAR_N", 0.1),

@@ -47,19 +47,19 @@ _FIRST = 3
 _SAME = 0.1
 
 
-def fits_from_stated(scores: ScoreTest, threshold: float) -> list[FitResult]:
+def fits_from_stated(scores: ScoreTest, threshold: float, *, wide: bool) -> list[FitResult]:
     """Models with one effect more, fitted from stated numbers, that explain more by as much as it must.
 
     None where the fit is near these numbers. Beside other effects, whose model has been fitted from stated
-    numbers itself, only what numbers of their own have done is exchanged. Beside none, models of two effects
-    that explain more than one by as much follow.
+    numbers itself, only what numbers of their own have done is exchanged; else only if not ``wide``. A wide
+    search without effects adds models of two that explain more than one by as much.
     """
     fit = scores.fit
     if not astray(fit):
         return []
     suspects = _suspects(scores)
     # Beside others a number may undo what the effect does.
-    begins = [] if fit.candidates else _begins(scores, [candidate for candidate, _ in suspects])
+    begins = [] if fit.candidates or not wide else _begins(scores, [candidate for candidate, _ in suspects])
     most = _NEAR_LEAST * min((one.cost for one in begins), default=math.inf)
     begun = {one.candidates[0].effect: one for one in begins[:_BEGUN] if one.cost < most}
     own = {candidate.effect: (candidate, numbers) for candidate, numbers in suspects}

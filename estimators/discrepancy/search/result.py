@@ -13,7 +13,7 @@ from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.search.score_test import ScoreTest
 from offroad_env.errors import OffroadError
 
-__all__ = ["EQUIVALENT", "Alternative", "Cause", "SearchResult", "separation"]
+__all__ = ["EQUIVALENT", "Alternative", "Cause", "SearchResult", "scatter_between", "separation"]
 
 #: Effects within this likelihood-ratio statistic of the best are alternatives: 99 % of chi-square, 1 degree.
 EQUIVALENT = 6.63
@@ -34,6 +34,22 @@ def separation(better: FitResult, other: FitResult) -> float:
     difference = better.noise.whiten(other.residual - better.residual)
     along = better.without_states(difference[:, None])[:, 0]
     return 2.0 * (gain / inflation_along(along, better.null.white) + prior)
+
+
+def scatter_between(fit: FitResult, other: FitResult) -> float:
+    """Variance of null simulations along the difference of two fitted models, over that of white noise.
+
+    Without what the parameters of the first can take away: null simulations would be fitted, too.
+    """
+    if fit.null is None:
+        return 1.0
+    columns = fit.without_states(fit.completed().white_shared())
+    difference = fit.noise.whiten((fit.residual - other.residual)[:, None])
+    direction = fit.without_states(difference)[:, 0]
+    gram, prior = columns.T @ columns, fit.problem.nuisance_information
+    gram[np.arange(len(prior)), np.arange(len(prior))] += prior
+    direction = direction - columns @ (np.linalg.pinv(gram, hermitian=True) @ (columns.T @ direction))
+    return inflation_along(direction, fit.null.white)
 
 
 @dataclass(frozen=True, kw_only=True)

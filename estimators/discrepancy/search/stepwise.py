@@ -11,7 +11,6 @@ import numpy as np
 
 from estimators.discrepancy.model.fit import settled, with_null_simulations
 from estimators.discrepancy.model.fit_result import FitResult
-from estimators.discrepancy.model.null_simulations import inflation_along
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.protocol import ForwardModel
 from estimators.discrepancy.search.alternatives import (
@@ -35,7 +34,13 @@ from estimators.discrepancy.search.lower_minimum import (
 )
 from estimators.discrepancy.search.pair_search import Proposal, linearised_gain, proposed_pairs
 from estimators.discrepancy.search.refitting import refit
-from estimators.discrepancy.search.result import EQUIVALENT, Cause, SearchResult, separation
+from estimators.discrepancy.search.result import (
+    EQUIVALENT,
+    Cause,
+    SearchResult,
+    scatter_between,
+    separation,
+)
 from estimators.discrepancy.search.score_test import (
     ScoreTest,
     candidates_for,
@@ -243,7 +248,7 @@ def _support(fit: FitResult, trial: FitResult, larger: FitResult) -> float:
     least = np.min((np.abs(larger.sizes) / larger.size_deviations())[new(larger)], initial=np.inf)
     support = float(min(gain / wide, 0.5 * least**2))
     if len(new(larger)) == 1:
-        support = max(support, gain / _scatter_between(fit, trial))
+        support = max(support, gain / scatter_between(fit, trial))
     return support + _returned(fit, larger)
 
 
@@ -259,22 +264,6 @@ def _returned(fit: FitResult, larger: FitResult) -> float:
         return 0.0
     before, after = (model.problem.nuisance_prior_cost(model.point) for model in (fit, larger))
     return max(before - after, 0.0)
-
-
-def _scatter_between(fit: FitResult, other: FitResult) -> float:
-    """Variance of null simulations along the difference of two fitted models, over that of white noise.
-
-    Without what the parameters of the first can take away: null simulations would be fitted, too.
-    """
-    if fit.null is None:
-        return 1.0
-    columns = fit.without_states(fit.completed().white_shared())
-    difference = fit.noise.whiten((fit.residual - other.residual)[:, None])
-    direction = fit.without_states(difference)[:, 0]
-    gram, prior = columns.T @ columns, fit.problem.nuisance_information
-    gram[np.arange(len(prior)), np.arange(len(prior))] += prior
-    direction = direction - columns @ (np.linalg.pinv(gram, hermitian=True) @ (columns.T @ direction))
-    return inflation_along(direction, fit.null.white)
 
 
 def _accepted(test: HoldOutTest, trials: Sequence[FitResult], bars: _Bars) -> _Accepted:
@@ -318,7 +307,7 @@ def _confirmed(result: HoldOutResult | None, support: float, enough: float) -> b
     return support + result.evidence > enough
 
 
-def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float) -> _Accepted:
+def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float, wide: bool) -> _Accepted:
     """The next larger model: ``bar`` is the least score, ``rate`` that of the first scores."""
     last = refined_places(last, _LARGE * bar, NEAR_BEST)
     strongest, inside = float(np.abs(last.z).max(initial=0.0)), test.fit.candidates
@@ -329,7 +318,7 @@ def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float) -> _Acc
     rejected = frozenset[str]()
     others: tuple[tuple[FitResult, float], ...] = ()
     singly = pair_refused = False
-    begun = fits_from_stated(last, bar)
+    begun = fits_from_stated(last, bar, wide=wide)
     while True:
         trials = _larger(last, bar, test, begun, singly)
         # The first name is the best or none; later ones may be any that explain as much.
@@ -361,6 +350,7 @@ def search(
     apart: Sequence[ForwardModel] = (),
     *,
     restarts: int = _RESTARTS,
+    wide: bool = False,
 ) -> SearchResult:
     """Find the effects that are wrong in a drive.
 
@@ -379,6 +369,8 @@ def search(
         Windows of the hold-out tests; an effect that they reject ends the search.
     restarts
         How often it may begin again, where an effect leads to a better minimum of a model without it.
+    wide
+        First effects are also fitted from stated numbers, one by one and in pairs, which takes most time.
     """
     candidates = candidates_for(nominal, library)
     first = last = score_test(_well_begun(nominal), candidates)
@@ -387,14 +379,14 @@ def search(
     stronger: tuple[FitResult, ...] = ()
     begin = test = HoldOutTest(fit, apart)
     while len(fit.candidates) < MOST:
-        accepted = _onward(test, last, bar, rate)
+        accepted = _onward(test, last, bar, rate, wide)
         refused, gains = accepted.refused, gains + accepted.gains
         if accepted.fit is None:
             break
         larger = begun_again(accepted.fit)
         lower = lower_minimum(fit, larger, bar) if restarts else None
         if lower is not None and not lower.candidates:
-            return search(lower, library, rate, apart, restarts=restarts - 1)
+            return search(lower, library, rate, apart, restarts=restarts - 1, wide=wide)
         if lower is not None:
             restarts, stronger = restarts - 1, ()
             last, test = score_test(lower, outside(lower, candidates)), HoldOutTest(lower, apart)

@@ -231,15 +231,15 @@ def test_nothing_is_fitted_where_the_numbers_are_about_as_stated(monkeypatch, aw
     monkeypatch.setattr(from_stated, "begun_afresh", rough({}, begun))
     scores = scores_of((away, 3.0), (0.0, 0.0, 3.0, -2.0))
     scores.fit.point = n
-    assert from_stated.fits_from_stated(scores, 3.0) == []
+    assert from_stated.fits_from_stated(scores, 3.0, wide=True) == []
     assert len(begun) == asked
     # Beside another effect the model has been fitted from stated numbers already.
     scores.fit.candidates = (Candidate(effect="inertia"),)
-    assert from_stated.fits_from_stated(scores, 3.0) == []
+    assert from_stated.fits_from_stated(scores, 3.0, wide=True) == []
     assert len(begun) == asked
     # On hard ground the exponent means nothing.
     scores.fit.candidates, scores.fit.problem.hard = (), True
-    from_stated.fits_from_stated(scores, 3.0)
+    from_stated.fits_from_stated(scores, 3.0, wide=True)
     assert len(begun) == asked + (4 if away > _ASTRAY else 0)
 
 
@@ -257,7 +257,7 @@ def test_effects_that_cost_least_unfitted_come_first_and_those_are_kept_that_exp
     monkeypatch.setattr(from_stated, "begun_afresh", rough(costs, asked))
     monkeypatch.setattr(from_stated, "GaussNewton", descents(least, seen))
     monkeypatch.setattr(from_stated, "_exchanged", lambda *arguments: None)
-    found = from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 3.0, -2.0)), 3.0)
+    found = from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 3.0, -2.0)), 3.0, wide=True)
     assert [effect for effect, *_ in asked] == ["steer_gain", "inertia", "torque_scale", "payload"]
     assert [one.candidates[-1].effect for one in found] == ["inertia", "torque_scale", "payload"]
     # What is no alternative to the best so far is not fitted to the end.
@@ -285,9 +285,14 @@ def test_what_costs_far_more_than_the_least_unfitted_is_only_fitted_in_its_numbe
     monkeypatch.setattr(from_stated, "begins_of_pairs", lambda *arguments: [])
     monkeypatch.setattr(from_stated, "_exchanged", in_place)
     monkeypatch.setattr(from_stated, "begun_afresh", rough({}, begun))
-    assert from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 0.0, 0.0)), 3.0) == []
+    assert from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 0.0, 0.0)), 3.0, wide=True) == []
     assert [effect for effect, *_ in begun] == ["payload", "inertia"][:asked]
     assert exchanged == [first, second]
+    # What is not wide does no more than that.
+    begun.clear()
+    assert from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 0.0, 0.0)), 3.0, wide=False) == []
+    assert not begun
+    assert len(exchanged) == 4
 
 
 def only_begun(monkeypatch, fitted, others=(), pairs=()):
@@ -317,7 +322,7 @@ def test_what_a_tolerance_alone_releases_is_no_evidence_before_a_number_is_suspe
         return SimpleNamespace(cost=cost, candidates=begin.candidates, point=0.6 - prior)
 
     only_begun(monkeypatch, fitted)
-    assert bool(from_stated.fits_from_stated(scores, 3.0)) is counts
+    assert bool(from_stated.fits_from_stated(scores, 3.0, wide=True)) is counts
 
 
 @pytest.mark.parametrize(("cost", "kept"), [(75.4, True), (75.6, False)])
@@ -331,7 +336,7 @@ def test_pairs_follow_that_explain_more_than_one_effect_by_as_much_as_one_must(m
         return SimpleNamespace(cost=cost if len(begin.candidates) == 2 else 80.0, candidates=begin.candidates)
 
     only_begun(monkeypatch, fitted, pairs=[Begin(5.0, pair, (0.3, 0.1), 0.6)])
-    found = from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 0.0, 0.0)), 3.0)
+    found = from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 0.0, 0.0)), 3.0, wide=True)
     assert [len(one.candidates) for one in found] == ([1, 2] if kept else [1])
     assert least == [75.5]
 
@@ -341,7 +346,7 @@ def test_not_more_than_so_many_effects_are_fitted_from_where_they_cost_least(mon
     names = [name for name in EFFECTS if name != "payload"][:11]
     others = [Begin(9.1 + 0.1 * i, (Candidate(effect=name),), (0.3,), 0.6) for i, name in enumerate(names)]
     only_begun(monkeypatch, lambda fit, begin, enough: begun.append(begin.candidates[0].effect), others)
-    assert from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 0.0, 0.0)), 3.0) == []
+    assert from_stated.fits_from_stated(scores_of((6.0, 6.0), (0.0, 0.0, 0.0, 0.0)), 3.0, wide=True) == []
     assert begun == ["payload", *names[:7]]
 
 

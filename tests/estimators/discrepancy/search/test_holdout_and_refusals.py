@@ -56,7 +56,7 @@ def _search(
         return _Accepted(None if wrong else trials[0], [-5.0 if wrong else 5.0], refused=wrong and supported)
 
     monkeypatch.setattr(stepwise, "refined_places", lambda last, *_: last)
-    monkeypatch.setattr(stepwise, "fits_from_stated", lambda *_: [])
+    monkeypatch.setattr(stepwise, "fits_from_stated", lambda *_, **__: [])
     monkeypatch.setattr(stepwise, "score_threshold", lambda *_: 4.0)
     monkeypatch.setattr(stepwise, "score_test", scores)
     monkeypatch.setattr(stepwise, "_accepted", accepted)
@@ -65,7 +65,7 @@ def _search(
     )
     nominal = Fit(None, "")
     start = scores(nominal, [Candidate(effect=name) for name in "abcde"])
-    return _onward(HoldOutTest(nominal, []), start, 3.4, 0.06), tried
+    return _onward(HoldOutTest(nominal, []), start, 3.4, 0.06, False), tried
 
 
 def test_after_a_refusal_that_no_null_log_has_the_next_best_explanation_is_tested(monkeypatch):
@@ -123,14 +123,14 @@ def test_of_two_effects_that_are_refused_together_the_stronger_is_tested_alone(
         return [Fit(None, "", (Candidate(effect="b"),))] if singly else [Fit(None, "", last.candidates)]
 
     monkeypatch.setattr(stepwise, "refined_places", lambda last, *_: last)
-    monkeypatch.setattr(stepwise, "fits_from_stated", lambda *_: [])
+    monkeypatch.setattr(stepwise, "fits_from_stated", lambda *_, **__: [])
     monkeypatch.setattr(stepwise, "score_threshold", lambda *_: 4.0)
     monkeypatch.setattr(stepwise, "_accepted", accepted)
     monkeypatch.setattr(stepwise, "_larger", larger)
     nominal = Fit(None, "")
     both = tuple(Candidate(effect=name) for name in "ab")
     start = SimpleNamespace(fit=nominal, candidates=both, z=np.array([3.8, 3.9]))
-    result = _onward(HoldOutTest(nominal, []), start, 3.4, 0.06)
+    result = _onward(HoldOutTest(nominal, []), start, 3.4, 0.06, False)
     assert names == tried
     assert ("".join(one.effect for one in result.fit.candidates) if result.fit else None) == found
     # What the fitted windows supported remains, where nothing else is found.

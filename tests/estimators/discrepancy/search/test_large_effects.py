@@ -28,7 +28,9 @@ def scores():
 @pytest.mark.check
 def test_a_number_that_has_hidden_a_large_effect_leads_to_it(scores):
     assert scores.fit.nuisance_values()["mass"] > 5.0
-    first = _larger(scores, 3.4, HoldOutTest(scores.fit, []), fits_from_stated(scores, 3.4), False)[0]
+    first = _larger(
+        scores, 3.4, HoldOutTest(scores.fit, []), fits_from_stated(scores, 3.4, wide=True), False
+    )[0]
     assert [candidate.effect for candidate in first.candidates] == ["payload"]
     assert first.sizes[0] == pytest.approx(_LOAD, rel=0.15)
 

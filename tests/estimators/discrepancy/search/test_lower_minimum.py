@@ -147,14 +147,15 @@ def test_a_search_begins_again_from_the_better_minimum(sound, monkeypatch):
     fit, larger = sound
     begun, onward = [], stepwise._onward
 
-    def first_accepted(test, last, bar, rate):
+    def first_accepted(test, last, bar, rate, wide):
         begun.append(last.fit)
         if len(begun) == 1:
             return stepwise._Accepted(larger, [1.0], refused=False)
-        return onward(test, last, bar, rate)
+        assert wide
+        return onward(test, last, bar, rate, wide)
 
     monkeypatch.setattr(stepwise, "_onward", first_accepted)
-    found = stepwise.search(_away(fit, "mass", 2.5), ("payload", "torque_scale"), 0.06)
+    found = stepwise.search(_away(fit, "mass", 2.5), ("payload", "torque_scale"), 0.06, wide=True)
     assert len(begun) == 2
     assert found.causes == ()
     assert found.nominal.minus_log_likelihood == pytest.approx(fit.minus_log_likelihood, abs=1.0)

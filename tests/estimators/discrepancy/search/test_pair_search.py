@@ -241,7 +241,7 @@ def test_a_search_goes_on_where_its_first_choice_does_not_hold_once_it_is_fitted
         return search_module._Accepted(fit, gains, refused=False)
 
     monkeypatch.setattr(search_module, "_larger", larger)
-    monkeypatch.setattr(search_module, "fits_from_stated", lambda *_: [])
+    monkeypatch.setattr(search_module, "fits_from_stated", lambda *_, **__: [])
     monkeypatch.setattr(search_module, "_accepted", accepted)
     monkeypatch.setattr(search_module, "refined_places", lambda last, bar, near: last)
     monkeypatch.setattr(search_module, "score_threshold", lambda last, rate: 3.0)
@@ -252,6 +252,6 @@ def test_a_search_goes_on_where_its_first_choice_does_not_hold_once_it_is_fitted
     )
     first = search_module.score_test(None, [Candidate(effect=name) for name in names])
     test = SimpleNamespace(fit=SimpleNamespace(candidates=()))
-    taken = search_module._onward(test, first, 3.0, 0.06)
+    taken = search_module._onward(test, first, 3.0, 0.06, False)
     assert [candidate.effect for candidate in taken.fit.candidates] == ["steer_lag"]
     assert taken.gains == [5.0]
