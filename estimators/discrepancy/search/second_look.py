@@ -74,9 +74,8 @@ def _better(other: SearchResult, found: SearchResult, apart: Sequence[ForwardMod
         return bool(other.causes)
     more = len(other.extended.sizes) - len(found.extended.sizes)
     gain = found.extended.minus_log_likelihood - other.extended.minus_log_likelihood
-    if gain / scatter_between(other.extended, found.extended) <= 0.5 * found.threshold**2 * (
-        1 + max(more, 0)
-    ):
+    must = 0.5 * found.threshold**2 * (1 + max(more, 0))
+    if gain / scatter_between(other.extended, found.extended) <= must:
         return False
     result = HoldOutTest(found.extended, apart).result(other.extended)
     return result is None or not result.contradicts

@@ -354,8 +354,7 @@ def search(
 ) -> SearchResult:
     """Find the effects that are wrong in a drive.
 
-    Not the loop of `search_rig`: a refit takes seconds here and effects are nearly linear, so scores choose
-    the few models that are refitted, with the noise as it is, and a hold-out test weighs each.
+    Not as `search_rig`: a refit takes seconds, so scores choose the models, and a hold-out test weighs each.
 
     Parameters
     ----------
@@ -370,7 +369,7 @@ def search(
     restarts
         How often it may begin again, where an effect leads to a better minimum of a model without it.
     wide
-        First effects are also fitted from stated numbers, one by one and in pairs, which takes most time.
+        First effects are also fitted from stated numbers, one by one and in pairs: that takes a minute.
     """
     candidates = candidates_for(nominal, library)
     first = last = score_test(_well_begun(nominal), candidates)
@@ -392,14 +391,12 @@ def search(
             last, test = score_test(lower, outside(lower, candidates)), HoldOutTest(lower, apart)
             fit = last.fit
             continue
-        if not fit.candidates:
-            stronger = accepted.stronger
+        stronger = stronger if fit.candidates else accepted.stronger
         candidates = [c for c in candidates if c.effect not in accepted.rejected]
         last = score_test(larger, outside(larger, candidates))
         same = larger is accepted.fit
         fit, test = last.fit, test.onward(larger) if same else HoldOutTest(larger, apart)
         bar = score_threshold(last, rate)
-    capped = len(fit.candidates) == MOST and float(np.abs(last.z).max(initial=0.0)) > bar
     fit, causes = _causes(fit, last, first, _Confirmed(first, begin, _CONFIRMED * rate), stronger)
     return SearchResult(
         nominal=first.fit,
@@ -409,7 +406,7 @@ def search(
         threshold=threshold,
         holdout_gains=tuple(gains),
         refused=refused,
-        capped=capped,
+        capped=len(fit.candidates) == MOST and float(np.abs(last.z).max(initial=0.0)) > bar,
         beyond_null_logs=refused and float(np.abs(first.z).max()) > score_threshold(first, _BEYOND),
         strayed=tuple(strayed(fit, LEFT if fit.candidates else _IMPOSSIBLE)),
         causes=causes,
