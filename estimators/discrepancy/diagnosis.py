@@ -54,31 +54,24 @@ _HALVINGS = 2
 #: Another structure makes a finer solver unnecessary if it predicts better than the effects found so far, by
 #: this share of their errors where their fit has not converged yet: twice what counts as a tie.
 _CLEARLY = 0.2
+#: Effects on the sprung body.
+_OF_THE_BODY = (
+    "bump_stop",
+    "cg_height",
+    "coulomb_friction",
+    "damper_nonlinear",
+    "payload",
+    "placed_payload",
+    "spring_rate",
+)
 #: Effects that cannot be distinguished from what a log states as unknown.
 _NOT_JUDGED = {
     "imu.position": ("lever_arm_x", "lever_arm_z"),
     "gnss.position": ("antenna_x",),
     # A payload also acts by the springs: on hard ground, where tyres hold by load, by nothing else.
-    "suspension": (
-        "bump_stop",
-        "cg_height",
-        "coulomb_friction",
-        "damper_nonlinear",
-        "payload",
-        "placed_payload",
-        "spring_rate",
-    ),
+    "suspension": _OF_THE_BODY,
     # Where wheels turn as measured, the noise of their sensors shakes the simulated body.
-    "torque": (
-        "bump_stop",
-        "cg_height",
-        "coulomb_friction",
-        "damper_nonlinear",
-        "lever_arm_z",
-        "payload",
-        "placed_payload",
-        "spring_rate",
-    ),
+    "torque": (*_OF_THE_BODY, "lever_arm_z"),
 }
 
 
@@ -126,9 +119,13 @@ def diagnose(
     restructured = _clearly_restructured(begun, done, allowed, progress)
     if restructured is not None:
         return restructured
+    looked = not done.accurate
+    if looked:
+        # A wrong effect may be what is stiff, and a finer solver takes longer than a wider search.
+        done = _looked_again(done, allowed, failed, progress)
     done = _refined(done, allowed, failed, white=white, progress=progress)
     result = _completed(begun, done, allowed, failed, progress)
-    if result.restructured is None:
+    if not looked and result.restructured is None:
         again = _looked_again(done, allowed, failed, progress)
         if again is not done:
             done, result = again, _completed(begun, again, allowed, failed, progress)

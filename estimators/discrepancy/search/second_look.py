@@ -67,14 +67,14 @@ def incomplete(found: SearchResult) -> bool:
 def _better(other: SearchResult, found: SearchResult, apart: Sequence[ForwardModel]) -> bool:
     """Whether another explanation gains as much as an effect must, and as each that it has more.
 
-    On natural ground road and soil scatter along the difference of the models, and by so much less counts
-    what it gains. The windows apart must not contradict.
+    With fewer effects it may gain less by as much. On natural ground road and soil scatter along the
+    difference of the models, and by so much less counts what it gains. The windows apart must not contradict.
     """
     if not other.causes or not found.causes:
         return bool(other.causes)
     more = len(other.extended.sizes) - len(found.extended.sizes)
     gain = found.extended.minus_log_likelihood - other.extended.minus_log_likelihood
-    must = 0.5 * found.threshold**2 * (1 + max(more, 0))
+    must = 0.5 * found.threshold**2 * (1 + more)
     if gain / scatter_between(other.extended, found.extended) <= must:
         return False
     result = HoldOutTest(found.extended, apart).result(other.extended)

@@ -59,8 +59,9 @@ def _found(gain: float, sizes: int, scatter: float = 1.0) -> SimpleNamespace:
     [
         (8.1, 2, 1.0, True),
         (7.9, 2, 1.0, False),
-        # Fewer causes are no gain, and each that is more must gain as much.
-        (7.9, 1, 1.0, False),
+        # Each cause that is more must gain as much, and may that is fewer.
+        (0.1, 1, 1.0, True),
+        (-0.1, 1, 1.0, False),
         (15.9, 3, 1.0, False),
         (16.1, 3, 1.0, True),
         (31.0, 2, 4.0, False),
@@ -145,3 +146,55 @@ def test_a_wider_search_that_breaks_down_leaves_the_other(monkeypatch):
     failed = {}
     assert diagnosis._looked_again(done, (), failed, lambda stage: None) is done
     assert list(failed) == ["wider search"]
+
+
+@pytest.mark.parametrize(
+    ("accurate", "restructured", "replaced", "order"),
+    [
+        (True, False, False, "completed looked"),
+        (True, False, True, "completed looked completed"),
+        (True, True, True, "completed"),
+        # A wrong effect may be what needs a finer solver.
+        (False, False, True, "looked refined completed"),
+        (False, True, False, "looked refined completed"),
+    ],
+)
+def test_a_wider_search_comes_before_a_finer_solver_and_not_where_another_structure_is_named(
+    monkeypatch, accurate, restructured, replaced, order
+):
+    happened = []
+    done, other = (SimpleNamespace(accurate=one, name=one) for one in (accurate, True))
+
+    def looked(there, allowed, failed, progress):
+        happened.append("looked")
+        return other if replaced else there
+
+    def refined(there, allowed, failed, *, white, progress):
+        if not accurate:
+            happened.append("refined")
+        return there
+
+    def completed(begun, there, allowed, failed, progress):
+        happened.append("completed")
+        return SimpleNamespace(restructured="grid" if restructured else None, done=there)
+
+    stubs = {
+        "quality_of": lambda logs, failed: [SimpleNamespace(problems=[])],
+        "_named": lambda logs, findings: (),
+        "_used_findings": lambda logs, reports: (),
+        "split_runs": lambda logs: {},
+        "_searched": lambda *_, **__: done,
+        "_clearly_restructured": lambda *_: None,
+        "_looked_again": looked,
+        "_refined": refined,
+        "_completed": completed,
+        "_with_fewer_causes": lambda result, begun, there, allowed, progress: (result, there),
+    }
+    for name, stub in stubs.items():
+        monkeypatch.setattr(diagnosis, name, stub)
+    result, last = diagnosis.diagnose([SimpleNamespace(hash="a")])
+    assert " ".join(happened) == order
+    # What is judged is what is refined and completed last.
+    expected = other if "looked" in order and replaced else done
+    assert result.done is expected
+    assert last is expected
