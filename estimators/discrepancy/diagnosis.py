@@ -172,6 +172,7 @@ class _Searched(NamedTuple):
     not_judged: dict[str, str]
     found: SearchResult
     solver_error: float
+    wide: bool = False
 
     @property
     def accurate(self) -> bool:
@@ -187,6 +188,7 @@ def _searched(
     white: bool,
     progress: Callable[[str], None],
     near: FitResult | None = None,
+    wide: bool = False,
 ) -> _Searched:
     """The search in these windows; ``near`` is a nominal fit of them by another step of the solver.
 
@@ -201,9 +203,9 @@ def _searched(
     not_judged = _not_judged(nominal)
     progress("search")
     names = [name for name in allowed if name not in not_judged]
-    found = _search(nominal, names, splits[SELECT], failed)
+    found = _search(nominal, names, splits[SELECT], failed, wide)
     progress("solver")
-    return _Searched(splits, nominal, not_judged, found, found.solver_error())
+    return _Searched(splits, nominal, not_judged, found, found.solver_error(), wide)
 
 
 def _clearly_restructured(
@@ -245,8 +247,9 @@ def _refined(
             break
         splits = {use: [run.refined() for run in runs] for use, runs in splits.items()}
         try:
+            near = best.found.nominal
             again = _searched(
-                splits, allowed, failed, white=white, progress=progress, near=best.found.nominal
+                splits, allowed, failed, white=white, progress=progress, near=near, wide=best.wide
             )
         except (OffroadError, ArithmeticError, np.linalg.LinAlgError):
             continue
@@ -267,7 +270,7 @@ def _looked_again(
     found = attempt("wider search", again, done.found, failed)
     if found is done.found:
         return done
-    other = done._replace(found=found, solver_error=found.solver_error())
+    other = done._replace(found=found, solver_error=found.solver_error(), wide=True)
     return other if other.accurate or not done.accurate else done
 
 
@@ -342,10 +345,10 @@ def _without_nominal(
 
 
 def _search(
-    nominal: FitResult, library: Sequence[str], apart: Sequence[RunModel], failed: dict[str, str]
+    nominal: FitResult, library: Sequence[str], apart: Sequence[RunModel], failed: dict[str, str], wide: bool
 ) -> SearchResult:
     """The search for effects; where it breaks down, the scores alone."""
-    found = attempt(SEARCH, lambda: search(nominal, library, SCREEN_RATE, apart), None, failed)
+    found = attempt(SEARCH, lambda: search(nominal, library, SCREEN_RATE, apart, wide=wide), None, failed)
     return scored_only(nominal, library, SCREEN_RATE) if found is None else found
 
 

@@ -49,7 +49,9 @@ def test_the_first_accurate_search_counts_else_the_least_wrong(monkeypatch, firs
     run = SimpleNamespace(step=1.0)
     run.refined = lambda: SimpleNamespace(step=0.5, refined=lambda: SimpleNamespace(step=0.25))
 
-    def again(splits, allowed, failed, *, white, progress, near):
+    def again(splits, allowed, failed, *, white, progress, near, wide):
+        # A finer search is as wide as the first: else it could end where that one began.
+        assert wide
         steps.append(splits["fit"][0].step)
         begins.append(near)
         outcome = left.pop(0)
@@ -61,7 +63,7 @@ def test_the_first_accurate_search_counts_else_the_least_wrong(monkeypatch, firs
         return outcome
 
     monkeypatch.setattr(diagnosis, "_searched", again)
-    done = first._replace(splits={"fit": [run]})
+    done = first._replace(splits={"fit": [run]}, wide=True)
     found = diagnosis._refined(done, [], failed, white=False, progress=lambda _: None)
     assert found.found is expected.found
     assert steps == [0.5, 0.25][: len(then)]

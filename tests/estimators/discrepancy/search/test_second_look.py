@@ -132,6 +132,7 @@ def test_a_diagnosis_takes_another_explanation_where_one_is_incomplete_and_its_s
     again = diagnosis._looked_again(done, ("a", "b", "c"), failed, stages.append)
     assert (again is not done) is taken
     assert again.solver_error == (after if taken else before)
+    assert again.wide is taken
     assert bool(stages) is rest
     assert not failed
 
