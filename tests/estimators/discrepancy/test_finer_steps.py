@@ -20,7 +20,7 @@ def searched(error, *, converged=True):
     first = SimpleNamespace(z=np.array([2.0, 5.0]))  # a tenth of the largest is below the absolute limit of 1
     nominal = f"fit with an error of {error}"
     found = SimpleNamespace(extended=SimpleNamespace(converged=converged), first=first, nominal=nominal)
-    return diagnosis._Searched({}, None, {}, found, error)
+    return diagnosis._Searched({}, None, {}, found, error, wide=True)
 
 
 ACCURATE, ROUGH, ROUGHER = searched(0.9), searched(1.1), searched(2.0)
@@ -63,7 +63,7 @@ def test_the_first_accurate_search_counts_else_the_least_wrong(monkeypatch, firs
         return outcome
 
     monkeypatch.setattr(diagnosis, "_searched", again)
-    done = first._replace(splits={"fit": [run]}, wide=True)
+    done = first._replace(splits={"fit": [run]})
     found = diagnosis._refined(done, [], failed, white=False, progress=lambda _: None)
     assert found.found is expected.found
     assert steps == [0.5, 0.25][: len(then)]

@@ -180,8 +180,8 @@ def test_no_finer_solver_is_asked_for_effects_of_a_structure_that_is_clearly_wro
     asked = []
     search = diagnosis_module.search
 
-    def stopped(*args):
-        done = search(*args)
+    def stopped(*args, **kwargs):
+        done = search(*args, **kwargs)
         return replace(done, extended=replace(done.extended, converged=converged))
 
     def refine(done, *_args, **_kwargs):
