@@ -1,4 +1,4 @@
-"""Stretches in which a vehicle is stuck: it stands while a wheel spins.
+"""Stretches in which a vehicle is stuck: it stands while a wheel spins, or though its wheels are driven hard.
 
 The wheels tell nothing of the speed there, and no law of a rolling vehicle holds.
 """
@@ -8,11 +8,15 @@ from __future__ import annotations
 import numpy as np
 
 from estimators.logs.log import Log
+from offroad_env.physics.numerics import GRAVITY
 
 __all__ = ["driven_time", "has_rolled", "only_spins", "stuck_spans"]
 
 #: A vehicle that is slower stands, while a rim that is faster spins, and is so many times as fast [m/s, -].
 _STANDS, _SPINS, _MORE = 0.3, 1.0, 4.0
+#: A vehicle that stands without wheels that spin is driven by more than this share of its weight: on firm
+#: ground it would gain 1 m/s every second. Idling, or a motor that holds it on a moderate slope, takes less.
+_PUSHED = 0.1
 #: Elsewhere a wheel must agree with the vehicle within this factor: else its unit or scale may be wrong.
 _AGREES = 2.0
 #: A vehicle that stands turns by less: wheels that spin may turn it on the spot [rad/s].
@@ -51,12 +55,14 @@ def stuck_spans(log: Log) -> tuple[tuple[float, float], ...]:
         return ()
     fastest = np.max(rims, axis=0)
     slowest = np.max(body, axis=0) if body else np.min(rims, axis=0)
-    spins = (slowest < _STANDS) & (fastest > np.maximum(_SPINS, _MORE * slowest))
+    stands = slowest < _STANDS
     if not body and _has(log, "yaw_rate"):
-        spins &= _means(log, "yaw_rate", starts) < _TURNS
-    if not _is_slip(slowest, fastest, spins):
-        return ()
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], spins.astype(int), [0]])))
+        stands &= _means(log, "yaw_rate", starts) < _TURNS
+    spins = stands & (fastest > np.maximum(_SPINS, _MORE * slowest))
+    stuck = stands & (fastest < _SPINS) & (_push(log, starts) > _PUSHED)
+    if _is_slip(slowest, fastest, spins):
+        stuck |= spins
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], stuck.astype(int), [0]])))
     spans = [
         (float(starts[a]), float(starts[b - 1] + _LENGTH))
         for a, b in zip(edges[::2], edges[1::2], strict=True)
@@ -77,6 +83,15 @@ def _is_slip(body: np.ndarray, rims: np.ndarray, spins: np.ndarray) -> bool:
         return False
     ahead = rims / np.maximum(body, _LEAST_SPEED)
     return bool(np.median(ahead[spins]) > _UNEVEN * np.median(ahead[moves]))
+
+
+def _push(log: Log, starts: np.ndarray) -> np.ndarray:
+    """Mean force of the drive over the windows, (W,) as a share of the weight; braking is negative."""
+    total = np.zeros(len(starts))
+    for name in (one for one in ("torque_f", "torque_r", "drive_force") if _has(log, one)):
+        lever = 1.0 if name == "drive_force" else log.vehicle.r
+        total += _signed_means(*log.samples(name), starts) / lever
+    return total / (log.vehicle.m * GRAVITY)
 
 
 def driven_time(log: Log) -> float:
@@ -134,7 +149,10 @@ def _has(log: Log, name: str) -> bool:
 def _means(log: Log, name: str, starts: np.ndarray) -> np.ndarray:
     """Means of the absolute values of a channel over the windows, (W,): those of noise are not 0."""
     t, values = log.samples(name)
-    values = np.abs(values)
+    return _signed_means(t, np.abs(values), starts)
+
+
+def _signed_means(t: np.ndarray, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
     total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))])
     return np.asarray((np.interp(starts + _LENGTH, t, total) - np.interp(starts, t, total)) / _LENGTH)
 

@@ -33,7 +33,7 @@ def stuck_findings(log: Log) -> list[Finding]:
             severity="warning" if enough else "problem",
             sentence=(
                 f"the vehicle gets stuck: from t = {spans[0][0]:.1f} to {spans[0][1]:.1f} s{more} it stands "
-                f"while wheels spin; {then}"
+                f"though its wheels are driven; {then}"
             ),
             numbers={"driven": driven, "from": spans[0][0], "to": spans[0][1], "times": float(len(spans))},
         )

@@ -163,6 +163,7 @@ THRESHOLDS = (
     ("estimators.logs.plausibility", "", "_BRIDGED", 3),
     ("estimators.logs.axle_speeds", "", "_DRIVEN", 3.0),
     ("estimators.logs.agreement", "", "_TURNED", 6.0),
+    ("estimators.logs.immobile", "", "_PUSHED", 0.1),
     ("estimators.logs.immobile", "", "_UNEVEN", 3.0),
     ("estimators.logs.immobile", "", "_ALIKE", 1.5),
     ("estimators.logs.immobile", "", "_MOMENT", 0.3),

@@ -203,8 +203,8 @@ class RunModel:
         """(K,) steps of the grid that can be simulated; None where all can.
 
         In a gap of the log the inputs are unknown; no start fits on both sides of a position that jumps; a
-        vehicle that stands while its wheels spin shows no more than that. Near standstill on hard ground the
-        slip of a tyre is undefined, and the model is regularised.
+        vehicle that stands though its wheels are driven shows no more than that. Near standstill on hard
+        ground the slip of a tyre is undefined, and the model is regularised.
         """
         middle = self.t_0 + self.step * (np.arange(self.count) + 0.5)
         usable = uninterrupted(self.log, middle)

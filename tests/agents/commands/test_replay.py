@@ -25,10 +25,10 @@ def offroad(*arguments) -> int:
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory):
-    """A log of 6 s as a file."""
+    """A log of 6 s as a file; with much less torque the vehicle would get stuck."""
     plant = make_plant(VEHICLES["mrzr"], make_soil("dry_sand"), flat())
     t = 0.01 * np.arange(600)
-    commands = np.column_stack([0.1 * np.sin(2.0 * t), np.full(600, 900.0), np.zeros(600)])
+    commands = np.column_stack([0.1 * np.sin(2.0 * t), np.full(600, 1500.0), np.zeros(600)])
     run = simulate_commands(plant, *settled_state(plant, v_x=3.0), commands, interval=0.01)
     sensors = SensorSuite(imu=ImuConfig(), wheel=WheelSpeedConfig(), gnss=GnssConfig())
     log = log_from_run(run, plant, commands, sensors, np.random.default_rng(3), name="short")

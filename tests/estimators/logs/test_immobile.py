@@ -1,4 +1,4 @@
-"""A vehicle that gets stuck: its wheels spin while it stands, which is no error of the data."""
+"""A vehicle that gets stuck: it stands though its wheels are driven, which is no error of the data."""
 
 import math
 from dataclasses import replace
@@ -72,6 +72,34 @@ def test_only_what_was_driven_before_the_vehicle_got_stuck_is_fitted(driven):
     (finding,) = [one for one in quality(log).findings if one.kind == "immobile"]
     assert finding.severity == "warning"
     assert not quality(log).problems
+
+
+def bogged(driven, share):
+    """The log as if vehicle and wheels stood from 8 s on, driven by ``share`` of the weight."""
+    log, rng = stopped(driven, 8.0), np.random.default_rng(3)
+    gone, vehicle = log.times >= 8.0, log.vehicle
+    torque = 0.5 * share * vehicle.m * 9.81 * vehicle.r
+    changed = {}
+    for name, value in (("omega_f", 0.0), ("omega_r", 0.0), ("torque_f", torque), ("torque_r", torque)):
+        after = value + 0.02 * rng.standard_normal(len(gone))
+        changed[name] = np.where(gone & ~np.isnan(log.channels[name]), after, log.channels[name])
+    return with_channels(log, **changed)
+
+
+@pytest.mark.parametrize(("share", "stuck"), [(0.11, True), (0.09, False), (-0.11, False)])
+def test_a_vehicle_that_stands_though_it_is_driven_hard_is_stuck_with_wheels_that_stand(driven, share, stuck):
+    """One that is held by its brakes, waits or idles is not."""
+    spans = stuck_spans(bogged(driven, share))
+    assert bool(spans) == stuck
+    assert not stuck or spans[0][0] == pytest.approx(8.0, abs=1.0)
+
+
+def test_a_torque_too_small_to_move_the_vehicle_leaves_it_stuck():
+    """Soft soil at 42 % of the torque: the wheels do not even spin."""
+    case = draw_case(28010, road="unknown", natural=True, duration=20.0)
+    log = simulated_log(case, FAULTS["torque_scale"](-0.58))
+    (span,) = stuck_spans(log)
+    assert span[1] - span[0] > 10.0
 
 
 def digging_in(driven, ahead):
