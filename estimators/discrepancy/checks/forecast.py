@@ -16,7 +16,8 @@ import numpy as np
 from estimators.discrepancy.checks.holdout_gain import held_out
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.protocol import ForwardModel
-from estimators.discrepancy.model.run_model import COURSE_SPEED, RunModel, drives
+from estimators.discrepancy.model.run_model import RunModel, drives
+from estimators.discrepancy.model.starts import COURSE_SPEED
 from estimators.discrepancy.model.windows import REPORT, Windows
 from offroad_env.errors import OffroadError
 from offroad_env.physics import state as at

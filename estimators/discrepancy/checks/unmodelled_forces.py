@@ -229,7 +229,9 @@ class _WindowForce(NamedTuple):
 def _force(fit: FitResult, equation: str, columns: np.ndarray) -> UnmodelledForce:
     """The unknown input whose whitened derivatives are ``columns`` (M, pieces)."""
     residual = fit.noise.whiten(fit.residual)
-    parts = [_window_force(fit, rows, residual[rows], columns[rows]) for rows in fit.problem.window_rows]
+    parts = [
+        _window_force(fit, i, residual[rows], columns[rows]) for i, rows in enumerate(fit.problem.window_rows)
+    ]
     force, deviation = np.concatenate([p.force for p in parts]), np.concatenate([p.deviation for p in parts])
     gain, freedom = sum(part.gain for part in parts), sum(part.freedom for part in parts)
     null = None if fit.null is None else np.sum([part.null_gains for part in parts], axis=0)
@@ -244,10 +246,11 @@ def _force(fit: FitResult, equation: str, columns: np.ndarray) -> UnmodelledForc
     )
 
 
-def _window_force(fit: FitResult, rows: np.ndarray, r: np.ndarray, B: np.ndarray) -> _WindowForce:
+def _window_force(fit: FitResult, window: int, r: np.ndarray, B: np.ndarray) -> _WindowForce:
     """The same in one window, from its whitened residuals and derivatives."""
+    rows = fit.problem.window_rows[window]
     A = fit.white_states[rows]
-    weight = np.diag(fit.problem.state_information)
+    weight = np.diag(fit.problem.state_information[window])
     solved = np.linalg.solve(A.T @ A + weight, A.T @ np.column_stack([B, r]))
     inner = B.T @ B - (A.T @ B).T @ solved[:, :-1]
     score = B.T @ r - (A.T @ B).T @ solved[:, -1]

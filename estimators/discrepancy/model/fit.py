@@ -21,7 +21,7 @@ from estimators.discrepancy.model.natural_world import null_simulations
 from estimators.discrepancy.model.parameters import Candidate, Point
 from estimators.discrepancy.model.problem import LeastSquaresProblem
 from estimators.discrepancy.model.protocol import ForwardModel
-from offroad_env.errors import OffroadError
+from offroad_env.errors import OffroadError, SolverFailure
 
 __all__ = [
     "HOPELESS",
@@ -89,7 +89,10 @@ def _fitted_anew(problem: LeastSquaresProblem, *, white: bool) -> FitResult:
 
     Far from the data, noise as small as the sensors' leads into the nearest valley, by many steps.
     """
-    fit = settled(_begun(problem, problem.stated(), white=white, wide=True))
+    try:
+        fit = settled(_begun(problem, problem.stated(), white=white, wide=True))
+    except SolverFailure:
+        return settled(_begun(problem, problem.stated(), white=white, wide=False))
     if not problem.hard and fit.converged:
         return fit
     # On hard ground that valley may hold: tyres at a limit of their stiffness turn the car late, too.
@@ -97,7 +100,11 @@ def _fitted_anew(problem: LeastSquaresProblem, *, white: bool) -> FitResult:
     behind = begun.with_learned_noise().minus_log_likelihood - fit.minus_log_likelihood
     if not problem.hard and behind > _BEHIND * problem.rows:
         return fit
-    return min(settled(begun), fit, key=lambda each: each.minus_log_likelihood)
+    try:
+        other = settled(begun)
+    except SolverFailure:
+        return fit
+    return min(other, fit, key=lambda each: each.minus_log_likelihood)
 
 
 def _begun(

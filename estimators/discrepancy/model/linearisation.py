@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -92,9 +93,13 @@ class Linearisation:
             setups = self._with_nuisance(i)
             if any(new.inputs != own.inputs for new, own in zip(setups, self.setups, strict=True)):
                 continue
-            after = problem.predicted_coarsely(setups, point.starts, point.warm, rough=True)
+            try:
+                after = problem.predicted_coarsely(setups, point.starts, point.warm, rough=True)
+                exact = problem.simulated(point, setups)[1]
+            except SolverFailure:
+                continue
             rough = self.difference(self._rough_prediction, after, 1.0)
-            change = self.difference(self.prediction, problem.simulated(point, setups)[1], 1.0)
+            change = self.difference(self.prediction, exact, 1.0)
             least = np.maximum(_NOISE, _NOISE_SHARE * self._energy(change))
             return bool(np.any(self._energy(rough - change) > least))
         return False
@@ -131,24 +136,35 @@ class Linearisation:
             if elsewhere is not None:
                 columns.append(elsewhere[:, None])
                 continue
-            starts = [start.copy() for start in self.point.starts]
-            steps = [_STATE_STEP * run.spread[j] for run in runs]
-            for start, run, step in zip(starts, runs, steps, strict=True):
-                start[:, run.free[j]] += step
-            columns.append(self._change(self.setups, starts, steps[0])[:, None])
+            try:
+                column = self._by_state(j)
+            except SolverFailure:
+                column = self._by_state(j, ahead=-1.0)
+            columns.append(column[:, None])
         return np.concatenate(columns, axis=1)
+
+    def _by_state(self, j: int, *, ahead: float = 1.0) -> np.ndarray:
+        """Derivative (M,) by a free state, by its step ``ahead`` or (-1) back."""
+        starts = [start.copy() for start in self.point.starts]
+        step = ahead * self._state_step(j)
+        for start, run in zip(starts, self.problem.runs, strict=True):
+            start[:, run.free[j]] += step
+        return self._change(self.setups, starts, step)
+
+    def _state_step(self, j: int) -> float:
+        """Step of a finite difference by a free state, in its unit."""
+        return _STATE_STEP / math.sqrt(self.problem.state_information[:, j].min())
 
     def _elsewhere(self, j: int) -> np.ndarray | None:
         """Derivative (M,) by a free state that only says where a window begins; None for any other."""
-        moved = []
+        moved, step = [], self._state_step(j)
         for run, setup, records in zip(self.problem.runs, self.setups, self.records, strict=True):
-            step = _STATE_STEP * run.spread[j]
             found = run.displaced(setup, records, run.free[j], step)
             if found is None:
                 return None
             moved.append(found)
         after = self.problem.predicted(self.setups, moved)
-        return self.difference(self.prediction, after, _STATE_STEP * self.problem.runs[0].spread[j])
+        return self.difference(self.prediction, after, step)
 
     def nuisance_columns(
         self, known: np.ndarray | None = None, effects: Mapping[CandidateKey, np.ndarray] | None = None
@@ -177,14 +193,23 @@ class Linearisation:
             if not any(acts(nuisance, run) for run in self.problem.runs):
                 columns.append(np.zeros(self.problem.rows))
                 continue
-            change = self._sensor_change if nuisance.sensors_only else self.change
-            columns.append(change(self._with_nuisance(i), nuisance.step))
+            columns.append(self._by_nuisance(i))
         return np.stack(columns, axis=1)
 
-    def _with_nuisance(self, i: int) -> tuple[Setup, ...]:
-        """The setups with one nuisance further by its step."""
+    def _by_nuisance(self, i: int) -> np.ndarray:
+        """Derivative (M,) by one nuisance."""
+        nuisance = self.problem.nuisances[i]
+        change = self._sensor_change if nuisance.sensors_only else self.change
+        try:
+            return change(self._with_nuisance(i), nuisance.step)
+        except SolverFailure:
+            # At the limit of what the soil carries, one side alone may have a solution.
+            return change(self._with_nuisance(i, ahead=-1.0), -nuisance.step)
+
+    def _with_nuisance(self, i: int, *, ahead: float = 1.0) -> tuple[Setup, ...]:
+        """The setups with one nuisance further by its step, or behind by it with ``ahead`` -1."""
         moved = self.point.nuisances.copy()
-        moved[i] += self.problem.nuisances[i].step
+        moved[i] += ahead * self.problem.nuisances[i].step
         return self.problem.setups(replace(self.point, nuisances=moved))
 
     def _by_own_effect(
@@ -218,7 +243,7 @@ class Linearisation:
         step = self._size_step(candidate.effect)
         column = self._effect_difference(candidate, step)
         if column is None:
-            return None
+            return self._effect_difference(candidate, -step)
         jumped = self._energy(step * column) > _JUMP**2
         if not jumped.any():
             return column

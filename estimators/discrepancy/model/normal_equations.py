@@ -77,10 +77,10 @@ def reduced(
     cost = problem.nuisance_prior_cost(point)
     starts, centre = problem.free_states(point.starts), problem.free_states(point.centre)
     more = states.shape[1] - starts.shape[1]
-    weight = np.append(problem.state_information, np.ones(more))
+    weights = np.column_stack([problem.state_information, np.ones((len(starts), more))])
     away_from = np.column_stack([centre - starts, np.zeros((len(starts), more))])
     windows = []
-    for rows, away in zip(problem.window_rows, away_from, strict=True):
+    for rows, away, weight in zip(problem.window_rows, away_from, weights, strict=True):
         A, G, r = states[rows], shared[rows], residual[rows]
         inner = A.T @ A + np.diag(weight)
         cross, gradient = A.T @ G, A.T @ r + weight * away
@@ -106,10 +106,9 @@ def projected(normal: np.ndarray, score: np.ndarray, count: int) -> tuple[np.nda
 def without_states(problem: LeastSquaresProblem, states: np.ndarray, table: np.ndarray) -> np.ndarray:
     """Whitened columns (M, k) less what the whitened ``states`` (M, S) of the windows can take away."""
     out = table.copy()
-    weight = np.diag(problem.state_information)
-    for rows in problem.window_rows:
+    for rows, weight in zip(problem.window_rows, problem.state_information, strict=True):
         A = states[rows]
-        out[rows] -= A @ np.linalg.solve(A.T @ A + weight, A.T @ table[rows])
+        out[rows] -= A @ np.linalg.solve(A.T @ A + np.diag(weight), A.T @ table[rows])
     return out
 
 
@@ -127,9 +126,8 @@ def spent_parameters(
     """
     freedom = len(point.shared) / problem.rows if problem.renews_derivatives else 0.0
     leverage = np.zeros(problem.rows)
-    weight = np.diag(problem.state_information)
-    for rows in problem.window_rows:
+    for rows, weight in zip(problem.window_rows, problem.state_information, strict=True):
         A = states[rows]
-        leverage[rows] = np.einsum("ij,ji->i", A, np.linalg.solve(A.T @ A + weight, A.T))
+        leverage[rows] = np.einsum("ij,ji->i", A, np.linalg.solve(A.T @ A + np.diag(weight), A.T))
     leverage += freedom
     return {name: float(sum(leverage[piece].sum() for piece in own)) for name, own in pieces.items()}

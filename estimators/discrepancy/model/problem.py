@@ -44,8 +44,8 @@ class LeastSquaresProblem:
         self.nuisance_spread = np.array([nuisance.spread for nuisance in self.nuisances])
         #: (N,) information about the nuisances before any data.
         self.nuisance_information = np.array([1.0 / nuisance.spread**2 for nuisance in self.nuisances])
-        #: (S,) information about the free states of a window before any data.
-        self.state_information = 1.0 / self.runs[0].spread ** 2
+        #: (W, S) information about the free states of every window before any data, over all runs.
+        self.state_information = 1.0 / np.concatenate([run.spread for run in runs]) ** 2
         self.window_rows = self._rows_of_windows()
 
     @cached_property

@@ -103,7 +103,7 @@ class ForwardModel(Protocol):
 
     @property
     def spread(self) -> np.ndarray:
-        """(S,) standard deviations of their prior."""
+        """(W, S) standard deviations of their priors."""
 
     @property
     def nuisances(self) -> tuple[Nuisance, ...]:

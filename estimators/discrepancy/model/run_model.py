@@ -14,6 +14,7 @@ from estimators.discrepancy.model.displacement import displaced
 from estimators.discrepancy.model.input_means import input_means
 from estimators.discrepancy.model.nuisances import NUISANCES
 from estimators.discrepancy.model.protocol import Channel, ForwardModel, Nuisance, Records
+from estimators.discrepancy.model.starts import COURSE_SPEED, FREE, StartSensors
 from estimators.discrepancy.model.window_simulation import (
     Histories,
     Timing,
@@ -44,12 +45,8 @@ __all__ = ["RunModel", "drives"]
 PAPER_STEP = 0.01
 #: Limits of the grid's step [s].
 _FINEST, _COARSEST = 0.005, 0.02
-#: Below this speed the course of a satellite receiver is noise [m/s].
-COURSE_SPEED = 1.0
 #: A vehicle with this wheelbase or a longer one is driven in windows and steps of full length [m].
 _FULL_SIZE = 2.0
-#: Half width of the mean that starts a window [s].
-_NEAR = 0.15
 
 _IMU = ("a_x", "a_y", "a_z", "pitch_rate", "yaw_rate")
 _ANGLES = ("course", "yaw")
@@ -57,13 +54,6 @@ _STATES = {"x": at.X, "y": at.Y, "yaw": at.YAW, "pitch": at.PITCH, "v_x": at.V_X
 _RIMS = {"omega_f": at.R_OMEGA, "omega_r": at.AXLE + at.R_OMEGA}
 _OTHER = ("speed", "course")
 _POSE = ("x", "y", "yaw", *_OTHER)
-
-#: States that are free at the start of a window, with the standard deviations of their priors: generous,
-#: only so that what a log does not show stays finite [m, rad, m/s, rad/s; rims in m/s].
-_FREE = {
-    at.X: 3.0, at.Y: 3.0, at.YAW: 0.5, at.Z: 0.05, at.PITCH: 0.05, at.V_X: 2.0, at.V_Y: 0.5, at.V_Z: 0.3,
-    at.PITCH_RATE: 0.3, at.YAW_RATE: 0.5, at.OMEGA_F: 1.0, at.OMEGA_R: 1.0,
-}  # fmt: skip
 
 
 def drives(runs: Sequence[ForwardModel]) -> tuple[RunModel, ...]:
@@ -154,9 +144,13 @@ class RunModel:
         self.setup = Setup(plant=plant, mount=imu.mount(), errors=SensorErrors(pose_delay=pose_age(log)))
         windows = cut(count, self.step, whole, self._usable(), pace)
         self._take(windows if use is None else windows.only(use))
-        self.free = tuple(_FREE) if full and self.driven else tuple(i for i in _FREE if i < at.OMEGA_F)
-        r = plant.vehicle.r
-        self.spread = np.array([_FREE[i] / (r if i >= at.OMEGA_F else 1.0) for i in self.free])
+        self.free = tuple(FREE) if full and self.driven else tuple(i for i in FREE if i < at.OMEGA_F)
+        self._sensors = StartSensors(log, radius=plant.vehicle.r, driven=self.driven)
+
+    @property
+    def spread(self) -> np.ndarray:
+        """(W, S) standard deviations of the priors of the free states."""
+        return self._sensors.spread(self.free, self.t_0 + self.step * self.windows.first)
 
     def size_limits(self, effect: str) -> tuple[float, float]:
         """Physical range of an effect's size, within which the model can be computed."""
@@ -455,42 +449,8 @@ class RunModel:
                 )
                 x = self.simulate(setup, x[None], warm[None], piece).states[-1].copy()
             if w > 0 or not self.log.config.start.state:
-                self._correct(x, self.t_0 + self.step * first)
+                self._sensors.correct(x, self.t_0 + self.step * first)
             if setup.plant.structure is not None:
                 straight_track(setup.plant, x, warm)
             starts[w], warms[w], instant = x, warm, first
         return starts, warms
-
-    def _correct(self, x: np.ndarray, t: float) -> None:
-        """Set the states that sensors measure near ``t`` [s]."""
-        r = self.setup.plant.vehicle.r
-        speed = self._near("v_x", t) or self._near("speed", t)
-        rims = [self._near(name, t) for name in _RIMS]
-        if speed is None and any(rim is not None for rim in rims):
-            speed = r * float(np.mean([rim for rim in rims if rim is not None]))
-        if speed is not None:
-            x[at.V_X] = speed
-        for i, rim in enumerate(rims):
-            if rim is not None and self.driven:
-                x[at.OMEGA_F + i] = rim
-        if (rate := self._near("yaw_rate", t)) is not None:
-            x[at.YAW_RATE] = rate
-        course = self._near("yaw", t)
-        if course is None and speed is not None and speed > COURSE_SPEED:
-            course = self._near("course", t)
-            course = None if course is None else course - math.atan2(x[at.V_Y], x[at.V_X])
-        if course is not None:
-            x[at.YAW] += math.remainder(course - x[at.YAW], 2.0 * math.pi)
-        for name, i in (("x", at.X), ("y", at.Y)):
-            if (place := self._near(name, t)) is not None:
-                x[i] = place
-
-    def _near(self, name: str, t: float) -> float | None:
-        """Mean of the samples about ``t`` [s], or None."""
-        if not self._has(name):
-            return None
-        times, values = self.log.samples(name)
-        values = values[np.abs(times - t) <= _NEAR]
-        if len(values) == 0:
-            return None
-        return float(np.unwrap(values).mean() if name in _ANGLES else values.mean())

@@ -108,10 +108,10 @@ class RigModel:
         self.step, self.period, self.fine = 0.0, 0.0, False
         errors = (trials.load_error, trials.slip_error)
         self.free: tuple[int, ...] = tuple(i for i, error in enumerate(errors) if (error > 0.0).any())
-        self.spread = np.ones(len(self.free))
         self.window = np.unique(trials.condition, return_inverse=True)[1]  #: (M,) condition of every trial
         nothing = np.zeros(int(self.window.max()) + 1, int)
         self.windows = Windows(first=nothing, count=nothing, use=np.full(len(nothing), FIT))
+        self.spread = np.ones((len(nothing), len(self.free)))
         settings = np.stack([self.window, trials.slip, trials.load, trials.slip_angle], axis=1)
         #: A trial of each setting, and the setting of each trial: repeats often share theirs.
         self._one_of, self._setting = np.unique(settings, axis=0, return_index=True, return_inverse=True)[1:]

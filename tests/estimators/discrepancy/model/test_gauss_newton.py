@@ -54,7 +54,7 @@ class _Line:
     renews_derivatives: bool = False
     steepest: float = np.inf  #: beyond this slope there is no solution
     calls: list = field(default_factory=list)
-    free, spread, step, period, driven = (0,), np.array([10.0]), 0.1, 0.1, True
+    free, spread, step, period, driven = (0,), np.full((_WINDOWS, 1), 10.0), 0.1, 0.1, True
     nuisances = (_nuisance("slope", hard_limits=(-0.1, 0.1)), _nuisance("curve"))
 
     def __post_init__(self):
@@ -255,3 +255,38 @@ def test_a_window_that_jumps_to_another_branch_over_a_tiny_step_spoils_no_deriva
     # A large effect is the same on both sides.
     monkeypatch.setattr(Linearisation, "_effect_difference", lambda *one: np.full(len(window), 1e6))
     assert there.effect_column(Candidate(effect="grade")) == pytest.approx(np.full(len(window), 1e6))
+
+
+@dataclass
+class _Walled(_Line):
+    """No solution either where a window begins beyond a wall, or by the rough solver off the point."""
+
+    wall: float = np.inf
+
+    def simulate(self, setup, starts, warm, windows):
+        if np.any(starts > self.wall):
+            raise SolverFailure("no solution")
+        return super().simulate(setup, starts, warm, windows)
+
+
+def test_derivatives_at_the_limit_of_what_has_a_solution_are_taken_on_its_side():
+    run = _Walled(noise=0.1, steepest=0.5, wall=0.0)
+    problem = LeastSquaresProblem([run])
+    begun = problem.begun(problem.stated())
+    there = Linearisation.at(problem, replace(begun, nuisances=np.array([0.5, 0.0])))
+    assert there.nuisance_columns()[:, 0] == pytest.approx(run.s)
+    assert there.state_columns()[:, 0] == pytest.approx(np.ones(len(run.s)))
+    free = Linearisation.at(LeastSquaresProblem([_Line(noise=0.1)]), there.point)
+    assert there.nuisance_columns() == pytest.approx(free.nuisance_columns())
+    run.steepest = 0.4
+    with pytest.raises(SolverFailure, match="no solution"):
+        Linearisation.at(problem, there.point)
+
+
+def test_an_effect_that_has_a_solution_on_one_side_is_moved_to_that_side(monkeypatch):
+    there = _start(_Line(noise=0.1)).linearisation
+    monkeypatch.setattr(Linearisation, "_effect_difference", lambda self, c, step: None if step > 0 else step)
+    step = there.effect_column(Candidate(effect="grade"))
+    assert step < 0.0
+    monkeypatch.setattr(Linearisation, "_effect_difference", lambda *one: None)
+    assert there.effect_column(Candidate(effect="grade")) is None

@@ -16,6 +16,7 @@ from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.logs.tolerances import TOLERANCES
 from offroad_env.effects import EFFECTS, apply, library
+from offroad_env.errors import SolverFailure
 from offroad_env.physics import state as at
 from offroad_env.world.terrain import grade, rough_terrain
 
@@ -170,3 +171,23 @@ def test_where_the_place_matters_windows_that_begin_elsewhere_are_simulated(fit)
     assert not same_everywhere(apply(setup, [("n_step", step)]))
     patches = setup.plant.soil_map._replace(patches=np.array([[0.0, 0.0, 5.0, 0.7]]))
     assert not same_everywhere(replace(setup, plant=setup.plant._replace(soil_map=patches)))
+
+
+@pytest.mark.parametrize("fails", [("first",), ("second",), ("first", "second")])
+def test_one_of_two_nominal_fits_is_enough(monkeypatch, fails):
+    first, second = Fit(-5000.0, converged=False), Fit(-5001.0, learned=-5000.0)
+    named = {id(first): "first", id(second): "second"}
+
+    def settled(one):
+        if named[id(one)] in fails:
+            raise SolverFailure("sinks")
+        return one
+
+    monkeypatch.setattr(fit_module, "_begun", lambda *_, wide, **__: first if wide else second)
+    monkeypatch.setattr(fit_module, "settled", settled)
+    problem = SimpleNamespace(hard=False, rows=100, stated=lambda: None)
+    if len(fails) == 2:
+        with pytest.raises(SolverFailure, match="sinks"):
+            fit_module._fitted_anew(problem, white=False)
+        return
+    assert fit_module._fitted_anew(problem, white=False) is (second if "first" in fails else first)
