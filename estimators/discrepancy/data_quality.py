@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 from estimators.discrepancy.sections import attempt
+from estimators.logs.immobile_findings import IMMOBILE
 from estimators.logs.log import Log
 from estimators.logs.quality import QualityReport, quality
+from estimators.logs.units import Finding
 
-__all__ = ["DATA_QUALITY", "quality_of"]
+__all__ = ["DATA_QUALITY", "named_findings", "quality_of", "used_findings"]
 
 #: The section, as `Diagnosis.failed` calls it.
 DATA_QUALITY = "data quality"
+#: The age of the pose, which the sensors determine before any fit: kind of a finding, and its channel.
+_OLD_POSE = ("clock", "yaw")
 
 
 def quality_of(logs: Sequence[Log], failed: dict[str, str]) -> tuple[QualityReport, ...]:
@@ -25,4 +30,24 @@ def quality_of(logs: Sequence[Log], failed: dict[str, str]) -> tuple[QualityRepo
             failed,
         )
         for log in logs
+    )
+
+
+def used_findings(logs: Sequence[Log], reports: Sequence[QualityReport]) -> tuple[Finding, ...]:
+    """What a reader of the verdict must know of the data: old poses, and that the vehicle gets stuck."""
+    found = [
+        [one for one in report.findings if one.kind == IMMOBILE or (one.kind, one.channel) == _OLD_POSE]
+        for report in reports
+    ]
+    return named_findings(logs, found)
+
+
+def named_findings(logs: Sequence[Log], findings: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
+    """Findings by log in one row; of several logs each begins with the name of its log."""
+    if len(logs) == 1:
+        return tuple(findings[0])
+    return tuple(
+        replace(one, sentence=f"{log.name}: {one.sentence}")
+        for log, own in zip(logs, findings, strict=True)
+        for one in own
     )

@@ -13,7 +13,7 @@ from estimators.discrepancy.checks.forecast import predictions
 from estimators.discrepancy.checks.holdout_gain import channel_gains, held_out
 from estimators.discrepancy.checks.regime_rest import regime_rests
 from estimators.discrepancy.checks.unmodelled_forces import sizes_with_unknown_inputs, unmodelled_forces
-from estimators.discrepancy.data_quality import quality_of
+from estimators.discrepancy.data_quality import named_findings, quality_of, used_findings
 from estimators.discrepancy.model.fit import fit_runs
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.nuisances import nuisances_of
@@ -24,11 +24,13 @@ from estimators.discrepancy.search.second_look import incomplete, looked_again
 from estimators.discrepancy.search.stepwise import scored_only, search, without_cause
 from estimators.discrepancy.sections import attempt
 from estimators.discrepancy.stated_model import model_with
+from estimators.discrepancy.stopping import stops_of
 from estimators.discrepancy.structure_comparison import StructureComparison, compare_structures
 from estimators.discrepancy.verdict import (
     JOINT_SIZES,
     NOMINAL,
     SEARCH,
+    STOPS,
     VehicleChecks,
     VehicleDiagnosis,
     Verdict,
@@ -38,7 +40,6 @@ from estimators.logs.clocks import pose_age
 from estimators.logs.immobile_findings import IMMOBILE
 from estimators.logs.log import Log
 from estimators.logs.quality import QualityReport
-from estimators.logs.units import Finding
 from offroad_env.effects import EFFECTS, Setup
 from offroad_env.errors import OffroadError, SolverFailure
 
@@ -47,8 +48,6 @@ __all__ = ["SCREEN_RATE", "diagnose", "overlap_of", "split_runs"]
 #: False-alarm rate of the first score test. The hold-out test lets about one in four of these pass, so that
 #: with `REST_RATE` the whole diagnosis stays near 3 %.
 SCREEN_RATE = 0.06
-#: The age of the pose, which the sensors determine before any fit: kind of a finding, and its channel.
-_OLD_POSE = ("clock", "yaw")
 #: How often the step of the solver is halved where it is not accurate enough for the scores.
 _HALVINGS = 2
 #: Another structure makes a finer solver unnecessary if it predicts better than the effects found so far, by
@@ -100,21 +99,29 @@ def diagnose(
     """
     # Neither the order of files and effects nor the name of a file may matter.
     ordered = tuple(sorted(logs, key=lambda log: log.hash))
+    allowed = [name for name in EFFECTS if library is None or name in library]
+    result = _diagnosed(ordered, allowed, white=white, progress=progress)
+    return _with_stops(result, allowed, progress)
+
+
+def _diagnosed(
+    ordered: tuple[Log, ...], allowed: Sequence[str], *, white: bool, progress: Callable[[str], None]
+) -> VehicleDiagnosis:
+    """The result by what is driven in these logs."""
     progress("data quality")
     failed: dict[str, str] = {}
     reports = quality_of(ordered, failed)
-    problems = _named(ordered, [report.problems for report in reports])
+    problems = named_findings(ordered, [report.problems for report in reports])
     if problems:
         return VehicleDiagnosis(logs=ordered, quality=reports, findings=problems, failed=failed)
     splits = split_runs(ordered)
-    allowed = [name for name in EFFECTS if library is None or name in library]
     try:
         done = _searched(splits, allowed, failed, white=white, progress=progress)
     except (SolverFailure, ArithmeticError, np.linalg.LinAlgError) as error:
         failed[NOMINAL] = f"{type(error).__name__}: {error}"
         return _without_nominal(ordered, reports, failed, progress)
     begun = VehicleDiagnosis(
-        logs=ordered, quality=reports, findings=_used_findings(ordered, reports), failed=failed
+        logs=ordered, quality=reports, findings=used_findings(ordered, reports), failed=failed
     )
     restructured = _clearly_restructured(begun, done, allowed, progress)
     if restructured is not None:
@@ -130,6 +137,19 @@ def diagnose(
         if again is not done:
             done, result = again, _completed(begun, again, allowed, failed, progress)
     return _with_fewer_causes(result, begun, done, allowed, progress)
+
+
+def _with_stops(
+    result: VehicleDiagnosis, allowed: Sequence[str], progress: Callable[[str], None]
+) -> VehicleDiagnosis:
+    """The result with what may stop a vehicle that gets stuck."""
+    stuck = any(finding.kind == IMMOBILE for finding in result.findings)
+    if not stuck or result.verdict is Verdict.DATA_PROBLEM:
+        return result
+    progress(STOPS)
+    failed = dict(result.failed)
+    stops = attempt(STOPS, lambda: stops_of(result.logs, allowed), result.stops, failed)
+    return replace(result, stops=stops, failed=failed)
 
 
 def _with_fewer_causes(
@@ -338,7 +358,7 @@ def _without_nominal(
     return VehicleDiagnosis(
         logs=logs,
         quality=reports,
-        findings=_used_findings(logs, reports),
+        findings=used_findings(logs, reports),
         structure=compared,
         failed=failed,
     )
@@ -381,26 +401,6 @@ def _setups_of(fit: FitResult, logs: Sequence[Log]) -> tuple[Setup, ...]:
     """Vehicle, soil, inputs and sensors of each log as fitted."""
     problem = fit.problem
     return tuple(problem.setup(RunModel(log, nuisances=problem.nuisances), fit.point) for log in logs)
-
-
-def _used_findings(logs: Sequence[Log], reports: Sequence[QualityReport]) -> tuple[Finding, ...]:
-    """What a reader of the verdict must know of the data: old poses, and that the vehicle gets stuck."""
-    found = [
-        [one for one in report.findings if one.kind == IMMOBILE or (one.kind, one.channel) == _OLD_POSE]
-        for report in reports
-    ]
-    return _named(logs, found)
-
-
-def _named(logs: Sequence[Log], findings: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
-    """Findings by log in one row; of several logs each begins with the name of its log."""
-    if len(logs) == 1:
-        return tuple(findings[0])
-    return tuple(
-        replace(one, sentence=f"{log.name}: {one.sentence}")
-        for log, own in zip(logs, findings, strict=True)
-        for one in own
-    )
 
 
 def _not_judged(fit: FitResult) -> dict[str, str]:

@@ -96,6 +96,7 @@ def summarise(diagnosis: Diagnosis, evidence: Evidence | None = None) -> Diagnos
         comparison=diagnosis.structure if isinstance(diagnosis, VehicleDiagnosis) else None,
         stand_ins=diagnosis.stand_ins if isinstance(diagnosis, VehicleDiagnosis) else (),
         rests=diagnosis.significant_rests if isinstance(diagnosis, VehicleDiagnosis) else (),
+        stops=diagnosis.stops if isinstance(diagnosis, VehicleDiagnosis) else (),
     )
 
 

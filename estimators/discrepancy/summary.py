@@ -13,6 +13,7 @@ from estimators.discrepancy.checks.holdout_gain import ChannelGain
 from estimators.discrepancy.checks.regime_rest import RegimeRest
 from estimators.discrepancy.evidence import Evidence, rounded
 from estimators.discrepancy.next_experiment import Advice
+from estimators.discrepancy.stopping import Stop
 from estimators.discrepancy.structure_comparison import StructureComparison
 from estimators.discrepancy.verdict import STATING, FitChecks, Verdict
 from offroad_env.effects import Extension
@@ -270,6 +271,7 @@ class DiagnosisSummary:
     comparison: StructureComparison | None = None  #: of structures, where effects leave a discrepancy
     stand_ins: tuple[str, ...] = ()  #: effects that are not judged, because the structure is wrong
     rests: tuple[RegimeRest, ...] = ()  #: what the causes leave in the whitened residuals beyond noise
+    stops: tuple[Stop, ...] = ()  #: by log in which the vehicle is stuck and would not be as stated
 
     @property
     def families(self) -> list[list[str]]:
@@ -318,6 +320,7 @@ class DiagnosisSummary:
                 for one in self.rests[:_RESTS]
             ],
             "structure": self.structure,
+            "stops": [stop.to_dict() for stop in self.stops],
             "failed": dict(self.failed),
             "structures": [row.to_dict() for row in self.structures],
             "unexplained": [self._unexplained_dict(one) for one in self.unexplained] or None,

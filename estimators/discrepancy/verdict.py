@@ -18,6 +18,7 @@ from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.physical_ranges import at_end
 from estimators.discrepancy.rig.structure_search import StructuralCause
 from estimators.discrepancy.search.result import Cause, SearchResult
+from estimators.discrepancy.stopping import Stop
 from estimators.discrepancy.structure_comparison import StructureComparison
 from estimators.logs.channel_checks import OUTSIDE
 from estimators.logs.immobile_findings import IMMOBILE
@@ -32,6 +33,7 @@ __all__ = [
     "REST_RATE",
     "SEARCH",
     "STATING",
+    "STOPS",
     "Diagnosis",
     "FitChecks",
     "RigChecks",
@@ -44,6 +46,8 @@ __all__ = [
 
 #: Sections without which a verdict is less certain, as `Diagnosis.failed` calls them.
 NOMINAL, SEARCH, JOINT_SIZES = "nominal model", "search", "sizes with unknown inputs"
+#: Section on vehicles that get stuck.
+STOPS = "what stops the vehicle"
 #: p-value below which an unknown input counts as present in one equation of motion.
 REST_RATE = 0.002
 #: Causes whose sizes are correlated by more than this may be one that the library lacks.
@@ -314,6 +318,8 @@ class VehicleDiagnosis(Diagnosis):
     rests: tuple[RegimeRest, ...] = ()
     #: Errors of forecasts of the nominal model and of that with the causes; empty where none would be named.
     forecasts: tuple[Prediction, ...] = ()
+    #: By log in which the vehicle is stuck and would drive on as stated: what would stop it.
+    stops: tuple[Stop, ...] = ()
 
     @property
     def worsened(self) -> tuple[Prediction, ...]:
@@ -371,7 +377,19 @@ class VehicleDiagnosis(Diagnosis):
         return self.checks is not None and self.checks.overlap > OVERLAP
 
     @property
+    def only_stopped(self) -> bool:
+        """Whether nothing is found wrong where the vehicle drives, and something where it is stuck."""
+        return bool(self.stops) and self._where_it_drives in (Verdict.NO_EFFECT, Verdict.NOT_TESTABLE)
+
+    @property
     def verdict(self) -> Verdict:
+        """Outcome by what is driven; if that is fine, by what may stop a vehicle that gets stuck."""
+        if not self.only_stopped:
+            return self._where_it_drives
+        return Verdict.ONE_OF if any(stop.effects for stop in self.stops) else Verdict.UNEXPLAINED
+
+    @property
+    def _where_it_drives(self) -> Verdict:
         """Outcome; the data come first, then the numerics, then what remains unexplained."""
         if self.restructured is not None:
             return Verdict.ONE_OF if self.restructured.tied else Verdict.NAMED

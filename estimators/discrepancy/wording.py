@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from estimators.discrepancy.checks.forecast import Prediction
 from estimators.discrepancy.search.stepwise import MOST
+from estimators.discrepancy.stopping import Stop
 from estimators.discrepancy.structure_comparison import ADEQUATE, StructureComparison
 from estimators.discrepancy.summary import CauseSummary, DiagnosisSummary, UnknownInput, UnknownInputShape
 from estimators.discrepancy.verdict import (
@@ -53,6 +54,8 @@ _STRUCTURES = {
 _CORRELATED = 0.5
 #: Rests by channel and regime that a page notes.
 _RESTS = 2
+#: What may stop a vehicle in words; the rest by name.
+_STOPPERS = 4
 #: Lines for the terminal, besides the names of the files.
 _LINES = 21
 
@@ -85,6 +88,8 @@ def verdict_sentence(
         return _structure_sentence(diagnosis.restructured, diagnosis.stand_ins)
     if isinstance(diagnosis, VehicleDiagnosis) and diagnosis.beyond_structures is not None:
         return _beyond_sentence(diagnosis.beyond_structures)
+    if isinstance(diagnosis, VehicleDiagnosis) and diagnosis.only_stopped:
+        return " ".join(_stop_sentence(stop) for stop in diagnosis.stops)
     if verdict is Verdict.UNEXPLAINED:
         rest = _discrepancy_phrase(diagnosis, causes, unexplained)
         return f"The model is wrong in a way that no effect of the library explains: {rest}."
@@ -163,7 +168,9 @@ def _sentence_without_causes(verdict: Verdict, diagnosis: Diagnosis) -> str:
     if verdict is Verdict.OUTSIDE:
         sentence = diagnosis.findings[0].sentence
         if diagnosis.findings[0].kind == IMMOBILE:
-            return f"There is no drive to diagnose: {sentence}."
+            stops = diagnosis.stops if isinstance(diagnosis, VehicleDiagnosis) else ()
+            more = [f" {_stop_sentence(stop)}" for stop in stops]
+            return "".join([f"There is no drive to diagnose: {sentence}.", *more])
         return f"No model of this kind can be right: {sentence}"
     if verdict is Verdict.NUMERICS:
         for section in (NOMINAL, SEARCH):
@@ -181,6 +188,21 @@ def _sentence_without_causes(verdict: Verdict, diagnosis: Diagnosis) -> str:
         )
     testable = len(diagnosis.limits) - len(diagnosis.not_testable)
     return f"No error of the model is detected; {testable} effects were testable."
+
+
+def _stop_sentence(stop: Stop) -> str:
+    """What may stop a vehicle that would drive on as stated."""
+    sentence = (
+        f"Where it is stuck from t = {stop.begin:.1f} s on, the vehicle would drive off as stated, at "
+        f"{stop.speed:.1f} m/s after 3 s ({stop.least:.1f} m/s with mass and soil at unfavourable ends of "
+        "their tolerances)"
+    )
+    if not stop.effects:
+        return f"{sentence}; no effect of the library alone explains it: is the soil softer there?"
+    held = "; or ".join(EFFECTS[name].describe(size) for name, size in stop.effects[:_STOPPERS])
+    more = len(stop.effects) - _STOPPERS
+    others = f"; or {', '.join(name for name, _ in stop.effects[_STOPPERS:])}" if more > 0 else ""
+    return f"{sentence}. What would hold it there, at least as strong: {held}{others}; or softer soil there."
 
 
 def structure_sentence(laws: Sequence[str]) -> str:
@@ -304,6 +326,9 @@ def limitation_sentences(diagnosis: Diagnosis) -> tuple[str, ...]:
             for name, of in diagnosis.checks.unknowns.items()
         ]
         lines.append(f"fitted instead: {', '.join(parts)}")
+    if isinstance(diagnosis, VehicleDiagnosis) and diagnosis.search is not None:
+        stops = () if diagnosis.only_stopped else diagnosis.stops
+        lines += [_stop_sentence(stop).removesuffix(".") for stop in stops]
     return tuple(lines)
 
 

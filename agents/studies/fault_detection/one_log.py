@@ -249,7 +249,9 @@ def _summary(diagnosis: VehicleDiagnosis, case: Case) -> Numbers:
         "verdict": diagnosis.verdict.value,
         "stuck": any(one.kind == IMMOBILE for one in diagnosis.findings),
         "road": case.road,
-        "sets": [[one.candidate.effect for one in cause.alternatives] for cause in diagnosis.causes],
+        "sets": [[one.candidate.effect for one in cause.alternatives] for cause in diagnosis.causes]
+        + [[name for name, _ in stop.effects] for stop in diagnosis.stops if stop.effects],
+        "stops": [stop.to_dict() for stop in diagnosis.stops],
         "sizes": [[(one.size, one.deviation) for one in cause.alternatives] for cause in diagnosis.causes],
         "structure": diagnosis.restructured is not None,
         "named": [cause.best.candidate.effect for cause in diagnosis.named],

@@ -16,10 +16,19 @@ from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.normal_equations import projected
 from estimators.discrepancy.model.null_simulations import variance_inflation
 from estimators.discrepancy.model.parameters import Candidate
-from offroad_env.effects import EFFECTS
+from estimators.discrepancy.model.protocol import ForwardModel
+from offroad_env.effects import EFFECTS, Effect
 from offroad_env.physics import state as at
 
-__all__ = ["DETECTABLE", "ScoreTest", "candidates_for", "refined_places", "score_test", "score_threshold"]
+__all__ = [
+    "DETECTABLE",
+    "ScoreTest",
+    "candidates_for",
+    "effects_for",
+    "refined_places",
+    "score_test",
+    "score_threshold",
+]
 
 #: An effect whose largest plausible size would move its score by less than this is no candidate at all.
 _NOTHING = 0.4
@@ -89,25 +98,29 @@ def route_of(fit: FitResult) -> np.ndarray:
     return np.concatenate([records.states[::10, [at.X, at.Y]] for records in fit.records])
 
 
-def candidates_for(fit: FitResult, library: Sequence[str]) -> list[Candidate]:
-    """Candidates of the effects that mean something for these runs.
+def effects_for(run: ForwardModel, library: Sequence[str]) -> list[str]:
+    """Effects that mean something for a run; one that needs a channel which it lacks is left out."""
+    return [name for name in library if _means_something(EFFECTS[name], run)]
 
-    An effect that needs a channel which no run has is left out.
-    """
-    run, route = fit.runs[0], None
+
+def _means_something(effect: Effect, run: ForwardModel) -> bool:
+    plant = run.setup.plant
+    hard = plant.soil.rigid > 0.5
+    if not effect.searched or run.setup.model not in effect.models:
+        return False
+    if (effect.soil_only and hard) or (effect.hard_only and not hard):
+        return False
+    if effect.tyres_only and (plant.structure is None or plant.structure.tyre is None):
+        return False
+    return all(any(channel in run.log.channels for channel in group) for group in effect.needs)
+
+
+def candidates_for(fit: FitResult, library: Sequence[str]) -> list[Candidate]:
+    """Candidates of the effects that mean something for these runs, at every place of the route."""
+    route = None
     found: list[Candidate] = []
-    for name in library:
+    for name in effects_for(fit.runs[0], library):
         effect = EFFECTS[name]
-        if not effect.searched or run.setup.model not in effect.models:
-            continue
-        hard = run.setup.plant.soil.rigid > 0.5
-        if (effect.soil_only and hard) or (effect.hard_only and not hard):
-            continue
-        structure = run.setup.plant.structure
-        if effect.tyres_only and (structure is None or structure.tyre is None):
-            continue
-        if not all(any(channel in run.log.channels for channel in group) for group in effect.needs):
-            continue
         if effect.places is None:
             found.append(Candidate(effect=name))
             continue

@@ -181,14 +181,15 @@ def test_a_wider_search_comes_before_a_finer_solver_and_not_where_another_struct
 
     stubs = {
         "quality_of": lambda logs, failed: [SimpleNamespace(problems=[])],
-        "_named": lambda logs, findings: (),
-        "_used_findings": lambda logs, reports: (),
+        "named_findings": lambda logs, findings: (),
+        "used_findings": lambda logs, reports: (),
         "split_runs": lambda logs: {},
         "_searched": lambda *_, **__: done,
         "_clearly_restructured": lambda *_: None,
         "_looked_again": looked,
         "_refined": refined,
         "_completed": completed,
+        "_with_stops": lambda result, *_: result,
         "_with_fewer_causes": lambda result, begun, there, allowed, progress: (result, there),
     }
     for name, stub in stubs.items():
