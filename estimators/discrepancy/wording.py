@@ -191,18 +191,18 @@ def _sentence_without_causes(verdict: Verdict, diagnosis: Diagnosis) -> str:
 
 
 def _stop_sentence(stop: Stop) -> str:
-    """What may stop a vehicle that would drive on as stated."""
+    """What may hold a vehicle that is stuck and would drive off as stated."""
     sentence = (
-        f"Where it is stuck from t = {stop.begin:.1f} s on, the vehicle would drive off as stated, at "
-        f"{stop.speed:.1f} m/s after 3 s ({stop.least:.1f} m/s with mass and soil at unfavourable ends of "
-        "their tolerances)"
+        f"Where the vehicle is stuck, from t = {stop.begin:.1f} s on, it would drive off as stated, at "
+        f"{stop.speed:.1f} m/s after 3 s, and at {stop.least:.1f} m/s with mass and soil at the unfavourable "
+        "ends of their tolerances"
     )
     if not stop.effects:
-        return f"{sentence}; no effect of the library alone explains it: is the soil softer there?"
+        return f"{sentence}; no effect of the library alone holds it: is the soil softer there?"
     held = "; or ".join(EFFECTS[name].describe(size) for name, size in stop.effects[:_STOPPERS])
-    more = len(stop.effects) - _STOPPERS
-    others = f"; or {', '.join(name for name, _ in stop.effects[_STOPPERS:])}" if more > 0 else ""
-    return f"{sentence}. What would hold it there, at least as strong: {held}{others}; or softer soil there."
+    others = [name.replace("_", " ") for name, _ in stop.effects[_STOPPERS:]]
+    more = f"; or another {' or '.join(others)}" if others else ""
+    return f"{sentence}. What may hold it, from this size on: {held}{more}; or soil that is softer there."
 
 
 def structure_sentence(laws: Sequence[str]) -> str:

@@ -18,7 +18,7 @@ from estimators.discrepancy.model.windows import Windows
 from estimators.discrepancy.stopping import Stop, stop_of, stops_of
 from estimators.discrepancy.summarise import summarise
 from estimators.discrepancy.verdict import VehicleDiagnosis, Verdict
-from estimators.discrepancy.wording import terminal_lines
+from estimators.discrepancy.wording import terminal_lines, verdict_sentence
 from estimators.logs import Log
 from estimators.logs.immobile import stuck_spans
 
@@ -149,7 +149,7 @@ def test_a_vehicle_that_is_stuck_from_the_start_is_outside_the_model_and_the_rep
     assert not diagnosis.only_stopped
     summary = summarise(diagnosis)
     assert "the walls of the rut drag" in summary.sentence
-    assert "or softer soil there" in summary.sentence
+    assert "or soil that is softer there" in summary.sentence
     assert summary.to_dict()["stops"][0]["effects"]["rut_drag"] > 0.0
     assert terminal_lines(summary)
 
@@ -168,6 +168,9 @@ def test_a_drive_without_an_error_that_ends_stuck_has_one(monkeypatch):
     assert held.only_stopped
     assert held.verdict is Verdict.ONE_OF
     assert replace(quiet, stops=(_stop(),)).verdict is Verdict.UNEXPLAINED
+    said = verdict_sentence(held.verdict, held)
+    assert "or another payload or inertia; or soil" in said
+    assert verdict_sentence(Verdict.UNEXPLAINED, replace(quiet, stops=(_stop(),))).endswith("softer there?")
 
 
 def test_the_section_on_what_stops_a_vehicle_may_break_down(ruts, monkeypatch):
