@@ -169,7 +169,7 @@ def test_a_drive_without_an_error_that_ends_stuck_has_one(monkeypatch):
     assert held.verdict is Verdict.ONE_OF
     assert replace(quiet, stops=(_stop(),)).verdict is Verdict.UNEXPLAINED
     said = verdict_sentence(held.verdict, held)
-    assert "or another payload or inertia; or soil" in said
+    assert "or another inertia; or soil" in said
     assert verdict_sentence(Verdict.UNEXPLAINED, replace(quiet, stops=(_stop(),))).endswith("softer there?")
 
 
