@@ -48,8 +48,8 @@ class StartSensors:
 
     Without a sensor of heading or position, the gyro's integral tells the heading: windows that were free to
     choose theirs would turn a slope of the ground into a sideways push of any size, each its own, and so
-    explain scattering soil by a grade. Of 57 by which a grade gained on a wrong rolling resistance in the
-    log-likelihood, all were due to that.
+    explain scattering soil by a grade: beside a wrong rolling resistance one gained 28 to 52 more in the
+    log-likelihood than the truth, on four soils, and with the gyro's heading 2 to 13.
 
     Parameters
     ----------
