@@ -108,8 +108,8 @@ def test_a_vehicle_that_drives_is_not_asked():
     assert stops_of([simulated_log(case)], _SOME) == ()
 
 
-def test_what_would_hold_it_where_it_drove_is_no_explanation(ruts):
-    """At rest the drag of ruts holds it; three seconds before, it was fast."""
+def test_what_would_hold_it_where_it_drove_is_no_explanation():
+    """A large resistance stops a vehicle that drives; without a piece in which it drives nothing is known."""
     run = RunModel(simulated_log(draw_case(28006, road="unknown", natural=True, duration=14.0)))
     fast = Windows(first=np.array([200]), count=np.array([round(3.0 / run.step)]), use=np.zeros(1, int))
     assert stopping._drives(run, "rolling_resistance", 0.01, fast)
