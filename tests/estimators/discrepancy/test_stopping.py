@@ -117,6 +117,13 @@ def test_what_would_hold_it_where_it_drove_is_no_explanation():
     assert stopping._drives(run, "rolling_resistance", 0.3, fast.only(1))
 
 
+def test_an_effect_that_would_hold_it_where_it_drove_is_not_listed(ruts, monkeypatch):
+    monkeypatch.setattr(stopping, "_drives", lambda run, effect, size, driven: effect != "rut_drag")
+    stop = stop_of(ruts, ("rut_drag", "rolling_resistance"))
+    assert stop is not None
+    assert [name for name, _ in stop.effects] == ["rolling_resistance"]
+
+
 @pytest.mark.parametrize(
     ("logged", "simulated", "alike"),
     [
