@@ -391,7 +391,7 @@ def _with_structures(
         return compare_structures(result.logs, setups, adequate_nominal=fine)
 
     compared = attempt("structures", compare, None, failed)
-    if compared is None or not compared.found:
+    if compared is None or not (compared.found and compared.adequate):
         return replace(result, structure=compared)
     stand_ins = tuple(cause.best.candidate.effect for cause in result.causes)
     return replace(result, structure=compared, causes=(), unknown_inputs=(), stand_ins=stand_ins)

@@ -121,11 +121,19 @@ class StructureComparison:
     def found(self) -> bool:
         """Whether another structure is named.
 
-        Effects of the nominal one must not predict better; where nothing else shows that it is wrong, it must
-        predict worse, with its numbers as fitted.
+        Effects of the nominal one must not predict better. They must predict worse where the other one does
+        not predict well either; where nothing else shows that the nominal one is wrong, so must its numbers
+        as fitted.
         """
-        least = _AS_GOOD if self.adequate_nominal else -_AS_GOOD
+        least = _AS_GOOD if self.adequate_nominal or not self.adequate else -_AS_GOOD
         return bool(self.causes) and (self.gain_over_effects is None or self.gain_over_effects > least)
+
+    @property
+    def undecided(self) -> bool:
+        """Whether effects and another structure predict equally well, and neither does it well."""
+        if not self.causes or self.gain_over_effects is None or self.adequate or self.adequate_nominal:
+            return False
+        return -_AS_GOOD < self.gain_over_effects <= _AS_GOOD
 
     @property
     def misfit(self) -> float:

@@ -211,13 +211,20 @@ class Diagnosis(ABC):
 
     @property
     def _possible(self) -> tuple[bool, ...]:
-        """Of every cause, whether its size is physical and no number undoes it beyond its own tolerance."""
-        if self.search is None or not (self.causes and self.search.strayed):
+        """Of every cause, whether its size is physical, and neither windows apart nor numbers refute it.
+
+        A number beyond its own tolerance undoes what the effect does.
+        """
+        search = self.search
+        if search is None or not (self.causes and (search.strayed or search.doubted)):
             return self.physical
-        numbers = self.search.extended.problem.nuisances
-        undone = {number.effect for number in numbers if number.name in self.search.strayed}
-        pairs = zip(self.causes, self.physical, strict=True)
-        return tuple(physical and one.best.candidate.effect not in undone for one, physical in pairs)
+        numbers = search.extended.problem.nuisances
+        undone = {number.effect for number in numbers if number.name in search.strayed}
+        wrong = [
+            k in search.doubted or cause.best.candidate.effect in undone
+            for k, cause in enumerate(self.causes)
+        ]
+        return tuple(one and not bad for one, bad in zip(self.physical, wrong, strict=True))
 
     @property
     def physical(self) -> tuple[bool, ...]:
@@ -372,6 +379,11 @@ class VehicleDiagnosis(Diagnosis):
         return found if found is not None and found.found and not found.adequate else None
 
     @property
+    def rivalled(self) -> bool:
+        """Whether another structure predicts as well as the causes, and neither does it well."""
+        return bool(self.causes) and self.structure is not None and self.structure.undecided
+
+    @property
     def overlapping(self) -> bool:
         """Whether the sizes of two causes are so correlated that they may be one that is missing."""
         return self.checks is not None and self.checks.overlap > OVERLAP
@@ -406,9 +418,11 @@ class VehicleDiagnosis(Diagnosis):
             return Verdict.UNEXPLAINED
         together = self.overlapping or any(self.inadequate)
         if self.incomplete and not (self.crowded and together):
-            return Verdict.NAMED_WITH_REST if self.named else Verdict.UNEXPLAINED
+            certain = self.named and not self.rivalled
+            return Verdict.NAMED_WITH_REST if certain else Verdict.UNEXPLAINED
         if self.causes:
-            return Verdict.ONE_OF if together or self._with_alternatives() else Verdict.NAMED
+            several = together or self.rivalled or self._with_alternatives()
+            return Verdict.ONE_OF if several else Verdict.NAMED
         return self._without_causes(len(self.limits) + len(self.missing))
 
 

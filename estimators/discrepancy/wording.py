@@ -102,6 +102,8 @@ def verdict_sentence(
             sentence += "; or a single cause that the library lacks: their sizes are correlated"
         if isinstance(diagnosis, VehicleDiagnosis) and any(diagnosis.inadequate):
             sentence += f"; or another law of the same cause: {_rest_phrase(diagnosis)}"
+        if isinstance(diagnosis, VehicleDiagnosis) and diagnosis.rivalled:
+            sentence += "; or laws of wheel and soil that were not tried: another structure predicts as well"
         return sentence + "."
     return _sentence_without_causes(verdict, diagnosis)
 

@@ -176,13 +176,13 @@ THRESHOLDS = (
     ("estimators.discrepancy.search.score_test", "", "DETECTABLE", 4.42),
     ("estimators.discrepancy.search.stepwise", "", "MOST", 4),
     ("estimators.discrepancy.search.stepwise", "", "_CONFIRMED", 0.2),
-    ("estimators.discrepancy.search.stepwise", "", "_TESTED", 3),
+    ("estimators.discrepancy.search.acceptance", "", "TESTED", 3),
     ("estimators.discrepancy.search.alternatives", "", "NEAR_BEST", 0.6),
     ("estimators.discrepancy.search.alternatives", "", "_SHARE_LEFT", 0.5),
-    ("estimators.discrepancy.search.stepwise", "", "_LARGE", 2.0),
+    ("estimators.discrepancy.search.acceptance", "", "LARGE", 2.0),
     ("estimators.discrepancy.search.alternatives", "", "_WIDER", 4.0),
     ("estimators.discrepancy.search.stepwise", "", "_BEYOND", 0.005),
-    ("estimators.discrepancy.search.stepwise", "", "_IMPOSSIBLE", 6.0),
+    ("estimators.discrepancy.search.acceptance", "", "IMPOSSIBLE", 6.0),
     ("estimators.discrepancy.search.from_stated", "", "_SUSPECT", 2.5),
     ("estimators.discrepancy.search.from_stated", "", "_OF_NUMBERS", 5),
     ("estimators.discrepancy.search.from_stated", "", "_OF_SCORES", 8),
@@ -321,7 +321,7 @@ def test_a_robust_flag_is_down_where_the_possible_soils_are_wider_than_a_share_o
 
 def diagnosis(solver=0.01, strongest=2.0, **parts):
     search = SimpleNamespace(
-        first=SimpleNamespace(z=np.array([strongest])), refused=False, capped=False, strayed=()
+        first=SimpleNamespace(z=np.array([strongest])), refused=False, capped=False, strayed=(), doubted=()
     )
     checks = RigChecks(
         solver=solver, gate=(), converged=True, threshold=3.0, trials=9, left_out=0, conditions={"search": 3}
@@ -345,7 +345,9 @@ def test_a_log_tests_the_library_if_it_would_show_half_of_it(lost, verdict):
 
 
 def test_a_larger_model_that_the_hold_out_test_refused_is_not_used():
-    search = SimpleNamespace(extended="larger", nominal="nominal", refused=False, capped=False, strayed=())
+    search = SimpleNamespace(
+        extended="larger", nominal="nominal", refused=False, capped=False, strayed=(), doubted=()
+    )
     assert VehicleDiagnosis(search=search).model == "nominal"
     cause = SimpleNamespace(alternatives=(1,))
     assert VehicleDiagnosis(search=search, causes=(cause,)).model == "larger"
@@ -358,6 +360,7 @@ def test_a_model_holds_the_causes_that_are_named_and_no_others():
         refused=True,
         capped=False,
         strayed=(),
+        doubted=(),
         beyond_null_logs=False,
         threshold=3.0,
         last=SimpleNamespace(z=np.array([5.0])),
@@ -375,7 +378,9 @@ def test_a_model_holds_the_causes_that_are_named_and_no_others():
 def test_a_score_beyond_null_logs_that_the_hold_out_test_refuses_leaves_a_discrepancy():
     found = [
         VehicleDiagnosis(
-            search=SimpleNamespace(refused=refused, capped=False, strayed=(), beyond_null_logs=True)
+            search=SimpleNamespace(
+                refused=refused, capped=False, strayed=(), doubted=(), beyond_null_logs=True
+            )
         )
         for refused in (True, False)
     ]
@@ -385,7 +390,9 @@ def test_a_score_beyond_null_logs_that_the_hold_out_test_refuses_leaves_a_discre
 @pytest.mark.parametrize(("refused", "capped"), [(True, False), (False, True), (False, False)])
 def test_effects_that_are_refused_or_one_too_many_leave_a_discrepancy(refused, capped):
     last = SimpleNamespace(z=np.array([-5.0, 2.0]))
-    search = SimpleNamespace(refused=refused, capped=capped, strayed=(), last=last, beyond_null_logs=False)
+    search = SimpleNamespace(
+        refused=refused, capped=capped, strayed=(), doubted=(), last=last, beyond_null_logs=False
+    )
     log = SimpleNamespace(rig=True)  # no vehicle that bounds the sizes
     parts = {"logs": (log,), "search": search, "causes": (SimpleNamespace(alternatives=(1,)),)}
     found = VehicleDiagnosis(**parts)
@@ -399,11 +406,16 @@ def test_effects_that_are_refused_or_one_too_many_leave_a_discrepancy(refused, c
 
 def test_a_number_that_no_tolerance_explains_is_a_discrepancy_where_nothing_is_found():
     search = {"refused": False, "capped": False, "beyond_null_logs": False}
-    found = VehicleDiagnosis(search=SimpleNamespace(**search, strayed=("shear_moduli",)))
+    found = VehicleDiagnosis(search=SimpleNamespace(**search, strayed=("shear_moduli",), doubted=()))
     assert found.verdict is Verdict.UNEXPLAINED
-    found = replace(found, search=SimpleNamespace(**search, strayed=("shear_moduli",), first=None))
+    found = replace(
+        found, search=SimpleNamespace(**search, strayed=("shear_moduli",), doubted=(), first=None)
+    )
     assert "beyond any tolerance of theirs (shear moduli)" in _discrepancy_phrase(found, (), ())
-    assert VehicleDiagnosis(search=SimpleNamespace(**search, strayed=())).verdict is Verdict.NO_EFFECT
+    assert (
+        VehicleDiagnosis(search=SimpleNamespace(**search, strayed=(), doubted=())).verdict
+        is Verdict.NO_EFFECT
+    )
 
 
 def test_numbers_stray_where_a_fit_moves_them_far_from_the_stated_ones():
@@ -434,6 +446,7 @@ def named(found, remaining=0.0):
         refused=False,
         capped=False,
         strayed=(),
+        doubted=(),
         beyond_null_logs=False,
         threshold=3.0,
     )
@@ -448,10 +461,18 @@ def named(found, remaining=0.0):
 def test_no_cause_is_certain_that_a_number_undoes_beyond_its_own_tolerance(effect, kept):
     number = SimpleNamespace(name="shear_moduli", effect="shear_modulus")
     problem = SimpleNamespace(nuisances=[number])
-    search = SimpleNamespace(extended=SimpleNamespace(problem=problem), strayed=("shear_moduli",))
+    search = SimpleNamespace(extended=SimpleNamespace(problem=problem), strayed=("shear_moduli",), doubted=())
     cause = SimpleNamespace(best=SimpleNamespace(candidate=SimpleNamespace(effect=effect)))
     found = VehicleDiagnosis(logs=(SimpleNamespace(rig=True),), search=search, causes=(cause,))
     assert found.identifiable == (kept,)
+
+
+def test_no_cause_is_certain_that_windows_apart_contradict():
+    problem = SimpleNamespace(nuisances=[])
+    search = SimpleNamespace(extended=SimpleNamespace(problem=problem), strayed=(), doubted=(1,))
+    cause = SimpleNamespace(best=SimpleNamespace(candidate=SimpleNamespace(effect="payload")))
+    found = VehicleDiagnosis(logs=(SimpleNamespace(rig=True),), search=search, causes=(cause,) * 3)
+    assert found.identifiable == (True, False, True)
 
 
 def test_causes_are_identifiable_by_their_information_their_share_and_their_size():

@@ -35,7 +35,7 @@ from offroad_env.errors import OffroadError
 from offroad_env.simulation.drive import Faults
 from offroad_env.world.soils import SOILS
 
-__all__ = ["NATURAL", "Numbers", "limits_of", "natural_case", "possible", "run_unit"]
+__all__ = ["NATURAL", "Numbers", "limits_beside", "limits_of", "natural_case", "possible", "run_unit"]
 
 Numbers = dict[str, Any]  #: result of one unit, or of the study, as JSON takes it
 
@@ -45,6 +45,8 @@ NATURAL = ("natural", "wrong", "other", "library", "large", "two", "large two")
 _WITHIN = 0.9
 #: How often a limit is taken from a drive at twice the limit before, in which the vehicle gets stuck.
 _ROUNDS = 3
+#: A limit that is larger by no more than this share is the same.
+_CLOSE = 0.1
 #: Effects that cannot be negative.
 _ONE_SIDED = (*ONE_SIDED, *NEVER_NEGATIVE, "aero_drag")
 #: Where the soil of a fault changes, as parameters of the effect.
@@ -113,15 +115,57 @@ def _limit_with_fault(case: Case, name: str, limit: float, ends: tuple[float, fl
 
 def _limit_in(log: Log, name: str, size: float) -> float:
     """Limit of a cause in the log that has it at this size; infinite where there is too little to fit."""
+    return _limits_in(log, [name], [size])[0]
+
+
+def _limits_in(log: Log, names: Sequence[str], sizes: Sequence[float]) -> list[float]:
+    """Limits of causes in the log that has all of them, each beside the others."""
+    nowhere = [math.inf] * len(names)
     if any(finding.severity == "problem" for finding in stuck_findings(log)):
-        return math.inf
+        return nowhere
     try:
-        trial = refit(fit_runs([RunModel(log, use=FIT)]), [Candidate(effect=name)], [size])
+        trial = refit(fit_runs([RunModel(log, use=FIT)]), [Candidate(effect=name) for name in names], sizes)
         if trial is None:
-            return math.inf
-        return DETECTABLE * float(settled(trial, fresh=False).size_deviations()[0])
+            return nowhere
+        return [DETECTABLE * float(one) for one in settled(trial, fresh=False).size_deviations()]
     except OffroadError:
-        return math.inf
+        return nowhere
+
+
+def limits_beside(pair: str, multiple: float, seed: int, *, known: Mapping[int, Numbers]) -> Numbers:
+    """Limits of two causes in the drive that has both at this multiple of them.
+
+    Beside another cause one shows less: the drive is another one, and part of what it does the other may do.
+    None where no vehicle can have both, or where one never shows so much.
+
+    Parameters
+    ----------
+    pair
+        Two names with + between.
+    known
+        Seed -> `limits_of` it: limits of each cause alone, from which it begins.
+    """
+    case, names = natural_case(seed), pair.split("+")
+    limits = [known[seed]["limits"][name] for name in names]
+    try:
+        for _ in range(_ROUNDS):
+            there = {seed: known[seed] | {"limits": dict(zip(names, limits, strict=True))}}
+            if not all(possible(name, multiple, seed, there) for name in names):
+                break
+            sizes = [_size(name, multiple * limit, seed) for name, limit in zip(names, limits, strict=True)]
+            own = _limits_in(_with_both(case, names, sizes), names, sizes)
+            if all(one <= (1.0 + _CLOSE) * limit for one, limit in zip(own, limits, strict=True)):
+                return {"limits": limits}
+            limits = [max(pair) for pair in zip(own, limits, strict=True)]
+    except OffroadError as error:
+        return {"limits": None, "failed": str(error)}
+    return {"limits": None}
+
+
+def _with_both(case: Case, names: Sequence[str], sizes: Sequence[float]) -> Log:
+    """The log with the first cause in the library's form, and the second in another one."""
+    first, second = names
+    return simulated_log(case, combined([_fault(first, sizes[0]), OTHER_FORMS[second](sizes[1])]))
 
 
 def possible(name: str, multiple: float, seed: int, known: Mapping[int, Numbers]) -> bool:
@@ -199,15 +243,16 @@ def _natural(kind: str, name: str, multiple: float, case: Case, known: Mapping[i
         return _diagnosed(simulated_log(case), case)
     if kind == "wrong":
         return _diagnosed(simulated_log(case, WRONG_NUMBERS[name]), case)
-    limits, names = known[case.seed]["limits"], name.split("+")
-    sizes = [_size(one, multiple * limits[one], case.seed) for one in names]
-    forms = ["other" if kind == "other" or i > 0 else "library" for i in range(len(names))]
-    faults = [
-        OTHER_FORMS[one](size) if form == "other" else _fault(one, size)
-        for one, size, form in zip(names, sizes, forms, strict=True)
-    ]
-    log = simulated_log(case, combined(faults) if len(faults) > 1 else faults[0])
-    return _diagnosed(log, case) | {"size_true": sizes if len(sizes) > 1 else sizes[0]}
+    names, there = name.split("+"), known[case.seed]
+    if len(names) > 1:
+        beside = there["beside"][f"{kind} {name}"]
+        sizes = [_size(one, multiple * limit, case.seed) for one, limit in zip(names, beside, strict=True)]
+        shares = [limit / there["limits"][one] for one, limit in zip(names, beside, strict=True)]
+        result = _diagnosed(_with_both(case, names, sizes), case)
+        return result | {"size_true": sizes, "limit_over_alone": shares}
+    size = _size(name, multiple * there["limits"][name], case.seed)
+    fault = OTHER_FORMS[name](size) if kind == "other" else _fault(name, size)
+    return _diagnosed(simulated_log(case, fault), case) | {"size_true": size}
 
 
 def _size(name: str, size: float, seed: int) -> float:

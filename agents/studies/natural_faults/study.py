@@ -3,7 +3,8 @@
 Soil scatters, the road is unknown, and no number is exactly as stated. Faults have the library's form, or
 another form of the same cause, or are a wrong number of the description, alone or two at once; causes are
 judged by their family. A fault that no vehicle can have, since its size is beyond the physical range that a
-diagnosis holds it to, is left out: the limit of the log is beyond it, too.
+diagnosis holds it to, is left out: the limit of the log is beyond it, too. The limit of a cause is that in
+the drive that has it, and has the other one where there are two.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -18,7 +20,7 @@ from tyro.conf import arg
 
 from agents.commands.options import Jobs
 from agents.reports.output import Results, console, table
-from agents.studies.fault_detection.one_log import Numbers, limits_of, possible, run_unit
+from agents.studies.fault_detection.one_log import Numbers, limits_beside, limits_of, possible, run_unit
 from agents.studies.fault_detection.results import QUIET, share_of
 from agents.studies.fault_detection.study import share_text
 from agents.studies.runner import Key, run_units, stamp_of
@@ -28,6 +30,8 @@ __all__ = ["NaturalFaults", "counted_naturally"]
 
 #: Multiple of the limit of a large fault.
 _LARGE = 7.0
+#: Multiple of their limits of two causes, by kind of log, and the kind of unit with these limits.
+_PAIRS, _BESIDE = {"two": 2.0, "large two": _LARGE}, "limits of pairs"
 
 
 @dataclass(kw_only=True)
@@ -40,7 +44,7 @@ class NaturalFaults(Results):
     nulls: int = 300  #: logs without a fault
     seeds: int = 22  #: logs for each cause in each form, at twice its limit
     large: int = 7  #: logs for each cause at seven times its limit
-    pairs: int = 3  #: logs of every seed with two causes, at twice and at seven times their limits
+    pairs: int = 7  #: pairs of causes of every seed, at twice their limits; half as many at seven times
     wrong: int = 17  #: logs for each wrong number
     first_seed: Annotated[int, arg(help="of the logs: others are a fresh sample")] = 5000  #: of the logs
     n_jobs: Jobs = 2  #: local processes
@@ -54,6 +58,7 @@ class NaturalFaults(Results):
         stamps = dict.fromkeys(keys, stamp)
         limits = run_units(path, _limits, stamps, label="limits", n_jobs=self.n_jobs)
         known = {key[1]: found for key, found in limits.items() if "failed" not in found}
+        known = self._with_pairs(path, known, stamp)
         work = partial(run_unit, known=known)
         stamps = dict.fromkeys(self._keys(known), stamp)
         results = run_units(path, work, stamps, label="logs", n_jobs=self.n_jobs)
@@ -61,6 +66,22 @@ class NaturalFaults(Results):
         rows = [(name, *(share_text(numbers[name][what]) for what in _COUNTS)) for name in numbers]
         console().print(table("faults in a natural world", ("logs", *_COUNTS), rows))
         self.save_numbers(numbers)
+
+    def _with_pairs(self, path: Path, known: Mapping[int, Numbers], stamp: str) -> dict[int, Numbers]:
+        """With the limits of two causes beside each other, of all pairs that a vehicle can have."""
+        keys: list[Key] = [
+            (_BESIDE, kind, pair, seed)
+            for kind in _PAIRS
+            for seed in sorted(known)
+            for pair in self._drawn(kind, seed, known)
+        ]
+        work = partial(_limits_beside, known=known)
+        found = run_units(path, work, dict.fromkeys(keys, stamp), label="limits of pairs", n_jobs=self.n_jobs)
+        beside: dict[int, Numbers] = {seed: {} for seed in known}
+        for (_, kind, pair, seed), result in found.items():
+            if result["limits"] is not None:
+                beside[seed][f"{kind} {pair}"] = result["limits"]
+        return {seed: there | {"beside": beside[seed]} for seed, there in known.items()}
 
     def _keys(self, known: Mapping[int, Numbers]) -> list[Key]:
         """All logs; the first part of them has about the same share of every kind."""
@@ -84,20 +105,23 @@ class NaturalFaults(Results):
                 for name in OTHER_FORMS
                 if name in known[seed]["ranges"] and possible(name, multiple, seed, known)
             ]
-        for kind, multiple in (("two", 2.0), ("large two", _LARGE)):
+        for kind, multiple in _PAIRS.items():
             keys += [
                 (kind, pair, multiple, seed)
                 for seed in sorted(known)
-                for pair in self._pairs(seed, multiple, known)
+                for pair in self._drawn(kind, seed, known)
+                if f"{kind} {pair}" in known[seed]["beside"]
             ]
         return keys
 
-    def _pairs(self, seed: int, multiple: float, known: Mapping[int, Numbers]) -> list[str]:
-        """Two causes of different families each, drawn."""
-        names = [n for n in OTHER_FORMS if n in known[seed]["ranges"] and possible(n, multiple, seed, known)]
+    def _drawn(self, kind: str, seed: int, known: Mapping[int, Numbers]) -> list[str]:
+        """Two causes of different families each, drawn from those that a vehicle can have alone."""
+        multiple, there = _PAIRS[kind], known[seed]["ranges"]
+        names = [name for name in OTHER_FORMS if name in there and possible(name, multiple, seed, known)]
         every = [f"{a}+{b}" for a in names for b in names if not set(FAMILIES[a]) & set(FAMILIES[b])]
         order = np.random.default_rng([seed, 5]).permutation(len(every))
-        return [every[i] for i in order[: self.pairs]]
+        count = self.pairs if kind == "two" else (self.pairs + 1) // 2
+        return [every[i] for i in order[:count]]
 
 
 #: Kinds of logs in which vehicles may get stuck, so that there is no drive to diagnose: counted without these
@@ -109,6 +133,10 @@ _COUNTS = ("detected", "family in the sets", "another cause for certain")
 
 def _limits(_kind: str, seed: int) -> Numbers:
     return limits_of(seed, natural=True)
+
+
+def _limits_beside(_label: str, kind: str, pair: str, seed: int, *, known: Mapping[int, Numbers]) -> Numbers:
+    return limits_beside(pair, _PAIRS[kind], seed, known=known)
 
 
 def counted_naturally(results: Mapping[Key, Numbers]) -> dict[str, Numbers]:

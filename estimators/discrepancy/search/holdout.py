@@ -45,8 +45,14 @@ class HoldOutResult:
 
     @property
     def evidence(self) -> float:
-        """The gain in units of the log-likelihood of the noise that there is."""
-        return self.gain / self.inflation
+        """Logarithm of how much likelier the gain is if the larger model is right than if the smaller is.
+
+        The gain is normal about plus or minus its expectation. Scatter of the ground widens it, and so do the
+        parameters of the larger model where the window magnifies what they are off, as about to get stuck.
+        """
+        if self.deviation <= 0.0:
+            return 0.0
+        return 2.0 * self.expected * self.gain / self.deviation**2
 
     @property
     def contradicts(self) -> bool:

@@ -113,6 +113,8 @@ class SearchResult:
     #: Numbers of vehicle and soil that the model has to move beyond any tolerance, also with its causes.
     strayed: tuple[str, ...] = ()
     causes: tuple[Cause, ...] = ()
+    #: Places of causes for which far more speaks than an effect needs, and that windows apart contradict.
+    doubted: tuple[int, ...] = ()
 
     def score_of(self, change: np.ndarray) -> np.ndarray:
         """Change of the last scores (C,), in standard deviations, by a change of the residuals (M,)."""

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +11,17 @@ from estimators.discrepancy.model.fit import settled, with_null_simulations
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.protocol import ForwardModel
+from estimators.discrepancy.search.acceptance import (
+    IMPOSSIBLE,
+    LARGE,
+    TESTED,
+    Accepted,
+    Bars,
+    Refuted,
+    accepted_of,
+    confirmed,
+    support_of,
+)
 from estimators.discrepancy.search.alternatives import (
     FIRST_LOOK,
     NEAR_BEST,
@@ -24,11 +33,10 @@ from estimators.discrepancy.search.alternatives import (
 )
 from estimators.discrepancy.search.finite_delays import delayed
 from estimators.discrepancy.search.from_stated import fits_from_stated
-from estimators.discrepancy.search.holdout import HoldOutResult, HoldOutTest
+from estimators.discrepancy.search.holdout import HoldOutTest
 from estimators.discrepancy.search.lower_minimum import (
     LEFT,
     begun_again,
-    deviations_off,
     lower_minimum,
     strayed,
 )
@@ -38,7 +46,6 @@ from estimators.discrepancy.search.result import (
     EQUIVALENT,
     Cause,
     SearchResult,
-    scatter_between,
     separation,
 )
 from estimators.discrepancy.search.score_test import (
@@ -49,7 +56,6 @@ from estimators.discrepancy.search.score_test import (
     score_threshold,
 )
 from offroad_env.effects import EFFECTS
-from offroad_env.errors import OffroadError
 
 __all__ = ["MOST", "outside", "scored_only", "search", "without_cause"]
 
@@ -60,40 +66,8 @@ MOST = 4
 _CONFIRMED = 0.2
 #: Share of null logs with a first score that is a discrepancy although no effect that is tried explains it.
 _BEYOND = 0.005
-#: Standard deviations from a stated number beyond which no tolerance explains what a fit makes of it.
-_IMPOSSIBLE = 6.0
 #: How often a search may begin again from a better minimum.
 _RESTARTS = 2
-#: Models as good as the best that are tested on windows apart.
-_TESTED = 3
-#: So many thresholds noise does not exceed: effects with such scores are sought closely along the route, and
-#: two that explain so much more than one need not be confirmed apart.
-_LARGE = 2.0
-
-
-class _Bars(NamedTuple):
-    """Least size of an effect, in standard deviations."""
-
-    fitted: float  #: in the windows that are fitted
-    together: float  #: in those and the windows apart together
-
-
-class _Accepted(NamedTuple):
-    """Outcome of hold-out tests of larger models."""
-
-    fit: FitResult | None  #: the first that is confirmed
-    gains: list[float]  #: of each model tested, in the log-likelihood of windows apart
-    refused: bool  #: one was rejected that the fitted windows support
-    rejected: frozenset[str] = frozenset()  #: effects of the first models that were rejected before this one
-    evidence: float = math.inf  #: for it, of fitted windows and those apart together
-    #: Models that were rejected, with their evidence.
-    others: tuple[tuple[FitResult, float], ...] = ()
-
-    @property
-    def stronger(self) -> tuple[FitResult, ...]:
-        """Models of one effect that windows apart reject and that have more evidence in all nevertheless."""
-        pairs = self.others if self.fit is not None else ()
-        return tuple(fit for fit, found in pairs if found > self.evidence and len(fit.candidates) == 1)
 
 
 def outside(fit: FitResult, candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -212,104 +186,13 @@ def _replaces(pair: FitResult, single: FitResult, threshold: float, test: HoldOu
     if apart <= threshold**2:
         return False
     result = test.result(pair, single)
-    large = apart > (_LARGE * threshold) ** 2
+    large = apart > (LARGE * threshold) ** 2
     return result is None or result.surpasses or (large and not result.contradicts)
 
 
-def _pruned(fit: FitResult, threshold: float) -> FitResult:
-    """Without the effects whose sizes are no longer significant."""
-    while len(fit.candidates) > 1:
-        strength = np.abs(fit.sizes) / fit.size_deviations()
-        weakest = int(np.argmin(strength))
-        if strength[weakest] > threshold:
-            break
-        keep = [i for i in range(len(fit.candidates)) if i != weakest]
-        fit = settled(fit.with_effects([fit.candidates[i] for i in keep], fit.sizes[keep]), fresh=False)
-    return fit
-
-
-def _support(fit: FitResult, trial: FitResult, larger: FitResult) -> float:
-    """Evidence of the fitted windows for the effects that are new in a ``larger`` model.
-
-    The gain of the ``trial`` from which it was settled, with the noise as it was, or the likelihood ratio of
-    the least of the new effects, if that is less. Road and soil scatter more beside the smaller noise of the
-    larger model, so that each is measured in its own noise.
-
-    An effect that grows with the sinkage makes the ground scatter more itself, so that a size over its own
-    deviation falls where the effect grows (W. W. Hauck and A. Donner, J. Am. Stat. Assoc. 72 (1977) 851). So
-    a single one has at least what its gain is over the scatter where nothing is wrong.
-    """
-    names = {candidate.effect for candidate in fit.candidates}
-
-    def new(model: FitResult) -> list[int]:
-        return [i for i, candidate in enumerate(model.candidates) if candidate.effect not in names]
-
-    gain, wide = fit.cost - trial.cost, float(np.max(trial.size_inflation[new(trial)], initial=1.0))
-    least = np.min((np.abs(larger.sizes) / larger.size_deviations())[new(larger)], initial=np.inf)
-    support = float(min(gain / wide, 0.5 * least**2))
-    if len(new(larger)) == 1:
-        support = max(support, gain / scatter_between(fit, trial))
-    return support + _returned(fit, larger)
-
-
-def _returned(fit: FitResult, larger: FitResult) -> float:
-    """Evidence by stated numbers that a larger model takes back from where no tolerance explains them.
-
-    Scatter of road and soil does not widen it: in 150 natural logs of unmodified vehicles no number with an
-    effect of its own went further than 4.1 of its deviations, and none further than 4.5.
-    """
-    away = deviations_off(fit)
-    enough = [LEFT if number.effect else _IMPOSSIBLE for number in fit.problem.nuisances]
-    if not np.any(away > enough):
-        return 0.0
-    before, after = (model.problem.nuisance_prior_cost(model.point) for model in (fit, larger))
-    return max(before - after, 0.0)
-
-
-def _accepted(test: HoldOutTest, trials: Sequence[FitResult], bars: _Bars) -> _Accepted:
-    """The first of the models that the windows apart confirm, settled.
-
-    What does not reach the second bar in the fitted windows is noise; its rejection is no sign of an unknown
-    cause.
-    """
-    fit, refused = test.fit, False
-    gains: list[float] = []
-    others: list[tuple[FitResult, float]] = []
-    names = {candidate.effect for candidate in fit.candidates}
-    enough = 0.5 * bars.together**2
-    for trial in trials[:_TESTED]:
-        # After a refusal, only what is confirmed with the noise as it is gets the work of a noise of its own.
-        if gains and not _confirmed(test.result(trial), _support(fit, trial, trial), enough):
-            continue
-        try:
-            larger = _pruned(settled(trial, fresh=False), bars.fitted)
-        except OffroadError:
-            # It drives where it began, and not where it is best.
-            continue
-        if {candidate.effect for candidate in larger.candidates} == names:
-            break
-        result, support = test.result(larger), _support(fit, trial, larger)
-        if result is None:
-            return _Accepted(larger, gains, refused=False)
-        gains.append(result.gain)
-        found = support + result.evidence
-        if _confirmed(result, support, enough):
-            return _Accepted(larger, gains, refused=False, evidence=found, others=tuple(others))
-        others.append((trial, found))
-        refused |= support > enough
-    return _Accepted(None, gains, refused, others=tuple(others))
-
-
-def _confirmed(result: HoldOutResult | None, support: float, enough: float) -> bool:
-    """Whether fitted windows and those apart together show enough, and the latter do not contradict."""
-    if result is None or result.contradicts:
-        return False
-    return support + result.evidence > enough
-
-
-def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float, wide: bool) -> _Accepted:
+def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float, wide: bool) -> Accepted:
     """The next larger model: ``bar`` is the least score, ``rate`` that of the first scores."""
-    last = refined_places(last, _LARGE * bar, NEAR_BEST)
+    last = refined_places(last, LARGE * bar, NEAR_BEST)
     strongest, inside = float(np.abs(last.z).max(initial=0.0)), test.fit.candidates
     # Where hardly a null log has such a score, a discrepancy remains whatever comes after a refusal: the next
     # best explanation costs no false alarm.
@@ -317,24 +200,27 @@ def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float, wide: b
     gains: list[float] = []
     rejected = frozenset[str]()
     others: tuple[tuple[FitResult, float], ...] = ()
+    refuted: tuple[Refuted, ...] = ()
     singly = pair_refused = False
     begun = fits_from_stated(last, bar, wide=wide)
     while True:
         trials = _larger(last, bar, test, begun, singly)
         # The first name is the best or none; later ones may be any that explain as much.
         tried = trials if inside else trials[:1]
-        accepted = _accepted(test, tried, _Bars(bar, score_threshold(last, _CONFIRMED * rate)))
+        accepted = accepted_of(test, tried, Bars(bar, score_threshold(last, _CONFIRMED * rate)))
         gains += accepted.gains
         others += accepted.others
+        refuted += accepted.refuted
         if accepted.fit is not None:
             return accepted._replace(gains=gains, refused=False, rejected=rejected, others=others)
         if not inside and not singly and trials and len(trials[0].candidates) > 1:
             # Of two effects that explain most together one may be certain, and the other too small.
             singly, pair_refused = True, accepted.refused
             continue
-        again = beyond and bool(accepted.gains) and len(gains) < _TESTED
+        again = beyond and bool(accepted.gains) and len(gains) < TESTED
         if not trials or (accepted.gains and not again):
-            return _Accepted(None, gains, refused=accepted.refused or pair_refused or beyond)
+            refused = accepted.refused or pair_refused or beyond
+            return Accepted(None, gains, refused=refused, refuted=refuted)
         # What looked best is not significant once it is fitted; what it was confounded with may be.
         names = {candidate.effect for candidate in inside}
         gone = {candidate.effect for trial in tried for candidate in trial.candidates} - names
@@ -377,12 +263,18 @@ def search(
     fit, refused, gains = first.fit, False, list[float]()
     stronger: tuple[FitResult, ...] = ()
     begin = test = HoldOutTest(fit, apart)
+    certain: FitResult | None = None
     while len(fit.candidates) < MOST:
         accepted = _onward(test, last, bar, rate, wide)
         refused, gains = accepted.refused, gains + accepted.gains
-        if accepted.fit is None:
+        next_one = accepted.fit
+        if next_one is None and accepted.refuted:
+            # Windows apart may contradict one of two effects that they confirm together.
+            next_one, certain = max(accepted.refuted, key=lambda one: one.evidence).fit, certain or fit
+            refused = False
+        if next_one is None:
             break
-        larger = begun_again(accepted.fit)
+        larger = begun_again(next_one)
         lower = lower_minimum(fit, larger, bar) if restarts else None
         if lower is not None and not lower.candidates:
             return search(lower, library, rate, apart, restarts=restarts - 1, wide=wide)
@@ -397,7 +289,12 @@ def search(
         same = larger is accepted.fit
         fit, test = last.fit, test.onward(larger) if same else HoldOutTest(larger, apart)
         bar = score_threshold(last, rate)
-    fit, causes = _causes(fit, last, first, _Confirmed(first, begin, _CONFIRMED * rate), stronger)
+    enough = 0.5 * score_threshold(first, _CONFIRMED * rate) ** 2
+    doubted: tuple[int, ...] = ()
+    if certain is not None:
+        doubted = _doubted(fit, _Confirmed(certain, HoldOutTest(certain, apart), enough))
+    refused |= bool(doubted)
+    fit, causes = _causes(fit, last, first, _Confirmed(first.fit, begin, enough), stronger)
     return SearchResult(
         nominal=first.fit,
         extended=fit,
@@ -408,8 +305,9 @@ def search(
         refused=refused,
         capped=len(fit.candidates) == MOST and float(np.abs(last.z).max(initial=0.0)) > bar,
         beyond_null_logs=refused and float(np.abs(first.z).max()) > score_threshold(first, _BEYOND),
-        strayed=tuple(strayed(fit, LEFT if fit.candidates else _IMPOSSIBLE)),
+        strayed=tuple(strayed(fit, LEFT if fit.candidates else IMPOSSIBLE)),
         causes=causes,
+        doubted=doubted,
     )
 
 
@@ -420,17 +318,23 @@ def _well_begun(nominal: FitResult) -> FitResult:
 
 
 class _Confirmed:
-    """Whether windows apart accept a model of one effect, whatever the noise in which it is fitted."""
+    """Whether windows apart accept a larger model than ``fit``, whatever the noise in which it is fitted."""
 
-    def __init__(self, first: ScoreTest, test: HoldOutTest, rate: float) -> None:
-        self._fit, self._test = first.fit, test
-        self._enough = 0.5 * score_threshold(first, rate) ** 2
+    def __init__(self, fit: FitResult, test: HoldOutTest, enough: float) -> None:
+        self.fit, self._test, self._enough = fit, test, enough
 
     def __call__(self, larger: FitResult) -> bool:
-        """Of this model; its gain is that in the noise of the model without effects."""
-        beside = replace(larger, noise=self._fit.noise, null=self._fit.null)
+        """Of this model; its gain is that in the noise of the smaller one."""
+        beside = replace(larger, noise=self.fit.noise, null=self.fit.null)
         result = self._test.result(larger)
-        return result is None or _confirmed(result, _support(self._fit, beside, larger), self._enough)
+        return result is None or confirmed(result, support_of(self.fit, beside, larger), self._enough)
+
+
+def _doubted(fit: FitResult, confirmed: _Confirmed) -> tuple[int, ...]:
+    """Places of effects that windows apart contradict, also all of them together."""
+    known = {candidate.effect for candidate in confirmed.fit.candidates}
+    new = tuple(k for k, candidate in enumerate(fit.candidates) if candidate.effect not in known)
+    return () if not new or confirmed(fit) else new
 
 
 def _causes(
@@ -466,13 +370,21 @@ def without_cause(
     keep = [k for k in range(len(fit.sizes)) if k != left_out]
     smaller = settled(fit.with_effects([fit.candidates[k] for k in keep], fit.sizes[keep]), fresh=False)
     others = [one for one in first.candidates if one.effect != fit.candidates[left_out].effect]
-    confirmed = _Confirmed(first, HoldOutTest(found.nominal, apart), _CONFIRMED * rate)
+    enough = 0.5 * score_threshold(first, _CONFIRMED * rate) ** 2
+    confirmed = _Confirmed(found.nominal, HoldOutTest(found.nominal, apart), enough)
     scores = score_test(smaller, outside(smaller, others))
     smaller, causes = _causes(smaller, scores, first, confirmed, ())
     last = score_test(smaller, outside(smaller, first.candidates))
-    away = tuple(strayed(smaller, LEFT))
+    away, doubted = tuple(strayed(smaller, LEFT)), [keep.index(k) for k in found.doubted if k in keep]
     return replace(
-        found, extended=smaller, last=last, causes=causes, refused=True, capped=False, strayed=away
+        found,
+        extended=smaller,
+        last=last,
+        causes=causes,
+        refused=True,
+        capped=False,
+        strayed=away,
+        doubted=tuple(doubted),
     )
 
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from agents.studies.fault_detection import one_log
+from agents.studies.natural_faults import study as study_module
 from agents.studies.natural_faults.study import NaturalFaults, counted_naturally
 from estimators.discrepancy.faults.other_forms import FAMILIES, OTHER_FORMS, WRONG_NUMBERS
 from estimators.discrepancy.model.parameters import Candidate
@@ -46,12 +47,17 @@ def test_a_cause_counts_by_its_family_and_a_set_with_it_is_no_wrong_name():
 def test_every_log_is_a_unit_and_a_cause_without_a_limit_has_none(tmp_path):
     study = NaturalFaults(nulls=3, seeds=1, large=1, wrong=2, pairs=4, out=tmp_path)
     keys = study._keys({5000: _known(dict.fromkeys(OTHER_FORMS, 1.0), 10.0)})
-    assert len(keys) == len(set(keys)) == 3 + 2 * len(WRONG_NUMBERS) + 3 * len(OTHER_FORMS) + 2 * 4
+    assert len(keys) == len(set(keys)) == 3 + 2 * len(WRONG_NUMBERS) + 3 * len(OTHER_FORMS) + 4 + 2
     assert len(study._keys({5000: _known({"payload": 0.1}, 10.0)})) == 3 + 2 * len(WRONG_NUMBERS) + 3
 
 
 def _known(limits: dict[str, float], largest: float) -> dict:
-    return {"limits": limits, "ranges": {name: [-largest, largest] for name in limits}}
+    pairs = [f"{kind} {a}+{b}" for kind in ("two", "large two") for a in limits for b in limits]
+    return {
+        "limits": limits,
+        "ranges": {name: [-largest, largest] for name in limits},
+        "beside": {pair: [1.0, 1.0] for pair in pairs},
+    }
 
 
 def test_a_fault_that_no_vehicle_can_have_is_left_out(tmp_path):
@@ -73,6 +79,66 @@ def test_two_causes_are_of_two_families_and_each_counts(tmp_path):
     (numbers,) = counted_naturally(results).values()
     assert (numbers["family in the sets"]["hits"], numbers["family in the sets"]["count"]) == (1, 2)
     assert numbers["another cause for certain"]["hits"] == 1
+
+
+def test_pairs_of_which_one_cause_never_shows_are_left_out(monkeypatch, tmp_path):
+    """They have limits in the drive with both, which are found first."""
+    asked: list[tuple[str, float]] = []
+
+    def beside(pair, multiple, seed, known):
+        asked.append((pair, multiple))
+        return {"limits": [1.5, 1.0] if multiple == 2.0 and "payload" not in pair else None}
+
+    monkeypatch.setattr(study_module, "limits_beside", beside)
+    study = NaturalFaults(nulls=0, seeds=0, large=0, wrong=0, pairs=30, n_jobs=1, out=tmp_path)
+    first = {5000: _known(dict.fromkeys(OTHER_FORMS, 1.0), 10.0)}
+    known = study._with_pairs(tmp_path / "natural.jsonl", first, "stamp")
+    assert sum(multiple == 2.0 for _, multiple in asked) == 30
+    assert sum(multiple == 7.0 for _, multiple in asked) == 15
+    left = [pair for pair, multiple in asked if multiple == 2.0 and "payload" not in pair]
+    assert {(str(key[0]), str(key[1])) for key in study._keys(known)} == {("two", pair) for pair in left}
+    assert known[5000]["beside"][f"two {left[0]}"] == [1.5, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("own", "found"),
+    [
+        ([[0.05, 0.02]], [0.05, 0.02]),  # both show what they show alone
+        ([[0.054, 0.02]], [0.05, 0.02]),  # that is the same
+        ([[0.07, 0.01], [0.07, 0.02]], [0.07, 0.02]),  # one shows less beside the other
+        ([[0.07, 0.01], [0.09, 0.02], [0.09, 0.02]], [0.09, 0.02]),
+        ([[0.07, 0.01], [0.09, 0.02], [0.11, 0.02]], None),  # and less, the larger it is
+        ([[0.6, 0.02]], None),  # twice this no vehicle can have
+        ([[math.inf, math.inf]], None),  # nothing is driven
+    ],
+)
+def test_two_causes_have_their_limits_in_the_drive_with_both(monkeypatch, own, found):
+    limits, drives = iter(own), list[tuple[float, ...]]()
+
+    def limits_in(log, names, sizes):
+        drives.append(tuple(map(abs, sizes)))
+        return next(limits)
+
+    monkeypatch.setattr(one_log, "natural_case", lambda seed: SimpleNamespace(seed=seed))
+    monkeypatch.setattr(one_log, "_with_both", lambda case, names, sizes: None)
+    monkeypatch.setattr(one_log, "_limits_in", limits_in)
+    known = {1: _known({"payload": 0.05, "steer_gain": 0.02}, 1.0)}
+    assert one_log.limits_beside("payload+steer_gain", 2.0, 1, known=known) == {"limits": found}
+    assert drives[0] == pytest.approx((0.1, 0.04))
+    assert next(limits, None) is None
+    assert one_log._CLOSE == 0.1
+
+
+def test_a_log_with_two_causes_has_sizes_by_their_limits_beside_each_other(monkeypatch):
+    made: list[tuple[float, ...]] = []
+    monkeypatch.setattr(one_log, "_diagnosed", lambda log, case: {})
+    monkeypatch.setattr(one_log, "_with_both", lambda case, names, sizes: made.append(tuple(map(abs, sizes))))
+    known = {1: _known({"payload": 0.05, "steer_gain": 0.02}, 1.0)}
+    known[1]["beside"]["large two payload+steer_gain"] = [0.1, 0.03]
+    monkeypatch.setattr(one_log, "natural_case", lambda seed: SimpleNamespace(seed=seed))
+    result = one_log.run_unit("large two", "payload+steer_gain", 7.0, 1, known=known)
+    assert made == [pytest.approx((0.7, 0.21))]
+    assert result["limit_over_alone"] == pytest.approx([2.0, 1.5])
 
 
 def test_a_study_that_is_stopped_early_has_logs_of_every_kind(tmp_path):

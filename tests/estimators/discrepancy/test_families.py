@@ -55,7 +55,8 @@ def _cause(*effects: str, families: tuple[str, ...]) -> CauseSummary:
 
 def test_one_family_is_named_before_its_variants_and_several_are_not():
     diagnosis = VehicleDiagnosis(
-        search=SimpleNamespace(refused=False, capped=False, strayed=()), checks=SimpleNamespace(overlap=0.0)
+        search=SimpleNamespace(refused=False, capped=False, strayed=(), doubted=()),
+        checks=SimpleNamespace(overlap=0.0),
     )
     one = _cause("steer_delay", "steer_lag", families=("late steering",))
     several = replace(one, families=("late steering", "clocks of inputs and sensors"))

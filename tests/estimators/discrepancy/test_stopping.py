@@ -166,7 +166,9 @@ def _stop(**effects: float) -> Stop:
 
 
 def test_a_drive_without_an_error_that_ends_stuck_has_one(monkeypatch):
-    quiet = VehicleDiagnosis(search=SimpleNamespace(refused=False, capped=False, strayed=(), causes=()))
+    quiet = VehicleDiagnosis(
+        search=SimpleNamespace(refused=False, capped=False, strayed=(), doubted=(), causes=())
+    )
     for name in ("inaccurate", "misled", "overlapping", "incomplete"):
         monkeypatch.setattr(VehicleDiagnosis, name, False)
     monkeypatch.setattr(verdict_module.Diagnosis, "_without_causes", lambda self, asked: Verdict.NO_EFFECT)

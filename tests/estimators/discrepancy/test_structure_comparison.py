@@ -25,6 +25,7 @@ from estimators.discrepancy.structure_comparison import (
 )
 from estimators.discrepancy.structure_trials import FLOORS, Case, StructureTrial
 from estimators.discrepancy.summarise import summarise
+from estimators.discrepancy.verdict import VehicleDiagnosis
 from estimators.discrepancy.wording import terminal_lines
 from estimators.logs import read_log
 from estimators.logs.log import Log
@@ -149,6 +150,62 @@ def test_where_nothing_shows_that_the_nominal_structure_is_wrong_another_must_pr
     assert not compared.tied
 
 
+def _inadequate(found: StructureComparison) -> StructureComparison:
+    """A structure that leaves 1.25 times the errors up to which one is named."""
+    # An error e counts as hypot(e, floor).
+    errors = np.sqrt((1.25 * ADEQUATE) ** 2 - 1.0) * np.array([*FLOORS.values()])
+    return replace(found, best=replace(found.best, errors=np.full_like(found.best.errors, errors)))
+
+
+@pytest.mark.parametrize(
+    ("gain", "found_then", "undecided"),
+    [
+        (None, True, False),
+        (0.11, True, False),
+        (0.09, False, True),
+        (-0.09, False, True),
+        (-0.11, False, False),
+    ],
+)
+def test_a_structure_that_predicts_badly_must_predict_better_than_effects(found, gain, found_then, undecided):
+    compared = replace(_inadequate(found), gain_over_effects=gain)
+    assert not compared.adequate
+    assert compared.found is found_then
+    assert compared.undecided is undecided
+    assert not replace(found, gain_over_effects=gain).undecided
+    assert not replace(compared, adequate_nominal=True).undecided
+    assert not replace(compared, causes=()).undecided
+
+
+@pytest.fixture(scope="module")
+def named() -> VehicleDiagnosis:
+    """A drive whose steering gain is wrong, as is named."""
+    log = simulated_log(draw_case(103, road="flat", duration=19.0), FAULTS["steer_gain"](0.1))
+    diagnosis = diagnose([log], library=["steer_gain"])
+    assert diagnosis.verdict == "NAMED"
+    return diagnosis
+
+
+@pytest.mark.parametrize(("gain", "verdict"), [(-0.3, "NAMED"), (0.0, "ONE OF"), (0.3, "UNEXPLAINED")])
+def test_effects_are_kept_beside_a_structure_that_predicts_badly(found, named, monkeypatch, gain, verdict):
+    """Large faults leave errors in the open loop that no structure explains, and effects do."""
+    compared = replace(_inadequate(found), gain_over_effects=gain)
+    monkeypatch.setattr(diagnosis_module, "compare_structures", lambda *_args, **_kwargs: compared)
+    fit = named.search.extended
+    diagnosis = diagnosis_module._with_structures(named, fit, {}, lambda stage: None)
+    assert diagnosis.causes == named.causes
+    assert diagnosis.stand_ins == ()
+    assert diagnosis.verdict == verdict
+    summary = summarise(diagnosis)
+    assert ("another structure predicts as well" in summary.sentence) is (verdict == "ONE OF")
+    assert ("no other one that was tried" in summary.sentence) is (verdict == "UNEXPLAINED")
+    assert any("steer_gain" in line for line in terminal_lines(summary))
+    # Beside a rest nothing is certain either.
+    search = replace(diagnosis.search, refused=True)
+    rest = replace(diagnosis, search=search, joint=None)
+    assert (rest.verdict == "NAMED + UNEXPLAINED REST") is (verdict == "NAMED")
+
+
 def test_numbers_within_their_tolerances_do_not_hide_a_wrong_structure(monkeypatch):
     """No effect shows near the first minimum: shear moduli 4.4 off and n 0.13 too low hide it."""
     for module in (from_stated, lower_minimum):
@@ -261,9 +318,8 @@ def test_a_structure_that_does_not_predict_the_runs_is_not_named(found, sand, mo
     def stuck(*_args, **_kwargs):
         raise SolverFailure("a wheel has sunk to its axle")
 
-    floors = np.array([*structure_trials.FLOORS.values()])
+    floors = np.array([*FLOORS.values()])
     if factor != 1.0:
-        # An error e counts as hypot(e, floor).
         errors = np.full_like(found.best.errors, np.sqrt((factor * ADEQUATE) ** 2 - 1.0)) * floors
         found = replace(found, best=replace(found.best, errors=errors))
         assert found.misfit == pytest.approx(factor * ADEQUATE)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from estimators.discrepancy.checks.holdout_gain import Held, held_beside, held_out
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
@@ -15,6 +16,7 @@ from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.model.windows import FIT, SELECT
 from estimators.discrepancy.search import stepwise
+from estimators.discrepancy.search.acceptance import Accepted, Refuted
 from estimators.discrepancy.search.holdout import HoldOutResult, HoldOutTest
 from estimators.discrepancy.search.refitting import refit
 from offroad_env.physics import state as at
@@ -63,6 +65,29 @@ def test_a_search_says_that_it_stopped_at_the_most_effects_of_a_model(biased, mo
     assert found.capped is capped
 
 
+@pytest.mark.parametrize("together", [True, False])
+def test_an_effect_that_windows_apart_contradict_is_a_step_and_no_end(biased, monkeypatch, together):
+    """Of two effects that they confirm one alone may be contradicted; else it is a cause in doubt."""
+    fit, apart = biased
+    larger, other = (refit(fit, [Candidate(effect=f"accel_bias_{one}")], [BIAS]) for one in "yx")
+    refuted = (Refuted(other, 40.0), Refuted(larger, 50.0))
+    steps = iter([Accepted(None, [-5.0], refused=True, refuted=refuted), Accepted(None, [], refused=False)])
+    begun: list[int] = []
+
+    def onward(test, last, *_):
+        begun.append(len(test.fit.candidates))
+        return next(steps)
+
+    monkeypatch.setattr(stepwise, "_onward", onward)
+    monkeypatch.setattr(stepwise._Confirmed, "__call__", lambda self, model: together)
+    found = stepwise.search(fit, ("accel_bias_y",), 0.06, apart)
+    assert begun == [0, 1]
+    assert [cause.best.candidate.effect for cause in found.causes] == ["accel_bias_y"]
+    assert found.holdout_gains == (-5.0,)
+    assert found.refused is not together
+    assert found.doubted == (() if together else (0,))
+
+
 def test_a_true_effect_gains_what_is_expected(biased):
     case = draw_case(6, road="flat", duration=30.0)
     fit, apart = _fitted(simulated_log(case, FAULTS["rolling_resistance"](0.02)))
@@ -81,7 +106,7 @@ def test_what_null_residuals_scatter_along_the_difference_of_two_models_takes_we
     larger = replace(larger, equations=refit(fit, larger.candidates, [0.01]).equations)
     plain = HoldOutTest(fit, apart).result(larger)
     assert plain.inflation == 1.0
-    assert plain.evidence == plain.gain
+    assert 0.0 < abs(plain.evidence) < abs(plain.gain)
     held = held_out(fit, apart)
     difference = held.residual - held_out(larger, apart, held).residual
     # A null residual like the difference itself has its length along it: twice the expected gain.
@@ -90,12 +115,23 @@ def test_what_null_residuals_scatter_along_the_difference_of_two_models_takes_we
     assert scattered.gain == pytest.approx(plain.gain)
     assert scattered.inflation == pytest.approx(information, rel=1e-6)
     assert scattered.inflation > 2.0
-    assert scattered.evidence == pytest.approx(scattered.gain / information)
+    assert abs(scattered.evidence) < abs(plain.evidence)
     added = scattered.deviation**2 - plain.deviation**2
     assert added == pytest.approx((information - 1.0) * information, rel=1e-6)
     # What scatters less than white noise is no reason to trust a gain more.
     calm = HoldOutTest(fit, apart, null=1e-3 * difference[:, None]).result(larger)
     assert calm.inflation == 1.0
+
+
+@pytest.mark.parametrize(
+    ("gain", "expected", "deviation"), [(20.0, 30.0, 9.0), (-20.0, 30.0, 9.0), (-2534.4, 538.2, 277565.5)]
+)
+def test_evidence_is_the_likelihood_ratio_of_a_gain(gain, expected, deviation):
+    """Of a window that magnifies what parameters are off, about to get stuck, it says next to nothing."""
+    result = HoldOutResult(gain=gain, expected=expected, deviation=deviation)
+    ratio = norm.logpdf(gain, expected, deviation) - norm.logpdf(gain, -expected, deviation)
+    assert result.evidence == pytest.approx(ratio, rel=1e-4)
+    assert replace(result, deviation=0.0, expected=0.0).evidence == 0.0
 
 
 def test_a_window_that_began_in_another_valley_begins_again(bumpy):

@@ -15,10 +15,10 @@ from estimators.discrepancy.faults.library import FAULTS
 from estimators.discrepancy.faults.other_forms import OTHER_FORMS
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.search import alternatives, stepwise
+from estimators.discrepancy.search.acceptance import Accepted
 from estimators.discrepancy.search.alternatives import cause_of
 from estimators.discrepancy.search.holdout import HoldOutResult
 from estimators.discrepancy.search.result import EQUIVALENT
-from estimators.discrepancy.search.stepwise import _Accepted
 
 
 class _Fit(SimpleNamespace):
@@ -103,7 +103,7 @@ def test_only_models_of_one_effect_with_more_evidence_count() -> None:
     pair = SimpleNamespace(candidates=(Candidate(effect="grade"), Candidate(effect="bank")))
     weak, strong = _fit("grade", 0.0), _fit("payload", 0.0)
     others = ((weak, 9.0), (strong, 11.0), (pair, 30.0))
-    taken = _Accepted(_fit("bank", 0.0), [1.0], refused=False, evidence=10.0, others=others)
+    taken = Accepted(_fit("bank", 0.0), [1.0], refused=False, evidence=10.0, others=others)
     assert taken.stronger == (strong,)
     assert taken._replace(fit=None).stronger == ()
 
@@ -136,9 +136,8 @@ def test_an_alternative_needs_what_a_first_effect_needs(
 ) -> None:
     """Evidence of 8 in all, and no contradiction by windows apart, where there are any."""
     result = None if gain is None else HoldOutResult(gain=gain, expected=5.0, deviation=3.0)
-    monkeypatch.setattr(stepwise, "score_threshold", lambda first, rate: 4.0)
-    monkeypatch.setattr(stepwise, "_support", lambda fit, beside, larger: support)
+    monkeypatch.setattr(stepwise, "support_of", lambda fit, beside, larger: support)
     monkeypatch.setattr(stepwise, "replace", lambda fit, **fields: fit)
-    first = SimpleNamespace(fit=SimpleNamespace(noise=None, null=None))
+    nominal = SimpleNamespace(noise=None, null=None)
     test = SimpleNamespace(result=lambda larger: result)
-    assert stepwise._Confirmed(first, test, 0.06)(_fit("steer_lag", 0.0)) is taken
+    assert stepwise._Confirmed(nominal, test, 8.0)(_fit("steer_lag", 0.0)) is taken

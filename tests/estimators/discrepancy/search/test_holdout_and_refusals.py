@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from estimators.discrepancy.model.parameters import Candidate
-from estimators.discrepancy.search import stepwise
-from estimators.discrepancy.search.holdout import HoldOutTest
-from estimators.discrepancy.search.stepwise import _Accepted, _onward
+from estimators.discrepancy.search import acceptance, stepwise
+from estimators.discrepancy.search.acceptance import Accepted, Bars, Refuted, accepted_of
+from estimators.discrepancy.search.holdout import HoldOutResult, HoldOutTest
+from estimators.discrepancy.search.stepwise import _doubted, _onward
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ def test_on_natural_ground_both_models_have_the_noise_of_the_smaller(null, noise
 
 def _search(
     monkeypatch, strongest: float, refused: set[str], *, supported: bool = True
-) -> tuple[_Accepted, list[str]]:
+) -> tuple[Accepted, list[str]]:
     """The next model where effects fall from ``strongest``, null logs stay below 4 and some are refused.
 
     Parameters
@@ -49,17 +50,19 @@ def _search(
         strength = np.array([order[candidate.effect] for candidate in candidates])
         return SimpleNamespace(fit=fit, candidates=tuple(candidates), z=strength)
 
-    def accepted(test: HoldOutTest, trials: list[Fit], bars: object) -> _Accepted:
+    def accepted(test: HoldOutTest, trials: list[Fit], bars: object) -> Accepted:
         (name,) = [candidate.effect for candidate in trials[0].candidates]
         tried.append(name)
         wrong = name in refused
-        return _Accepted(None if wrong else trials[0], [-5.0 if wrong else 5.0], refused=wrong and supported)
+        against = (Refuted(trials[0], 40.0),) if wrong else ()
+        gain = -5.0 if wrong else 5.0
+        return Accepted(None if wrong else trials[0], [gain], refused=wrong and supported, refuted=against)
 
     monkeypatch.setattr(stepwise, "refined_places", lambda last, *_: last)
     monkeypatch.setattr(stepwise, "fits_from_stated", lambda *_, **__: [])
     monkeypatch.setattr(stepwise, "score_threshold", lambda *_: 4.0)
     monkeypatch.setattr(stepwise, "score_test", scores)
-    monkeypatch.setattr(stepwise, "_accepted", accepted)
+    monkeypatch.setattr(stepwise, "accepted_of", accepted)
     monkeypatch.setattr(
         stepwise, "_larger", lambda last, *_: [Fit(None, "", (one,)) for one in last.candidates]
     )
@@ -74,6 +77,7 @@ def test_after_a_refusal_that_no_null_log_has_the_next_best_explanation_is_teste
     assert found.fit.candidates[0].effect == "b"
     assert found.rejected == {"a"}
     assert not found.refused
+    assert found.refuted == ()
 
 
 @pytest.mark.parametrize(("wrong", "found", "tried"), [("a", "b", "ab"), ("abcde", None, "abc")])
@@ -100,6 +104,7 @@ def test_no_more_than_three_explanations_are_tested(monkeypatch):
     found, tried = _search(monkeypatch, 9.0, set("abcde"))
     assert tried == ["a", "b", "c"]
     assert (found.fit, found.refused) == (None, True)
+    assert ["".join(c.effect for c in one.fit.candidates) for one in found.refuted] == ["a", "b", "c"]
 
 
 @pytest.mark.parametrize(
@@ -112,10 +117,10 @@ def test_of_two_effects_that_are_refused_together_the_stronger_is_tested_alone(
     """One may be certain, and the other too small. Null logs have such a score: it is no discrepancy."""
     names: list[str] = []
 
-    def accepted(test: HoldOutTest, trials: list[Fit], bars: object) -> _Accepted:
+    def accepted(test: HoldOutTest, trials: list[Fit], bars: object) -> Accepted:
         name = "".join(candidate.effect for candidate in trials[0].candidates)
         names.append(name)
-        return _Accepted(None if name in refused else trials[0], [5.0], refused=name == "ab")
+        return Accepted(None if name in refused else trials[0], [5.0], refused=name == "ab")
 
     def larger(
         last: SimpleNamespace, bar: float, test: HoldOutTest, begun: list[Fit], singly: bool
@@ -125,7 +130,7 @@ def test_of_two_effects_that_are_refused_together_the_stronger_is_tested_alone(
     monkeypatch.setattr(stepwise, "refined_places", lambda last, *_: last)
     monkeypatch.setattr(stepwise, "fits_from_stated", lambda *_, **__: [])
     monkeypatch.setattr(stepwise, "score_threshold", lambda *_: 4.0)
-    monkeypatch.setattr(stepwise, "_accepted", accepted)
+    monkeypatch.setattr(stepwise, "accepted_of", accepted)
     monkeypatch.setattr(stepwise, "_larger", larger)
     nominal = Fit(None, "")
     both = tuple(Candidate(effect=name) for name in "ab")
@@ -135,3 +140,47 @@ def test_of_two_effects_that_are_refused_together_the_stronger_is_tested_alone(
     assert ("".join(one.effect for one in result.fit.candidates) if result.fit else None) == found
     # What the fitted windows supported remains, where nothing else is found.
     assert result.refused == (found is None)
+
+
+@pytest.mark.parametrize(
+    ("gain", "support", "refuted", "refused"),
+    [
+        (-30.0, 60.0, True, True),  # 41 in all, where 8 make an effect and 32 are left for it
+        (-30.0, 50.0, False, True),  # 31
+        (-30.0, 7.0, False, False),
+        (0.5, 60.0, False, False),  # confirmed
+    ],
+)
+def test_a_model_is_kept_for_which_far_more_speaks_than_an_effect_needs(
+    monkeypatch, gain: float, support: float, refuted: bool, refused: bool
+) -> None:
+    result = HoldOutResult(gain=gain, expected=20.0, deviation=8.0)
+    larger = Fit(None, "", (Candidate(effect="payload"),))
+    monkeypatch.setattr(acceptance, "settled", lambda fit, fresh: fit)
+    monkeypatch.setattr(acceptance, "support_of", lambda *_: support)
+    test = SimpleNamespace(fit=Fit(None, ""), result=lambda model: result)
+    found = accepted_of(test, [larger], Bars(4.0, 4.0))
+    assert [one.fit for one in found.refuted] == ([larger] if refuted else [])
+    assert found.refused is refused
+    assert (found.fit is larger) is (gain > 0.0)
+
+
+@pytest.mark.parametrize(
+    ("names", "together", "places"),
+    [("ab", False, (1,)), ("bca", False, (0, 1)), ("ab", True, ()), ("a", False, ())],
+)
+def test_in_doubt_are_effects_that_came_after_what_is_certain(
+    names: str, together: bool, places: tuple[int, ...]
+) -> None:
+    def fit(effects: str) -> Fit:
+        return Fit(None, "", tuple(Candidate(effect=name) for name in effects))
+
+    class Certain:
+        fit: Fit
+
+        def __call__(self, larger: Fit) -> bool:
+            return together
+
+    certain = Certain()
+    certain.fit = fit("a")
+    assert _doubted(fit(names), certain) == places

@@ -16,6 +16,7 @@ from estimators.discrepancy.model.problem import LeastSquaresProblem
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.search import lower_minimum as lower_minimum_module
 from estimators.discrepancy.search import stepwise
+from estimators.discrepancy.search.acceptance import Accepted
 from estimators.discrepancy.search.lower_minimum import begun_again, exponents, lower_minimum
 from estimators.discrepancy.search.refitting import refit
 from offroad_env.errors import SolverFailure
@@ -150,7 +151,7 @@ def test_a_search_begins_again_from_the_better_minimum(sound, monkeypatch):
     def first_accepted(test, last, bar, rate, wide):
         begun.append(last.fit)
         if len(begun) == 1:
-            return stepwise._Accepted(larger, [1.0], refused=False)
+            return Accepted(larger, [1.0], refused=False)
         assert wide
         return onward(test, last, bar, rate, wide)
 

@@ -178,7 +178,7 @@ def test_a_discrepancy_remains_where_the_hold_out_test_refuses_a_significant_eff
     )
     cause = Cause(alternatives=(rival,), likelihood_ratio=50.0, p_value=1e-6)
     kept, refused = (
-        SimpleNamespace(refused=own, capped=False, strayed=(), beyond_null_logs=False)
+        SimpleNamespace(refused=own, capped=False, strayed=(), doubted=(), beyond_null_logs=False)
         for own in (False, True)
     )
     incomplete = VehicleDiagnosis(causes=(cause,), search=refused)
@@ -238,11 +238,11 @@ def test_a_search_goes_on_where_its_first_choice_does_not_hold_once_it_is_fitted
     def accepted(test, trials, bars):
         holds = trials[0].candidates[0].effect == "steer_lag"
         fit, gains = (trials[0], [5.0]) if holds else (None, [])
-        return search_module._Accepted(fit, gains, refused=False)
+        return search_module.Accepted(fit, gains, refused=False)
 
     monkeypatch.setattr(search_module, "_larger", larger)
     monkeypatch.setattr(search_module, "fits_from_stated", lambda *_, **__: [])
-    monkeypatch.setattr(search_module, "_accepted", accepted)
+    monkeypatch.setattr(search_module, "accepted_of", accepted)
     monkeypatch.setattr(search_module, "refined_places", lambda last, bar, near: last)
     monkeypatch.setattr(search_module, "score_threshold", lambda last, rate: 3.0)
     monkeypatch.setattr(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimators.discrepancy.model.parameters import Candidate
-from estimators.discrepancy.search.stepwise import _support
+from estimators.discrepancy.search.acceptance import support_of
 
 #: Null simulations that scatter along the first row with a variance of 4, along the second with 9.
 _NULL = np.array([[2.0, -2.0, 2.0, -2.0], [3.0, 3.0, -3.0, -3.0]])
@@ -51,9 +51,9 @@ def test_a_gain_is_divided_by_the_scatter_beside_the_noise_in_which_it_was_gaine
     nominal = model(9055.0, {}, (0.0, 0.0))
     trial = model(8969.0, {"torque_scale": (-0.155, 0.0277)}, (0.0, 5.0), inflation=4.4)
     settled = model(9300.0, {"torque_scale": (-0.177, 0.0317)}, (0.0, 5.0), inflation=27.0)
-    assert _support(nominal, trial, settled) == pytest.approx(0.5 * (0.177 / 0.0317) ** 2)
+    assert support_of(nominal, trial, settled) == pytest.approx(0.5 * (0.177 / 0.0317) ** 2)
     less = model(9044.0, {"torque_scale": (-0.155, 0.0277)}, (0.0, 5.0), inflation=4.4)
-    assert _support(nominal, less, settled) == 11.0 / 4.4
+    assert support_of(nominal, less, settled) == 11.0 / 4.4
 
 
 @pytest.mark.parametrize(("residual", "variance"), [((7.0, 0.0), 4.0), ((0.0, 7.0), 9.0), ((1.0, 1.0), 6.5)])
@@ -62,21 +62,21 @@ def test_an_effect_that_makes_the_ground_scatter_more_keeps_its_evidence(residua
     nominal = model(9000.0, {}, (0.0, 0.0))
     trial = model(8941.5, {"bulldozing": (8.3e4, 1.2e4)}, residual, inflation=11.6)
     settled = model(9100.0, {"bulldozing": (9.2e4, 3.3e4)}, residual)
-    assert _support(nominal, trial, settled) == pytest.approx(58.5 / variance)
+    assert support_of(nominal, trial, settled) == pytest.approx(58.5 / variance)
 
 
 def test_what_the_numbers_of_the_smaller_model_can_take_away_does_not_count():
     """Beside a large effect they move, and the ground scatters most along them."""
     nominal = model(9055.0, {}, (0.0, 0.0), nuisance=(0.0, 2.0))
     larger = model(8969.0, {"rut_drag": (6e3, 6e3)}, (1.0, 20.0))
-    assert _support(nominal, larger, larger) == pytest.approx(86.0 / 4.0)
+    assert support_of(nominal, larger, larger) == pytest.approx(86.0 / 4.0)
 
 
 def test_the_least_of_several_new_effects_decides_and_effects_that_were_there_do_not():
     nominal = model(9000.0, {"payload": (0.1, 0.1)}, (0.0, 0.0))
     sizes = {"payload": (0.1, 0.1), "grade": (0.04, 0.01), "bank": (0.09, 0.01)}
     larger = model(8900.0, sizes, (5.0, 0.0))
-    assert _support(nominal, larger, larger) == pytest.approx(8.0)
+    assert support_of(nominal, larger, larger) == pytest.approx(8.0)
 
 
 @pytest.mark.parametrize(
@@ -93,4 +93,4 @@ def test_a_number_that_returns_from_beyond_any_tolerance_is_evidence_that_no_sca
 ):
     nominal = model(9000.0, {}, (0.0, 0.0), number=number, effect=effect)
     larger = model(8999.0, {"payload": (0.3, 1.0)}, (7.0, 0.0), inflation=100.0, number=1.0)
-    assert _support(nominal, larger, larger) == pytest.approx(0.25 + evidence)
+    assert support_of(nominal, larger, larger) == pytest.approx(0.25 + evidence)
