@@ -216,12 +216,12 @@ class Diagnosis(ABC):
         A number beyond its own tolerance undoes what the effect does.
         """
         search = self.search
-        if search is None or not (self.causes and (search.strayed or search.doubted)):
+        if search is None or not (self.causes and (search.strayed or search.uncertain)):
             return self.physical
         numbers = search.extended.problem.nuisances
         undone = {number.effect for number in numbers if number.name in search.strayed}
         wrong = [
-            k in search.doubted or cause.best.candidate.effect in undone
+            k in search.uncertain or cause.best.candidate.effect in undone
             for k, cause in enumerate(self.causes)
         ]
         return tuple(one and not bad for one, bad in zip(self.physical, wrong, strict=True))

@@ -321,7 +321,7 @@ def test_a_robust_flag_is_down_where_the_possible_soils_are_wider_than_a_share_o
 
 def diagnosis(solver=0.01, strongest=2.0, **parts):
     search = SimpleNamespace(
-        first=SimpleNamespace(z=np.array([strongest])), refused=False, capped=False, strayed=(), doubted=()
+        first=SimpleNamespace(z=np.array([strongest])), refused=False, capped=False, strayed=(), uncertain=()
     )
     checks = RigChecks(
         solver=solver, gate=(), converged=True, threshold=3.0, trials=9, left_out=0, conditions={"search": 3}
@@ -346,7 +346,7 @@ def test_a_log_tests_the_library_if_it_would_show_half_of_it(lost, verdict):
 
 def test_a_larger_model_that_the_hold_out_test_refused_is_not_used():
     search = SimpleNamespace(
-        extended="larger", nominal="nominal", refused=False, capped=False, strayed=(), doubted=()
+        extended="larger", nominal="nominal", refused=False, capped=False, strayed=(), uncertain=()
     )
     assert VehicleDiagnosis(search=search).model == "nominal"
     cause = SimpleNamespace(alternatives=(1,))
@@ -360,7 +360,7 @@ def test_a_model_holds_the_causes_that_are_named_and_no_others():
         refused=True,
         capped=False,
         strayed=(),
-        doubted=(),
+        uncertain=(),
         beyond_null_logs=False,
         threshold=3.0,
         last=SimpleNamespace(z=np.array([5.0])),
@@ -379,7 +379,7 @@ def test_a_score_beyond_null_logs_that_the_hold_out_test_refuses_leaves_a_discre
     found = [
         VehicleDiagnosis(
             search=SimpleNamespace(
-                refused=refused, capped=False, strayed=(), doubted=(), beyond_null_logs=True
+                refused=refused, capped=False, strayed=(), uncertain=(), beyond_null_logs=True
             )
         )
         for refused in (True, False)
@@ -391,7 +391,7 @@ def test_a_score_beyond_null_logs_that_the_hold_out_test_refuses_leaves_a_discre
 def test_effects_that_are_refused_or_one_too_many_leave_a_discrepancy(refused, capped):
     last = SimpleNamespace(z=np.array([-5.0, 2.0]))
     search = SimpleNamespace(
-        refused=refused, capped=capped, strayed=(), doubted=(), last=last, beyond_null_logs=False
+        refused=refused, capped=capped, strayed=(), uncertain=(), last=last, beyond_null_logs=False
     )
     log = SimpleNamespace(rig=True)  # no vehicle that bounds the sizes
     parts = {"logs": (log,), "search": search, "causes": (SimpleNamespace(alternatives=(1,)),)}
@@ -406,14 +406,14 @@ def test_effects_that_are_refused_or_one_too_many_leave_a_discrepancy(refused, c
 
 def test_a_number_that_no_tolerance_explains_is_a_discrepancy_where_nothing_is_found():
     search = {"refused": False, "capped": False, "beyond_null_logs": False}
-    found = VehicleDiagnosis(search=SimpleNamespace(**search, strayed=("shear_moduli",), doubted=()))
+    found = VehicleDiagnosis(search=SimpleNamespace(**search, strayed=("shear_moduli",), uncertain=()))
     assert found.verdict is Verdict.UNEXPLAINED
     found = replace(
-        found, search=SimpleNamespace(**search, strayed=("shear_moduli",), doubted=(), first=None)
+        found, search=SimpleNamespace(**search, strayed=("shear_moduli",), uncertain=(), first=None)
     )
     assert "beyond any tolerance of theirs (shear moduli)" in _discrepancy_phrase(found, (), ())
     assert (
-        VehicleDiagnosis(search=SimpleNamespace(**search, strayed=(), doubted=())).verdict
+        VehicleDiagnosis(search=SimpleNamespace(**search, strayed=(), uncertain=())).verdict
         is Verdict.NO_EFFECT
     )
 
@@ -446,7 +446,7 @@ def named(found, remaining=0.0):
         refused=False,
         capped=False,
         strayed=(),
-        doubted=(),
+        uncertain=(),
         beyond_null_logs=False,
         threshold=3.0,
     )
@@ -461,7 +461,9 @@ def named(found, remaining=0.0):
 def test_no_cause_is_certain_that_a_number_undoes_beyond_its_own_tolerance(effect, kept):
     number = SimpleNamespace(name="shear_moduli", effect="shear_modulus")
     problem = SimpleNamespace(nuisances=[number])
-    search = SimpleNamespace(extended=SimpleNamespace(problem=problem), strayed=("shear_moduli",), doubted=())
+    search = SimpleNamespace(
+        extended=SimpleNamespace(problem=problem), strayed=("shear_moduli",), uncertain=()
+    )
     cause = SimpleNamespace(best=SimpleNamespace(candidate=SimpleNamespace(effect=effect)))
     found = VehicleDiagnosis(logs=(SimpleNamespace(rig=True),), search=search, causes=(cause,))
     assert found.identifiable == (kept,)
@@ -469,7 +471,7 @@ def test_no_cause_is_certain_that_a_number_undoes_beyond_its_own_tolerance(effec
 
 def test_no_cause_is_certain_that_windows_apart_contradict():
     problem = SimpleNamespace(nuisances=[])
-    search = SimpleNamespace(extended=SimpleNamespace(problem=problem), strayed=(), doubted=(1,))
+    search = SimpleNamespace(extended=SimpleNamespace(problem=problem), strayed=(), uncertain=(1,))
     cause = SimpleNamespace(best=SimpleNamespace(candidate=SimpleNamespace(effect="payload")))
     found = VehicleDiagnosis(logs=(SimpleNamespace(rig=True),), search=search, causes=(cause,) * 3)
     assert found.identifiable == (True, False, True)

@@ -114,7 +114,7 @@ class SearchResult:
     strayed: tuple[str, ...] = ()
     causes: tuple[Cause, ...] = ()
     #: Places of causes for which far more speaks than an effect needs, and that windows apart contradict.
-    doubted: tuple[int, ...] = ()
+    uncertain: tuple[int, ...] = ()
 
     def score_of(self, change: np.ndarray) -> np.ndarray:
         """Change of the last scores (C,), in standard deviations, by a change of the residuals (M,)."""

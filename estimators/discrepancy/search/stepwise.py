@@ -290,10 +290,10 @@ def search(
         fit, test = last.fit, test.onward(larger) if same else HoldOutTest(larger, apart)
         bar = score_threshold(last, rate)
     enough = 0.5 * score_threshold(first, _CONFIRMED * rate) ** 2
-    doubted: tuple[int, ...] = ()
+    uncertain: tuple[int, ...] = ()
     if certain is not None:
-        doubted = _doubted(fit, _Confirmed(certain, HoldOutTest(certain, apart), enough))
-    refused |= bool(doubted)
+        uncertain = _uncertain(fit, _Confirmed(certain, HoldOutTest(certain, apart), enough))
+    refused |= bool(uncertain)
     fit, causes = _causes(fit, last, first, _Confirmed(first.fit, begin, enough), stronger)
     return SearchResult(
         nominal=first.fit,
@@ -307,7 +307,7 @@ def search(
         beyond_null_logs=refused and float(np.abs(first.z).max()) > score_threshold(first, _BEYOND),
         strayed=tuple(strayed(fit, LEFT if fit.candidates else IMPOSSIBLE)),
         causes=causes,
-        doubted=doubted,
+        uncertain=uncertain,
     )
 
 
@@ -330,7 +330,7 @@ class _Confirmed:
         return result is None or confirmed(result, support_of(self.fit, beside, larger), self._enough)
 
 
-def _doubted(fit: FitResult, confirmed: _Confirmed) -> tuple[int, ...]:
+def _uncertain(fit: FitResult, confirmed: _Confirmed) -> tuple[int, ...]:
     """Places of effects that windows apart contradict, also all of them together."""
     known = {candidate.effect for candidate in confirmed.fit.candidates}
     new = tuple(k for k, candidate in enumerate(fit.candidates) if candidate.effect not in known)
@@ -375,7 +375,7 @@ def without_cause(
     scores = score_test(smaller, outside(smaller, others))
     smaller, causes = _causes(smaller, scores, first, confirmed, ())
     last = score_test(smaller, outside(smaller, first.candidates))
-    away, doubted = tuple(strayed(smaller, LEFT)), [keep.index(k) for k in found.doubted if k in keep]
+    away, uncertain = tuple(strayed(smaller, LEFT)), [keep.index(k) for k in found.uncertain if k in keep]
     return replace(
         found,
         extended=smaller,
@@ -384,7 +384,7 @@ def without_cause(
         refused=True,
         capped=False,
         strayed=away,
-        doubted=tuple(doubted),
+        uncertain=tuple(uncertain),
     )
 
 

@@ -55,7 +55,7 @@ def _cause(*effects: str, families: tuple[str, ...]) -> CauseSummary:
 
 def test_one_family_is_named_before_its_variants_and_several_are_not():
     diagnosis = VehicleDiagnosis(
-        search=SimpleNamespace(refused=False, capped=False, strayed=(), doubted=()),
+        search=SimpleNamespace(refused=False, capped=False, strayed=(), uncertain=()),
         checks=SimpleNamespace(overlap=0.0),
     )
     one = _cause("steer_delay", "steer_lag", families=("late steering",))

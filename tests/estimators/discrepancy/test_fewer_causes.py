@@ -25,9 +25,9 @@ def test_without_a_cause_the_other_is_fitted_and_something_remains(left_out):
     found = search(fit_runs(parts[FIT]), ("steer_gain", "torque_scale"), SCREEN_RATE, parts[SELECT])
     assert {cause.best.candidate.effect for cause in found.causes} == {"steer_gain", "torque_scale"}
     gone, kept = (found.extended.candidates[k].effect for k in (left_out, 1 - left_out))
-    found = replace(found, doubted=(1,))
+    found = replace(found, uncertain=(1,))
     fewer = without_cause(found, left_out, parts[SELECT], SCREEN_RATE)
-    assert fewer.doubted == ((0,) if left_out == 0 else ())
+    assert fewer.uncertain == ((0,) if left_out == 0 else ())
     assert [cause.best.candidate.effect for cause in fewer.causes] == [kept]
     assert [candidate.effect for candidate in fewer.extended.candidates] == [kept]
     assert fewer.extended.minus_log_likelihood > found.extended.minus_log_likelihood

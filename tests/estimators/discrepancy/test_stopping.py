@@ -167,7 +167,7 @@ def _stop(**effects: float) -> Stop:
 
 def test_a_drive_without_an_error_that_ends_stuck_has_one(monkeypatch):
     quiet = VehicleDiagnosis(
-        search=SimpleNamespace(refused=False, capped=False, strayed=(), doubted=(), causes=())
+        search=SimpleNamespace(refused=False, capped=False, strayed=(), uncertain=(), causes=())
     )
     for name in ("inaccurate", "misled", "overlapping", "incomplete"):
         monkeypatch.setattr(VehicleDiagnosis, name, False)

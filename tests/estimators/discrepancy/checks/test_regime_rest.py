@@ -58,7 +58,7 @@ def test_a_significant_rest_takes_the_certainty_from_a_name_that_it_resembles():
     cause = SimpleNamespace(alternatives=(None,))
     first = SimpleNamespace(z=np.array([9.0]))
     search = SimpleNamespace(
-        refused=False, capped=False, strayed=(), doubted=(), beyond_null_logs=False, first=first
+        refused=False, capped=False, strayed=(), uncertain=(), beyond_null_logs=False, first=first
     )
     checks = SimpleNamespace(overlap=0.0, solver=0.0, converged=True)
     plain = VehicleDiagnosis(search=search, checks=checks, causes=(cause,))
@@ -88,7 +88,7 @@ def test_the_sentence_says_what_is_not_noise():
         named=True, joint=None, families=(), members=(SimpleNamespace(phrase="the steering acts late"),)
     )
     diagnosis = VehicleDiagnosis(
-        search=SimpleNamespace(refused=False, capped=False, strayed=(), doubted=()),
+        search=SimpleNamespace(refused=False, capped=False, strayed=(), uncertain=()),
         checks=SimpleNamespace(overlap=0.0),
         causes=(SimpleNamespace(alternatives=(None,)),),
         rests=(_rest(0.0, 0.9),),

@@ -67,7 +67,7 @@ def test_a_search_says_that_it_stopped_at_the_most_effects_of_a_model(biased, mo
 
 @pytest.mark.parametrize("together", [True, False])
 def test_an_effect_that_windows_apart_contradict_is_a_step_and_no_end(biased, monkeypatch, together):
-    """Of two effects that they confirm one alone may be contradicted; else it is a cause in doubt."""
+    """Of two effects that they confirm one alone may be contradicted; else it is an uncertain cause."""
     fit, apart = biased
     larger, other = (refit(fit, [Candidate(effect=f"accel_bias_{one}")], [BIAS]) for one in "yx")
     refuted = (Refuted(other, 40.0), Refuted(larger, 50.0))
@@ -85,7 +85,7 @@ def test_an_effect_that_windows_apart_contradict_is_a_step_and_no_end(biased, mo
     assert [cause.best.candidate.effect for cause in found.causes] == ["accel_bias_y"]
     assert found.holdout_gains == (-5.0,)
     assert found.refused is not together
-    assert found.doubted == (() if together else (0,))
+    assert found.uncertain == (() if together else (0,))
 
 
 def test_a_true_effect_gains_what_is_expected(biased):

@@ -10,7 +10,7 @@ from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.search import acceptance, stepwise
 from estimators.discrepancy.search.acceptance import Accepted, Bars, Refuted, accepted_of
 from estimators.discrepancy.search.holdout import HoldOutResult, HoldOutTest
-from estimators.discrepancy.search.stepwise import _doubted, _onward
+from estimators.discrepancy.search.stepwise import _onward, _uncertain
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def test_a_model_is_kept_for_which_far_more_speaks_than_an_effect_needs(
     ("names", "together", "places"),
     [("ab", False, (1,)), ("bca", False, (0, 1)), ("ab", True, ()), ("a", False, ())],
 )
-def test_in_doubt_are_effects_that_came_after_what_is_certain(
+def test_uncertain_are_effects_that_came_after_what_is_certain(
     names: str, together: bool, places: tuple[int, ...]
 ) -> None:
     def fit(effects: str) -> Fit:
@@ -183,4 +183,4 @@ def test_in_doubt_are_effects_that_came_after_what_is_certain(
 
     certain = Certain()
     certain.fit = fit("a")
-    assert _doubted(fit(names), certain) == places
+    assert _uncertain(fit(names), certain) == places

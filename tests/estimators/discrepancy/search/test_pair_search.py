@@ -178,7 +178,7 @@ def test_a_discrepancy_remains_where_the_hold_out_test_refuses_a_significant_eff
     )
     cause = Cause(alternatives=(rival,), likelihood_ratio=50.0, p_value=1e-6)
     kept, refused = (
-        SimpleNamespace(refused=own, capped=False, strayed=(), doubted=(), beyond_null_logs=False)
+        SimpleNamespace(refused=own, capped=False, strayed=(), uncertain=(), beyond_null_logs=False)
         for own in (False, True)
     )
     incomplete = VehicleDiagnosis(causes=(cause,), search=refused)
