@@ -63,6 +63,15 @@ class Accepted(NamedTuple):
     refuted: tuple[Refuted, ...] = ()  #: those for which far more speaks than an effect needs, in all
 
     @property
+    def step(self) -> FitResult | None:
+        """The model from which a search goes on, or None.
+
+        Windows apart may contradict one of two effects that they confirm together.
+        """
+        best = max(self.refuted, key=lambda one: one.evidence, default=None)
+        return best.fit if self.fit is None and best is not None else self.fit
+
+    @property
     def stronger(self) -> tuple[FitResult, ...]:
         """Models of one effect that windows apart reject and that have more evidence in all nevertheless."""
         pairs = self.others if self.fit is not None else ()

@@ -263,18 +263,15 @@ def search(
     fit, refused, gains = first.fit, False, list[float]()
     stronger: tuple[FitResult, ...] = ()
     begin = test = HoldOutTest(fit, apart)
-    certain: FitResult | None = None
+    certain: HoldOutTest | None = None
     while len(fit.candidates) < MOST:
         accepted = _onward(test, last, bar, rate, wide)
-        refused, gains = accepted.refused, gains + accepted.gains
-        next_one = accepted.fit
-        if next_one is None and accepted.refuted:
-            # Windows apart may contradict one of two effects that they confirm together.
-            next_one, certain = max(accepted.refuted, key=lambda one: one.evidence).fit, certain or fit
-            refused = False
-        if next_one is None:
+        step, gains = accepted.step, gains + accepted.gains
+        refused = accepted.refused and step is None
+        if step is None:
             break
-        larger = begun_again(next_one)
+        certain = certain or (HoldOutTest(fit, apart) if accepted.fit is None else None)
+        larger = begun_again(step)
         lower = lower_minimum(fit, larger, bar) if restarts else None
         if lower is not None and not lower.candidates:
             return search(lower, library, rate, apart, restarts=restarts - 1, wide=wide)
@@ -289,13 +286,7 @@ def search(
         same = larger is accepted.fit
         fit, test = last.fit, test.onward(larger) if same else HoldOutTest(larger, apart)
         bar = score_threshold(last, rate)
-    enough = 0.5 * score_threshold(first, _CONFIRMED * rate) ** 2
-    uncertain: tuple[int, ...] = ()
-    if certain is not None:
-        uncertain = _uncertain(fit, _Confirmed(certain, HoldOutTest(certain, apart), enough))
-    refused |= bool(uncertain)
-    fit, causes = _causes(fit, last, first, _Confirmed(first.fit, begin, enough), stronger)
-    return SearchResult(
+    found = SearchResult(
         nominal=first.fit,
         extended=fit,
         first=first,
@@ -304,6 +295,38 @@ def search(
         holdout_gains=tuple(gains),
         refused=refused,
         capped=len(fit.candidates) == MOST and float(np.abs(last.z).max(initial=0.0)) > bar,
+    )
+    return _with_causes(found, rate, begin, certain, stronger)
+
+
+def _with_causes(
+    found: SearchResult,
+    rate: float,
+    begin: HoldOutTest,
+    certain: HoldOutTest | None,
+    stronger: Sequence[FitResult],
+) -> SearchResult:
+    """The result with its causes, and which of them windows apart contradict.
+
+    Parameters
+    ----------
+    rate
+        As that of `search`.
+    begin, certain
+        Tests of models that are larger than the nominal one, and than the last that windows apart confirm
+        before they contradict one; None if they contradict none.
+    stronger
+        As of `_causes`.
+    """
+    fit, first = found.extended, found.first
+    enough = 0.5 * score_threshold(first, _CONFIRMED * rate) ** 2
+    uncertain = () if certain is None else _uncertain(fit, _Confirmed(certain.fit, certain, enough))
+    refused = found.refused or bool(uncertain)
+    fit, causes = _causes(fit, found.last, first, _Confirmed(first.fit, begin, enough), stronger)
+    return replace(
+        found,
+        extended=fit,
+        refused=refused,
         beyond_null_logs=refused and float(np.abs(first.z).max()) > score_threshold(first, _BEYOND),
         strayed=tuple(strayed(fit, LEFT if fit.candidates else IMPOSSIBLE)),
         causes=causes,
