@@ -133,10 +133,11 @@ def _limits_in(log: Log, names: Sequence[str], sizes: Sequence[float]) -> list[f
 
 
 def limits_beside(pair: str, multiple: float, seed: int, *, known: Mapping[int, Numbers]) -> Numbers:
-    """Limits of two causes in the drive that has both at this multiple of them.
+    """Limits of two causes in the drive that has both at twice these, for a log at this multiple of them.
 
     Beside another cause one shows less: the drive is another one, and part of what it does the other may do.
-    None where no vehicle can have both, or where one never shows so much.
+    None where no vehicle can have both, where one never shows twice its limit, or where one shows less than
+    its limit at the multiple: what stops a vehicle leaves nothing that shows the other.
 
     Parameters
     ----------
@@ -145,21 +146,31 @@ def limits_beside(pair: str, multiple: float, seed: int, *, known: Mapping[int, 
     known
         Seed -> `limits_of` it: limits of each cause alone, from which it begins.
     """
-    case, names = natural_case(seed), pair.split("+")
-    limits = [known[seed]["limits"][name] for name in names]
-    try:
-        for _ in range(_ROUNDS):
-            there = {seed: known[seed] | {"limits": dict(zip(names, limits, strict=True))}}
-            if not all(possible(name, multiple, seed, there) for name in names):
-                break
-            sizes = [_size(name, multiple * limit, seed) for name, limit in zip(names, limits, strict=True)]
-            own = _limits_in(_with_both(case, names, sizes), names, sizes)
-            if all(one <= (1.0 + _CLOSE) * limit for one, limit in zip(own, limits, strict=True)):
-                return {"limits": limits}
-            limits = [max(pair) for pair in zip(own, limits, strict=True)]
-    except OffroadError as error:
-        return {"limits": None, "failed": str(error)}
+    limits = {name: float(known[seed]["limits"][name]) for name in pair.split("+")}
+    for _ in range(_ROUNDS):
+        own = _own_limits(limits, 2.0, seed, known)
+        if own is None:
+            break
+        if all(own[name] <= (1.0 + _CLOSE) * limit for name, limit in limits.items()):
+            there = own if multiple == 2.0 else _own_limits(limits, multiple, seed, known)
+            shown = there is not None and all(there[name] <= multiple * limits[name] for name in limits)
+            return {"limits": [*limits.values()] if shown else None}
+        limits = {name: max(own[name], limit) for name, limit in limits.items()}
     return {"limits": None}
+
+
+def _own_limits(
+    limits: Mapping[str, float], multiple: float, seed: int, known: Mapping[int, Numbers]
+) -> dict[str, float] | None:
+    """Limits in the drive that has both causes at this multiple of ``limits``; None where there is none."""
+    if not all(possible(name, multiple, seed, {seed: known[seed] | {"limits": limits}}) for name in limits):
+        return None
+    sizes = [_size(name, multiple * limit, seed) for name, limit in limits.items()]
+    try:
+        own = _limits_in(_with_both(natural_case(seed), [*limits], sizes), [*limits], sizes)
+    except OffroadError:
+        return None
+    return dict(zip(limits, own, strict=True))
 
 
 def _with_both(case: Case, names: Sequence[str], sizes: Sequence[float]) -> Log:

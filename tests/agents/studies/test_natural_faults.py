@@ -129,6 +129,31 @@ def test_two_causes_have_their_limits_in_the_drive_with_both(monkeypatch, own, f
     assert one_log._CLOSE == 0.1
 
 
+@pytest.mark.parametrize(
+    ("large", "largest", "found"),
+    [
+        ([0.34, 0.13], 1.0, [0.05, 0.02]),  # both show more than their limit
+        ([0.36, 0.13], 1.0, None),
+        ([0.34, math.inf], 1.0, None),  # one is stuck
+        ([0.0, 0.0], 0.38, None),  # seven times the limit no vehicle can have
+    ],
+)
+def test_large_causes_have_limits_of_twice_and_each_must_show(monkeypatch, large, largest, found):
+    drives: list[tuple[float, ...]] = []
+
+    def limits_in(log, names, sizes):
+        drives.append(tuple(map(abs, sizes)))
+        return large if len(drives) > 1 else [0.05, 0.02]
+
+    monkeypatch.setattr(one_log, "natural_case", lambda seed: SimpleNamespace(seed=seed))
+    monkeypatch.setattr(one_log, "_with_both", lambda case, names, sizes: None)
+    monkeypatch.setattr(one_log, "_limits_in", limits_in)
+    known = {1: _known({"payload": 0.05, "steer_gain": 0.02}, largest)}
+    assert one_log.limits_beside("payload+steer_gain", 7.0, 1, known=known) == {"limits": found}
+    assert drives[0] == pytest.approx((0.1, 0.04))
+    assert len(drives) == (2 if largest == 1.0 else 1)
+
+
 def test_a_log_with_two_causes_has_sizes_by_their_limits_beside_each_other(monkeypatch):
     made: list[tuple[float, ...]] = []
     monkeypatch.setattr(one_log, "_diagnosed", lambda log, case: {})
