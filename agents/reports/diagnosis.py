@@ -9,14 +9,14 @@ import numpy as np
 
 from agents.reports import diagnosis_figures as figures
 from agents.reports.diagnosis_drive import drive_section, page_verdict
+from agents.reports.diagnosis_structure import structure_section
 from agents.reports.page import Picture, Section, Table, figure_picture, render_page
 from estimators.discrepancy.checks.forecast import Prediction
 from estimators.discrepancy.checks.misfit import WORST
 from estimators.discrepancy.evidence import SEED, Evidence
-from estimators.discrepancy.structure_comparison import StructureComparison, StructureTrial
 from estimators.discrepancy.summary import CauseSummary, DiagnosisSummary, Estimate
 from estimators.discrepancy.verdict import Verdict
-from estimators.discrepancy.wording import open_points, structure_lines
+from estimators.discrepancy.wording import open_points
 from estimators.logs.log import Log
 
 __all__ = ["made_by", "percent", "render_diagnosis"]
@@ -85,6 +85,8 @@ def _unreached(summary: DiagnosisSummary) -> str:
     if summary.verdict is Verdict.OUTSIDE:
         return "Not reached: no model of this kind can be right, or the vehicle is stuck, so none is fitted."
     if summary.comparison is not None and summary.comparison.found:
+        if not summary.comparison.adequate:
+            return "Not judged: neither effects nor another structure predict the runs."
         return (
             "Not judged: the structure of the model is wrong, and effects within it would stand in for that."
         )
@@ -102,48 +104,17 @@ def _verdict(summary: DiagnosisSummary) -> Section:
     notes = [f"Finding: {finding}." for finding in summary.findings]
     notes += [figures.sentence(line) for line in summary.limitations]
     notes += open_points(summary)
+    effects = (Table(heading=heading, rows=tuple(rows), texts=3),) if rows else ()
     if summary.comparison is not None and summary.comparison.found:
-        return _structure(summary, summary.comparison, notes)
+        return structure_section(summary, summary.comparison, effects, notes)
     if not summary.causes and summary.limits:
         notes.append("The score tests list the smallest detectable size of every effect.")
     return Section(
         name="verdict",
         title=f"Verdict: {summary.verdict}",
         sees=figures.raised(summary.sentence),
-        tables=(Table(heading=heading, rows=tuple(rows), texts=3),) if rows else (),
+        tables=effects,
         notes=tuple(notes),
-    )
-
-
-def _structure(summary: DiagnosisSummary, found: StructureComparison, notes: list[str]) -> Section:
-    """Other laws of wheel and soil, or of the vehicle: what each is worth, and the errors by structure."""
-    causes = tuple(
-        (one.id, one.sentence, f"{100.0 * one.gain:.0f} %", f"{one.p_value:.1g}") for one in found.causes
-    )
-    trials = tuple(
-        (
-            one.case.structure,
-            one.case.vehicle_model.replace("_", " "),
-            f"{found.n - found.best.change + one.change:.3f}",
-            *("-" if value is None else f"{value:.3g}" for value in one.pooled),
-        )
-        for one in (found.nominal, *found.trials)
-    )
-    units = [f"{name} [{figures.error_unit(name, set())}]" for name in StructureTrial.channels()]
-    return Section(
-        name="verdict",
-        title=f"Verdict: {summary.verdict}",
-        sees=figures.raised(summary.sentence),
-        tables=(
-            Table(
-                heading=("cause", "what it is", "errors grow without it by", "p-value"), rows=causes, texts=2
-            ),
-            Table(heading=("structure", "vehicle", "n", *units), rows=trials, texts=2),
-        ),
-        notes=(
-            *notes,
-            *(f"{line[0].upper()}{line[1:]}." for line in structure_lines(summary)[len(causes) :]),
-        ),
     )
 
 

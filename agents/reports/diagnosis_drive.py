@@ -17,7 +17,7 @@ _UNDECIDED = (Verdict.NUMERICS, Verdict.NOT_TESTABLE)
 def page_verdict(summary: DiagnosisSummary) -> PageVerdict:
     """Green where the simulation is right, amber where its errors have names, red and grey otherwise."""
     sentence = summary.sentence[:1].upper() + summary.sentence[1:]
-    sentence = sentence if sentence.endswith(".") else f"{sentence}."
+    sentence = sentence if sentence.endswith((".", "?")) else f"{sentence}."
     if summary.verdict is Verdict.NO_EFFECT:
         return PageVerdict(light="good", sentence=sentence)
     if summary.verdict in _UNDECIDED:

@@ -347,8 +347,14 @@ class VehicleDiagnosis(Diagnosis):
 
     @property
     def identifiable(self) -> tuple[bool, ...]:
-        """Of every cause, whether it may be named: as of all logs, and no forecast may become worse."""
-        return (False,) * len(self.causes) if self.misled else super().identifiable
+        """Of every cause, whether it may be named: as of all logs, and no forecast may become worse.
+
+        Nor may another structure predict better, however badly, or as well where something remains.
+        """
+        refuted = self.misled or self.beyond_structures is not None
+        if refuted or (self.rivalled and self.incomplete and not self.crowded):
+            return (False,) * len(self.causes)
+        return super().identifiable
 
     @property
     def significant_rests(self) -> tuple[RegimeRest, ...]:
@@ -416,13 +422,11 @@ class VehicleDiagnosis(Diagnosis):
             return Verdict.NUMERICS
         if self.misled:
             return Verdict.UNEXPLAINED
-        together = self.overlapping or any(self.inadequate)
+        together = self.overlapping or any(self.inadequate) or self.rivalled
         if self.incomplete and not (self.crowded and together):
-            certain = self.named and not self.rivalled
-            return Verdict.NAMED_WITH_REST if certain else Verdict.UNEXPLAINED
+            return Verdict.NAMED_WITH_REST if self.named else Verdict.UNEXPLAINED
         if self.causes:
-            several = together or self.rivalled or self._with_alternatives()
-            return Verdict.ONE_OF if several else Verdict.NAMED
+            return Verdict.ONE_OF if together or self._with_alternatives() else Verdict.NAMED
         return self._without_causes(len(self.limits) + len(self.missing))
 
 

@@ -196,6 +196,7 @@ def test_effects_are_kept_beside_a_structure_that_predicts_badly(found, named, m
     assert diagnosis.causes == named.causes
     assert diagnosis.stand_ins == ()
     assert diagnosis.verdict == verdict
+    assert diagnosis.identifiable == (verdict != "UNEXPLAINED",)
     summary = summarise(diagnosis)
     assert ("another structure predicts as well" in summary.sentence) is (verdict == "ONE OF")
     assert ("no other one that was tried" in summary.sentence) is (verdict == "UNEXPLAINED")
@@ -204,6 +205,12 @@ def test_effects_are_kept_beside_a_structure_that_predicts_badly(found, named, m
     search = replace(diagnosis.search, refused=True)
     rest = replace(diagnosis, search=search, joint=None)
     assert (rest.verdict == "NAMED + UNEXPLAINED REST") is (verdict == "NAMED")
+    assert rest.identifiable == (verdict == "NAMED",)
+    full = replace(diagnosis, search=replace(search, refused=False, capped=True), joint=None)
+    assert (full.verdict == "ONE OF") is (verdict == "ONE OF")
+    page = render_diagnosis(summary, "offroad diagnose run.csv")
+    assert ("part of the best structure" in page) is (verdict == "UNEXPLAINED")
+    assert "?." not in page
 
 
 def test_numbers_within_their_tolerances_do_not_hide_a_wrong_structure(monkeypatch):
