@@ -4,8 +4,8 @@ Soil scatters, the road is unknown, and no number is exactly as stated. Faults h
 another form of the same cause, or are a wrong number of the description, alone or two at once; causes are
 judged by their family. A fault that no vehicle can have, since its size is beyond the physical range that a
 diagnosis holds it to, is left out: the limit of the log is beyond it, too. The limit of a cause is that in
-the drive that has it, and has the other one where there are two. Two are left out where one of them stops the
-vehicle before the other shows.
+the drive that has it, and has the other one where there are two. Two are left out where one of them never
+shows twice its limit, or less than its limit at seven times, as where the other stops the vehicle.
 """
 
 from __future__ import annotations
