@@ -184,3 +184,11 @@ def test_uncertain_are_effects_that_came_after_what_is_certain(
     certain = Certain()
     certain.fit = fit("a")
     assert _uncertain(fit(names), certain) == places
+
+
+def test_a_search_goes_on_from_what_is_confirmed_or_else_from_the_refuted_model_with_most_evidence() -> None:
+    weak, strong, right = (Fit(None, name) for name in ("weak", "strong", "right"))
+    refuted = (Refuted(weak, 40.0), Refuted(strong, 50.0), Refuted(weak, 45.0))
+    assert Accepted(None, [], refused=True, refuted=refuted).step is strong
+    assert Accepted(right, [], refused=False, refuted=refuted).step is right
+    assert Accepted(None, [], refused=True).step is None
