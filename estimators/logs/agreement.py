@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.logs.axle_speeds import always_off, spins_less
-from estimators.logs.immobile import only_spins, stuck_spans
+from estimators.logs.axle_speeds import always_off, one_spins, spins_less
+from estimators.logs.immobile import only_spins
 from estimators.logs.late_steering import steers_late
 from estimators.logs.log import Log
 from estimators.logs.mounting_leaks import Leak, leaks_into_push, leaks_into_turn, without_leaks
@@ -273,7 +273,7 @@ def _judged(
     """A suspect, or None; and whether the others could judge the route at all."""
     witnesses = witnesses_of(others, motion)
     if not witnesses:
-        return _of_two(log, route, others, motion)
+        return _of_two(windows, route, others, motion)
     reference = median_of(witnesses)
     size = reference - np.nanmean(reference) if motion.centred else reference
     if not np.sqrt(np.nanmean(size**2)) > motion.floor:
@@ -402,7 +402,9 @@ def _slides(
     return float(np.mean(np.abs(steer[known]) < most)) > _MOSTLY
 
 
-def _of_two(log: Log, route: Route, others: Sequence[Route], motion: Motion) -> tuple[Suspect | None, bool]:
+def _of_two(
+    windows: Windows, route: Route, others: Sequence[Route], motion: Motion
+) -> tuple[Suspect | None, bool]:
     """Two routes alone: where they contradict each other, either may be wrong."""
     if len(others) != 1:
         return None, False
@@ -413,9 +415,8 @@ def _of_two(log: Log, route: Route, others: Sequence[Route], motion: Motion) -> 
         return None, decided
     wheels = motion is MOTIONS["speed"] and _of(route, _WHEELS) and _of(others[0], _WHEELS)
     if wheels and found.kind == "scale":
-        # One axle may spin, whichever it is; it does before a vehicle gets stuck.
-        pair = (route.values, others[0].values)
-        if stuck_spans(log) or only_spins(np.fmax(*np.abs(pair)), np.fmin(*np.abs(pair))):
+        front, rear = (route, others[0]) if route.channels == _WHEELS[:1] else (others[0], route)
+        if one_spins(windows, front.values, rear.values):
             return None, True
     both = tuple(sorted((*route.channels, *others[0].channels)))
     return replace(found, channels=both), decided

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimators.discrepancy.diagnosis import diagnose
+from estimators.discrepancy.faults.combined import combined
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
 from estimators.discrepancy.faults.other_forms import OTHER_FORMS
@@ -160,13 +161,15 @@ def test_front_wheels_that_spin_turn_a_vehicle_less_or_more_than_they_are_steere
 
 
 @pytest.mark.parametrize(
-    ("seed", "name", "size"),
+    ("seed", "causes"),
     [
-        (24009, "rut_drag", 27_000.0),  # its front wheels spin until it digs in
-        (24012, "rolling_resistance", 0.2),  # they spin all the time: the rear ones tell its speed
+        (24009, {"rut_drag": 27_000.0}),  # its front wheels spin until it digs in
+        (24012, {"rolling_resistance": 0.2}),  # they spin all the time: the rear ones tell its speed
+        (30000, {"rolling_resistance": 0.18, "steer_gain": 0.46}),  # the less torque, the less they do
     ],
 )
-def test_front_wheels_that_spin_are_no_wrong_unit_where_no_receiver_shows_the_speed(seed, name, size):
-    log = simulated_log(draw_case(seed, road="unknown", natural=True), OTHER_FORMS[name](size))
+def test_front_wheels_that_spin_are_no_wrong_unit_where_no_receiver_shows_the_speed(seed, causes):
+    world = combined([OTHER_FORMS[name](size) for name, size in causes.items()])
+    log = simulated_log(draw_case(seed, road="unknown", natural=True), world)
     assert "speed" not in log.channels
     assert not quality(log).problems
