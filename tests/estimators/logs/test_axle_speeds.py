@@ -40,6 +40,9 @@ def test_without_torques_the_slower_axle_counts_and_an_axle_that_shows_nothing_d
 #: Torque from a fifth of the full one to all of it, and the ratio of an axle that its slip takes ahead.
 _TORQUE = np.tile(np.linspace(360.0, 1800.0, 20), 2)
 _SLIP = 1.0 / (1.0 - 0.7 * _TORQUE / 1800.0)
+#: A torque that hardly varies, and another unit whose noise grows with it by chance.
+_STEADY = np.linspace(1700.0, 1800.0, 40)
+_NOISY = 3.6 * np.exp(np.tile([-0.3, 0.3], 20) + 0.002 * (_STEADY - 1750.0))
 
 
 @pytest.mark.parametrize(
@@ -51,7 +54,8 @@ _SLIP = 1.0 / (1.0 - 0.7 * _TORQUE / 1800.0)
         (3.6 * _SLIP**0.1, _TORQUE, False),
         (np.full(40, 3.6), _TORQUE, False),
         (_SLIP, np.full(40, 900.0), False),  # the torque tells nothing
-        (_SLIP, _TORQUE[::-1], False),  # nor does what has nothing to do with it
+        (_SLIP, _TORQUE[::-1], False),  # less of it with more torque is no slip
+        (_NOISY, _STEADY, False),
         (_SLIP, np.where(_TORQUE > 1700.0, math.nan, _TORQUE), False),
         (_SLIP, None, False),
     ],
