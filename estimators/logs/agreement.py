@@ -121,7 +121,9 @@ def suspects_of(log: Log, untrusted: frozenset[str] = frozenset()) -> tuple[list
                 judged |= set(route.channels)
             if suspect is None or _mounted(windows, suspect, route, others, agreed):
                 continue
-            late = suspect.kind == "contradiction" and suspect.channels == ("steer",) and steers_late(log)
+            late = suspect.channels == ("steer",) and steers_late(
+                windows, agreed, suspect.kind, suspect.motion.spread
+            )
             if not late and not _slides(windows, suspect, route, others, agreed):
                 found.append(suspect)
     return found, judged

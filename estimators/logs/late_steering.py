@@ -5,37 +5,73 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.signal import lfilter
 
 from estimators.logs.log import Log
-from estimators.logs.signals import likeness
+from estimators.logs.signals import Likeness, Windows, likeness
 
 __all__ = ["steers_late"]
 
-#: Longest lag that is tried, and the step of the comparison [s]; correlation at some lag from which a vehicle
-#: follows its steering.
+#: Longest delay or lag that is tried, and the step of the comparison [s]; correlation at some lag from which
+#: a vehicle follows its steering.
 _LONGEST, _STEP, _FOLLOWS = 0.5, 0.05, 0.7
+_LAGS = range(round(_LONGEST / _STEP) + 1)
+#: Steering beyond that has no bicycle [rad].
+_STEEPEST = 1.5
 #: Values that a comparison needs, and the least speed [m/s].
 _ENOUGH, _SLOW = 40, 1.0
-_SPEEDS = ("v_x", "speed")
 
 
-def steers_late(log: Log) -> bool:
-    """Whether the yaw rate follows steering times speed once that is delayed by up to half a second.
+def steers_late(windows: Windows, speed: np.ndarray | None, kind: str, spread: float) -> bool:
+    """Whether the yaw rate follows steering times speed once that is late by up to half a second.
 
-    Means over a second, in which channels are compared, hold nothing of a vehicle that weaves; and
-    `estimators.logs.signals.offset` needs 20 s, for which a vehicle that weaves need not stay on its course.
+    Means over a second, in which channels are compared, hold nothing of a vehicle that weaves, and too little
+    of one whose wheels turn slowly; and `estimators.logs.signals.offset` needs 20 s, for which a vehicle that
+    weaves need not stay on its course.
+
+    Parameters
+    ----------
+    speed : (W,)
+        Of the vehicle in the windows [m/s], NaN where unknown.
+    kind, spread
+        What the steering seems to be: a "contradiction" of the yaw rate, or another "scale", from which it
+        differs if both agree within the factor ``spread`` then.
     """
-    speed = next((name for name in _SPEEDS if name in log.channels), None)
-    if speed is None or not {"steer", "yaw_rate"} <= log.channels.keys():
+    log = windows.log
+    if kind not in ("contradiction", "scale"):
+        return False
+    if speed is None or not np.isfinite(speed).any() or not {"steer", "yaw_rate"} <= log.channels.keys():
         return False
     grid = np.arange(log.times[0], log.times[-1], _STEP)
-    steer, yaw_rate, v = (_over(log, name, grid) for name in ("steer", "yaw_rate", speed))
-    asked = np.where(np.abs(v) > _SLOW, v * np.tan(steer), math.nan)
-    if np.isfinite(asked).sum() < _ENOUGH:
+    steer, yaw_rate = (_over(log, name, grid) for name in ("steer", "yaw_rate"))
+    known = np.isfinite(speed)
+    v = np.interp(grid, (windows.starts + 0.5 * windows.length)[known], speed[known])
+    v[np.abs(v) <= _SLOW] = math.nan
+    if np.isfinite(v).sum() < _ENOUGH:
         return False
-    lags = range(round(_LONGEST / _STEP) + 1)
-    seen = [likeness(asked[: len(grid) - lag], yaw_rate[lag:], centred=True) for lag in lags]
-    return any(one is not None and one.correlation > _FOLLOWS for one in seen)
+    wheelbase = log.vehicle.l_f + log.vehicle.l_r
+    shifted = _delayed(steer) if kind == "contradiction" else _lagging(steer)
+    asked = [v * np.tan(np.clip(one, -_STEEPEST, _STEEPEST)) / wheelbase for one in shifted]
+    seen = [likeness(one, yaw_rate, centred=True) for one in asked]
+    best = max((one for one in seen if one is not None), key=_correlation, default=None)
+    if best is None or best.correlation <= _FOLLOWS:
+        return False
+    return kind != "scale" or 1.0 / spread < best.factor < spread
+
+
+def _correlation(seen: Likeness) -> float:
+    return seen.correlation
+
+
+def _delayed(values: np.ndarray) -> list[np.ndarray]:
+    """The values (T,) after delays from none to the longest."""
+    return [np.append(np.full(lag, math.nan), values[: len(values) - lag]) for lag in _LAGS]
+
+
+def _lagging(values: np.ndarray) -> list[np.ndarray]:
+    """The values (T,) with lags of the first order: for noise they would make a contradiction vanish."""
+    shares = [1.0 / (1.0 + lag) for lag in _LAGS]
+    return [lfilter([a], [1.0, a - 1.0], values, zi=[(1.0 - a) * values[0]])[0] for a in shares]
 
 
 def _over(log: Log, name: str, grid: np.ndarray) -> np.ndarray:

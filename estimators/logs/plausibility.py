@@ -38,6 +38,8 @@ _BRIDGED = 3
 _GRAVITY_FACTOR = 1.4
 #: No vehicle slides this far sideways for this share of its way [-].
 _SIDEWAYS, _SIDEWAYS_SHARE = 1.0, 0.1
+#: No wheel is steered beyond that for this share of the samples [rad, -].
+_STEEP, _STEEP_SHARE = 1.5, 0.02
 #: Steering that is none, and a turn that is one [rad, rad/s].
 _NO_STEER, _TURN = 0.02, 0.1
 #: Change of a command from one short window to the next must show in the motion [s, -].
@@ -67,7 +69,12 @@ def violations_of(log: Log, untrusted: frozenset[str] = frozenset()) -> tuple[li
     speed = _witnessed(windows, "speed", None, untrusted)
     turn = None if speed is None else _witnessed(windows, "turn", speed, untrusted)
     found, judged = _positions(windows, speed, turn, untrusted)
-    for more, seen in (_lean(log, untrusted), _vertical(log), _sideways(windows, speed)):
+    for more, seen in (
+        _lean(log, untrusted),
+        _vertical(log),
+        _sideways(windows, speed),
+        _steep(log),
+    ):
         found += more
         judged |= seen
     found += _noise(log, windows) + _sisters(log)
@@ -332,6 +339,19 @@ def _sideways(windows: Windows, speed: np.ndarray | None) -> tuple[list[Violatio
         return [], set()
     sentence = f"v_y exceeds the forward speed in {100.0 * share:.0f} % of the time: another unit, or scale"
     return [_violation("scale", ("v_y",), sentence, share=share)], {"v_y"}
+
+
+def _steep(log: Log) -> tuple[list[Violation], set[str]]:
+    """A steering no wheel can have; a smaller one is left to what turns the vehicle."""
+    if "steer" not in log.channels:
+        return [], set()
+    share = float(np.mean(np.abs(log.samples("steer")[1]) > _STEEP))
+    if share <= _STEEP_SHARE:
+        return [], set()
+    sentence = (
+        f"steer exceeds {_STEEP:.2g} rad in {100.0 * share:.0f} % of its samples: degrees, or another scale"
+    )
+    return [_violation("scale", ("steer",), sentence, share=share)], {"steer"}
 
 
 # ------------------------------------------------------------------ noise

@@ -16,6 +16,7 @@ from estimators.logs import agreement, quality, read_log
 from estimators.logs.channel_checks import OUTSIDE
 from estimators.logs.corruptions import CORRUPTIONS, corrupted, corruptible
 from estimators.logs.log import Log
+from offroad_env.simulation.drive import Faults
 from tests.helpers import measured_data
 
 
@@ -169,7 +170,28 @@ def test_front_wheels_that_spin_turn_a_vehicle_less_or_more_than_they_are_steere
     ],
 )
 def test_front_wheels_that_spin_are_no_wrong_unit_where_no_receiver_shows_the_speed(seed, causes):
-    world = combined([OTHER_FORMS[name](size) for name, size in causes.items()])
-    log = simulated_log(draw_case(seed, road="unknown", natural=True), world)
+    log = _natural(seed, combined([OTHER_FORMS[name](size) for name, size in causes.items()]))
     assert "speed" not in log.channels
     assert not quality(log).problems
+
+
+def test_a_steering_that_lags_and_has_another_gain_is_no_wrong_unit():
+    """Means over a second have it 2.6 times as large as the turns; the lag takes a third of them."""
+    log = _natural(30007, combined([FAULTS["steer_gain"](-0.42), OTHER_FORMS["steer_lag"](0.37)]))
+    assert not quality(log).problems
+    assert "steer" in _named(corrupted(log, "steer", "x57.3"))
+
+
+@pytest.mark.parametrize(
+    ("angle", "share", "problem"), [(1.6, 0.03, True), (1.6, 0.01, False), (1.4, 1.0, False)]
+)
+def test_no_wheel_is_steered_so_far(drive, angle, share, problem):
+    t = drive.samples("steer")[0]
+    channels = {name: drive.channels[name] for name in ("omega_f", "omega_r", "a_x")}
+    channels["steer"] = np.where(np.isnan(drive.channels["steer"]), np.nan, 0.0)
+    channels["steer"][np.searchsorted(drive.times, t[: int(share * len(t))])] = angle
+    assert ("steer" in _named(replace(drive, channels=channels))) == problem
+
+
+def _natural(seed: int, world: Faults) -> Log:
+    return simulated_log(draw_case(seed, road="unknown", natural=True), world)
