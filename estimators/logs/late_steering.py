@@ -12,10 +12,9 @@ from estimators.logs.signals import Likeness, Windows, likeness
 
 __all__ = ["steers_late"]
 
-#: Longest delay or lag that is tried, and the step of the comparison [s]; correlation at some lag from which
-#: a vehicle follows its steering.
-_LONGEST, _STEP, _FOLLOWS = 0.5, 0.05, 0.7
-_LAGS = range(round(_LONGEST / _STEP) + 1)
+#: Longest delay and lag that are tried, and the step of the comparison [s]; correlation at one of them from
+#: which a vehicle follows its steering.
+_DELAY, _LAG, _STEP, _FOLLOWS = 0.5, 1.0, 0.05, 0.7
 #: Steering beyond that has no bicycle [rad].
 _STEEPEST = 1.5
 #: Values that a comparison needs, and the least speed [m/s].
@@ -23,7 +22,7 @@ _ENOUGH, _SLOW = 40, 1.0
 
 
 def steers_late(windows: Windows, speed: np.ndarray | None, kind: str, spread: float) -> bool:
-    """Whether the yaw rate follows steering times speed once that is late by up to half a second.
+    """Whether the yaw rate follows steering times speed once that is late: half a second, or a lag of one.
 
     Means over a second, in which channels are compared, hold nothing of a vehicle that weaves, and too little
     of one whose wheels turn slowly; and `estimators.logs.signals.offset` needs 20 s, for which a vehicle that
@@ -65,12 +64,15 @@ def _correlation(seen: Likeness) -> float:
 
 def _delayed(values: np.ndarray) -> list[np.ndarray]:
     """The values (T,) after delays from none to the longest."""
-    return [np.append(np.full(lag, math.nan), values[: len(values) - lag]) for lag in _LAGS]
+    return [
+        np.append(np.full(lag, math.nan), values[: len(values) - lag])
+        for lag in range(round(_DELAY / _STEP) + 1)
+    ]
 
 
 def _lagging(values: np.ndarray) -> list[np.ndarray]:
     """The values (T,) with lags of the first order: for noise they would make a contradiction vanish."""
-    shares = [1.0 / (1.0 + lag) for lag in _LAGS]
+    shares = [1.0 / (1.0 + lag) for lag in range(round(_LAG / _STEP) + 1)]
     return [lfilter([a], [1.0, a - 1.0], values, zi=[(1.0 - a) * values[0]])[0] for a in shares]
 
 

@@ -88,7 +88,15 @@ def slow(drive, lag, factor):
 
 @pytest.mark.parametrize(
     ("lag", "factor", "follows"),
-    [(0.4, 2.0, True), (0.0, 2.0, True), (0.4, 3.0, False), (0.0, 3.6, False), (0.4, 0.35, False)],
+    [
+        (0.4, 2.0, True),
+        (0.9, 2.0, True),
+        (2.5, 2.0, False),
+        (0.0, 2.0, True),
+        (0.4, 3.0, False),
+        (0.0, 3.6, False),
+        (0.4, 0.35, False),
+    ],
 )
 def test_a_lag_explains_no_more_of_a_scale_than_it_takes_off(drive, lag, factor, follows):
     """Without it 0.4 s take 1.56 from the turns: 2.0 looks like 3.1, where vehicles differ by up to 2.4."""
