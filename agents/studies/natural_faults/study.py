@@ -43,7 +43,7 @@ class NaturalFaults(Results):
     """
 
     nulls: int = 300  #: logs without a fault
-    seeds: int = 22  #: logs for each cause in each form, at twice its limit
+    seeds: int = 24  #: logs for each cause in each form, at twice its limit
     large: int = 7  #: logs for each cause at seven times its limit
     pairs: int = 7  #: pairs of causes of every seed, at twice their limits; half as many at seven times
     wrong: int = 17  #: logs for each wrong number
