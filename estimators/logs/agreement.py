@@ -18,7 +18,7 @@ import numpy as np
 
 from estimators.logs.axle_speeds import always_off, one_spins, spins_less
 from estimators.logs.immobile import only_spins
-from estimators.logs.late_steering import steers_late
+from estimators.logs.late_steering import steered_turn, steers_late
 from estimators.logs.log import Log
 from estimators.logs.mounting_leaks import Leak, leaks_into_push, leaks_into_turn, without_leaks
 from estimators.logs.signals import Windows, likeness, longest_run
@@ -170,11 +170,10 @@ def _turn_routes(windows: Windows, speed: np.ndarray | None) -> list[Route]:
     ]
     if speed is not None:
         fast = np.where(np.abs(speed) > _SLOW, speed, math.nan)
-        vehicle = windows.log.vehicle
         steer, a_y = windows.mean("steer"), windows.mean("a_y")
         pairs[2] = (("course",), _where_fast(windows.slope("course", angle=True), fast))
         if steer is not None:
-            pairs.append((("steer",), fast * np.tan(np.clip(steer, -1.5, 1.5)) / (vehicle.l_f + vehicle.l_r)))
+            pairs.append((("steer",), steered_turn(windows.log, fast, steer)))
         if a_y is not None:
             pairs.append((("a_y",), a_y / fast))
     return _present(pairs)

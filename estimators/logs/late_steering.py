@@ -8,15 +8,15 @@ import numpy as np
 from scipy.signal import lfilter
 
 from estimators.logs.log import Log
-from estimators.logs.signals import Likeness, Windows, likeness
+from estimators.logs.signals import Windows, likeness
 
-__all__ = ["steers_late"]
+__all__ = ["STEEPEST", "steered_turn", "steers_late"]
 
 #: Longest delay and lag that are tried, and the step of the comparison [s]; correlation at one of them from
 #: which a vehicle follows its steering.
 _DELAY, _LAG, _STEP, _FOLLOWS = 0.5, 1.0, 0.05, 0.7
-#: Steering beyond that has no bicycle [rad].
-_STEEPEST = 1.5
+#: No wheel is steered beyond that [rad].
+STEEPEST = 1.5
 #: Values that a comparison needs, and the least speed [m/s].
 _ENOUGH, _SLOW = 40, 1.0
 
@@ -48,18 +48,18 @@ def steers_late(windows: Windows, speed: np.ndarray | None, kind: str, spread: f
     v[np.abs(v) <= _SLOW] = math.nan
     if np.isfinite(v).sum() < _ENOUGH:
         return False
-    wheelbase = log.vehicle.l_f + log.vehicle.l_r
     shifted = _delayed(steer) if kind == "contradiction" else _lagging(steer)
-    asked = [v * np.tan(np.clip(one, -_STEEPEST, _STEEPEST)) / wheelbase for one in shifted]
-    seen = [likeness(one, yaw_rate, centred=True) for one in asked]
-    best = max((one for one in seen if one is not None), key=_correlation, default=None)
+    seen = [likeness(steered_turn(log, v, one), yaw_rate, centred=True) for one in shifted]
+    best = max((one for one in seen if one is not None), key=lambda one: one.correlation, default=None)
     if best is None or best.correlation <= _FOLLOWS:
         return False
     return kind != "scale" or 1.0 / spread < best.factor < spread
 
 
-def _correlation(seen: Likeness) -> float:
-    return seen.correlation
+def steered_turn(log: Log, speed: np.ndarray, steer: np.ndarray) -> np.ndarray:
+    """Rate of turn [rad/s] of a vehicle whose wheels roll where they point, (T,) by speed and steering."""
+    turn = speed * np.tan(np.clip(steer, -STEEPEST, STEEPEST)) / (log.vehicle.l_f + log.vehicle.l_r)
+    return np.asarray(turn)
 
 
 def _delayed(values: np.ndarray) -> list[np.ndarray]:

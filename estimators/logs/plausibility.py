@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.logs.agreement import MOTIONS, median_of, routes_of, witnesses_of
+from estimators.logs.late_steering import STEEPEST
 from estimators.logs.log import Log
 from estimators.logs.mounting_leaks import antenna_limit, leaks_into_lean, without_leaks
 from estimators.logs.signals import Likeness, Windows, likeness, noise_sd, unwrapped
@@ -38,8 +39,8 @@ _BRIDGED = 3
 _GRAVITY_FACTOR = 1.4
 #: No vehicle slides this far sideways for this share of its way [-].
 _SIDEWAYS, _SIDEWAYS_SHARE = 1.0, 0.1
-#: No wheel is steered beyond that for this share of the samples [rad, -].
-_STEEP, _STEEP_SHARE = 1.5, 0.02
+#: No wheel is steered beyond `STEEPEST` for this share of the samples [-].
+_STEEP_SHARE = 0.02
 #: Steering that is none, and a turn that is one [rad, rad/s].
 _NO_STEER, _TURN = 0.02, 0.1
 #: Change of a command from one short window to the next must show in the motion [s, -].
@@ -345,11 +346,12 @@ def _steep(log: Log) -> tuple[list[Violation], set[str]]:
     """A steering no wheel can have; a smaller one is left to what turns the vehicle."""
     if "steer" not in log.channels:
         return [], set()
-    share = float(np.mean(np.abs(log.samples("steer")[1]) > _STEEP))
+    share = float(np.mean(np.abs(log.samples("steer")[1]) > STEEPEST))
     if share <= _STEEP_SHARE:
         return [], set()
     sentence = (
-        f"steer exceeds {_STEEP:.2g} rad in {100.0 * share:.0f} % of its samples: degrees, or another scale"
+        f"steer exceeds {STEEPEST:.2g} rad in {100.0 * share:.0f} % of its samples: degrees, another scale, "
+        "or the angle of the steering wheel"
     )
     return [_violation("scale", ("steer",), sentence, share=share)], {"steer"}
 

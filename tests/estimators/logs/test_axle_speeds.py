@@ -42,7 +42,7 @@ _TORQUE = np.tile(np.linspace(360.0, 1800.0, 20), 2)
 _SLIP = 1.0 / (1.0 - 0.7 * _TORQUE / 1800.0)
 #: A torque that hardly varies, and another unit whose noise grows with it by chance.
 _STEADY = np.linspace(1700.0, 1800.0, 40)
-_NOISY = 3.6 * np.exp(np.tile([-0.3, 0.3], 20) + 0.002 * (_STEADY - 1750.0))
+_NOISY = 3.6 * np.exp(np.tile([-0.3, 0.3], 20) + 0.004 * (_STEADY - 1750.0))
 
 
 @pytest.mark.parametrize(
@@ -50,6 +50,7 @@ _NOISY = 3.6 * np.exp(np.tile([-0.3, 0.3], 20) + 0.002 * (_STEADY - 1750.0))
     [
         (_SLIP, _TORQUE, True),  # never within a third of the other, yet no scale
         (1.3 * _SLIP, _TORQUE, True),  # a smaller tyre beside
+        (2.0 * _SLIP, _TORQUE, False),
         (3.6 * _SLIP, _TORQUE, False),  # slip beside another unit
         (3.6 * _SLIP**0.1, _TORQUE, False),
         (np.full(40, 3.6), _TORQUE, False),

@@ -91,7 +91,7 @@ def slow(drive, lag, factor):
     [
         (0.4, 2.0, True),
         (0.9, 2.0, True),
-        (2.5, 2.0, False),
+        (2.0, 2.0, False),
         (0.0, 2.0, True),
         (0.4, 3.0, False),
         (0.0, 3.6, False),
