@@ -61,6 +61,7 @@ class Accepted(NamedTuple):
     #: Models that were rejected, with their evidence.
     others: tuple[tuple[FitResult, float], ...] = ()
     refuted: tuple[Refuted, ...] = ()  #: those for which far more speaks than an effect needs, in all
+    settled: tuple[FitResult, ...] = ()  #: those that were rejected, each with a noise of its own
 
     @property
     def step(self) -> FitResult | None:
@@ -138,6 +139,7 @@ def accepted_of(test: HoldOutTest, trials: Sequence[FitResult], bars: Bars) -> A
     gains: list[float] = []
     others: list[tuple[FitResult, float]] = []
     refuted: list[Refuted] = []
+    rejected: list[FitResult] = []
     names = {candidate.effect for candidate in fit.candidates}
     enough = 0.5 * bars.together**2
     for trial in trials[:TESTED]:
@@ -159,10 +161,12 @@ def accepted_of(test: HoldOutTest, trials: Sequence[FitResult], bars: Bars) -> A
         if confirmed(result, support, enough):
             return Accepted(larger, gains, refused=False, evidence=found, others=tuple(others))
         others.append((trial, found))
+        rejected.append(larger)
         refused |= support > enough
         if found > LARGE**2 * enough:
             refuted.append(Refuted(larger, found))
-    return Accepted(None, gains, refused, others=tuple(others), refuted=tuple(refuted))
+    left = tuple(rejected)
+    return Accepted(None, gains, refused, others=tuple(others), refuted=tuple(refuted), settled=left)
 
 
 def confirmed(result: HoldOutResult | None, support: float, enough: float) -> bool:

@@ -1,12 +1,14 @@
 """Better minima of models that are fitted.
 
 A fit may stand in a poor minimum, and an effect that is added lead out of it while its size comes to nothing:
-what was gained is then the smaller model's own, and no evidence for the effect. And what a large effect has
+what was gained is then the smaller model's own, and no evidence for the effect. So it is where windows apart
+reject the effect. And what a large effect has
 done to the numbers of a model without it need not come undone once the model has it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +18,16 @@ from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.gauss_newton import GaussNewton
 from offroad_env.errors import OffroadError
 
-__all__ = ["LEFT", "astray", "begun_again", "deviations_off", "exponents", "lower_minimum", "strayed"]
+__all__ = [
+    "LEFT",
+    "astray",
+    "begun_again",
+    "beside_rejected",
+    "deviations_off",
+    "exponents",
+    "lower_minimum",
+    "strayed",
+]
 
 #: Standard deviations from a stated number from which it is suspected. In 60 natural logs of unmodified
 #: vehicles, which nothing was chosen on before, none was further off than 4.1.
@@ -59,11 +70,39 @@ def lower_minimum(fit: FitResult, larger: FitResult, bar: float) -> FitResult | 
     bar
         Least size of a significant effect in standard deviations; the cost must fall by as much as for one.
     """
-    names = {candidate.effect for candidate in fit.candidates}
-    inside = np.array([candidate.effect in names for candidate in larger.candidates], dtype=bool)
+    inside = _inside(fit, larger)
     strength = np.abs(larger.sizes) / larger.size_deviations()
-    if np.min(strength[~inside], initial=np.inf) > bar:
+    return None if np.min(strength[~inside], initial=np.inf) > bar else _beside(fit, larger, bar)
+
+
+def beside_rejected(fit: FitResult, rejected: Sequence[FitResult], bar: float) -> FitResult | None:
+    """The best minimum of a model beside larger ones that were rejected, if it is lower; else None.
+
+    Where numbers are far from what is stated the noise learned there is large: it holds the model in place,
+    and hides from windows apart what is right. A larger model in a smaller noise of its own may lead out.
+
+    Parameters
+    ----------
+    rejected
+        Larger models, each in a noise of its own.
+    bar
+        As that of `lower_minimum`, but for significant effects, which are no evidence once they are rejected.
+    """
+    if not astray(fit):
         return None
+    found = [lower for larger in rejected if (lower := _beside(fit, larger, bar)) is not None]
+    return min(found, key=lambda one: one.minus_log_likelihood, default=None)
+
+
+def _inside(fit: FitResult, larger: FitResult) -> np.ndarray:
+    """Mask (E,) of the effects of a larger model that the smaller one has, too."""
+    names = {candidate.effect for candidate in fit.candidates}
+    return np.array([candidate.effect in names for candidate in larger.candidates], dtype=bool)
+
+
+def _beside(fit: FitResult, larger: FitResult, bar: float) -> FitResult | None:
+    """The smaller model at a minimum beside that of the larger one; None if it is not lower."""
+    inside = _inside(fit, larger)
     kept = [candidate for candidate, own in zip(larger.candidates, inside, strict=True) if own]
     try:
         begun = replace(larger.with_effects(kept, larger.sizes[inside]), noise=fit.noise)

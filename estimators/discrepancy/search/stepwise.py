@@ -37,6 +37,7 @@ from estimators.discrepancy.search.holdout import HoldOutTest
 from estimators.discrepancy.search.lower_minimum import (
     LEFT,
     begun_again,
+    beside_rejected,
     lower_minimum,
     strayed,
 )
@@ -201,6 +202,7 @@ def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float, wide: b
     rejected = frozenset[str]()
     others: tuple[tuple[FitResult, float], ...] = ()
     refuted: tuple[Refuted, ...] = ()
+    left: tuple[FitResult, ...] = ()
     singly = pair_refused = False
     begun = fits_from_stated(last, bar, wide=wide)
     while True:
@@ -211,6 +213,7 @@ def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float, wide: b
         gains += accepted.gains
         others += accepted.others
         refuted += accepted.refuted
+        left += accepted.settled
         if accepted.fit is not None:
             return accepted._replace(gains=gains, refused=False, rejected=rejected, others=others)
         if not inside and not singly and trials and len(trials[0].candidates) > 1:
@@ -220,7 +223,7 @@ def _onward(test: HoldOutTest, last: ScoreTest, bar: float, rate: float, wide: b
         again = beyond and bool(accepted.gains) and len(gains) < TESTED
         if not trials or (accepted.gains and not again):
             refused = accepted.refused or pair_refused or beyond
-            return Accepted(None, gains, refused=refused, refuted=refuted)
+            return Accepted(None, gains, refused=refused, refuted=refuted, settled=left)
         # What looked best is not significant once it is fitted; what it was confounded with may be.
         names = {candidate.effect for candidate in inside}
         gone = {candidate.effect for trial in tried for candidate in trial.candidates} - names
@@ -269,7 +272,10 @@ def search(
         step, gains = accepted.step, gains + accepted.gains
         refused = accepted.refused and step is None
         if step is None:
-            break
+            better = beside_rejected(fit, accepted.settled, bar) if restarts and not fit.candidates else None
+            if better is None:
+                break
+            return search(better, library, rate, apart, restarts=restarts - 1, wide=wide)
         certain = certain or (HoldOutTest(fit, apart) if accepted.fit is None else None)
         larger = begun_again(step)
         lower = lower_minimum(fit, larger, bar) if restarts else None

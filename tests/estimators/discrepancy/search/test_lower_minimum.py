@@ -17,7 +17,7 @@ from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.search import lower_minimum as lower_minimum_module
 from estimators.discrepancy.search import stepwise
 from estimators.discrepancy.search.acceptance import Accepted
-from estimators.discrepancy.search.lower_minimum import begun_again, exponents, lower_minimum
+from estimators.discrepancy.search.lower_minimum import begun_again, beside_rejected, exponents, lower_minimum
 from estimators.discrepancy.search.refitting import refit
 from offroad_env.errors import SolverFailure
 
@@ -55,6 +55,25 @@ def test_a_gain_without_a_size_is_the_smaller_model_s_own(sound):
 
 def test_a_minimum_that_is_none_the_lower_is_left_alone(sound):
     assert lower_minimum(*sound, 3.4) is None
+
+
+def test_a_rejected_effect_leads_to_a_better_minimum_whatever_its_size(sound):
+    fit, larger = sound
+    strong = larger.with_effects(_PAYLOAD, [0.02])
+    assert np.abs(strong.sizes) / strong.size_deviations() > 0.01
+    poor = _away(fit, "mass", 6.0)
+    assert lower_minimum(poor, strong, 0.01) is None
+    lower = beside_rejected(poor, [larger, strong], 0.01)
+    assert lower.candidates == ()
+    assert lower.minus_log_likelihood == pytest.approx(fit.minus_log_likelihood, abs=1.0)
+    assert beside_rejected(poor, [], 0.01) is None
+
+
+def test_beside_a_rejected_effect_nothing_is_sought_for_a_model_that_is_about_as_stated(sound):
+    fit, larger = sound
+    poor = _away(fit, "mass", 2.5)
+    assert lower_minimum(poor, larger, 3.4) is not None
+    assert beside_rejected(poor, [larger], 3.4) is None
 
 
 @pytest.mark.check
@@ -160,3 +179,21 @@ def test_a_search_begins_again_from_the_better_minimum(sound, monkeypatch):
     assert len(begun) == 2
     assert found.causes == ()
     assert found.nominal.minus_log_likelihood == pytest.approx(fit.minus_log_likelihood, abs=1.0)
+
+
+@pytest.mark.parametrize(("restarts", "searches"), [(2, 2), (0, 1)])
+def test_a_search_begins_again_beside_an_effect_that_is_rejected(sound, monkeypatch, restarts, searches):
+    fit, larger = sound
+    begun, poor = [], _away(fit, "mass", 6.0)
+
+    def rejected(test, last, bar, rate, wide):
+        begun.append(last.fit)
+        return Accepted(None, [-1.0], refused=True, settled=(larger,))
+
+    monkeypatch.setattr(stepwise, "_onward", rejected)
+    monkeypatch.setattr(stepwise, "begun_again", lambda one: one)
+    found = stepwise.search(poor, ("payload", "torque_scale"), 0.06, restarts=restarts)
+    assert len(begun) == searches
+    assert found.refused
+    better = fit.minus_log_likelihood + 1.0
+    assert (found.nominal.minus_log_likelihood < better) == (searches == 2)
