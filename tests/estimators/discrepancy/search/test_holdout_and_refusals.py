@@ -56,7 +56,9 @@ def _search(
         wrong = name in refused
         against = (Refuted(trials[0], 40.0),) if wrong else ()
         gain = -5.0 if wrong else 5.0
-        return Accepted(None if wrong else trials[0], [gain], refused=wrong and supported, refuted=against)
+        fit = None if wrong else trials[0]
+        left = (trials[0],) if wrong else ()
+        return Accepted(fit, [gain], refused=wrong and supported, refuted=against, settled=left)
 
     monkeypatch.setattr(stepwise, "refined_places", lambda last, *_: last)
     monkeypatch.setattr(stepwise, "fits_from_stated", lambda *_, **__: [])
@@ -105,6 +107,7 @@ def test_no_more_than_three_explanations_are_tested(monkeypatch):
     assert tried == ["a", "b", "c"]
     assert (found.fit, found.refused) == (None, True)
     assert ["".join(c.effect for c in one.fit.candidates) for one in found.refuted] == ["a", "b", "c"]
+    assert found.settled == tuple(one.fit for one in found.refuted)
 
 
 @pytest.mark.parametrize(
@@ -155,14 +158,15 @@ def test_a_model_is_kept_for_which_far_more_speaks_than_an_effect_needs(
     monkeypatch, gain: float, support: float, refuted: bool, refused: bool
 ) -> None:
     result = HoldOutResult(gain=gain, expected=20.0, deviation=8.0)
-    larger = Fit(None, "", (Candidate(effect="payload"),))
-    monkeypatch.setattr(acceptance, "settled", lambda fit, fresh: fit)
+    larger, settled = (Fit(None, name, (Candidate(effect="payload"),)) for name in ("larger", "settled"))
+    monkeypatch.setattr(acceptance, "settled", lambda fit, fresh: settled)
     monkeypatch.setattr(acceptance, "support_of", lambda *_: support)
     test = SimpleNamespace(fit=Fit(None, ""), result=lambda model: result)
     found = accepted_of(test, [larger], Bars(4.0, 4.0))
-    assert [one.fit for one in found.refuted] == ([larger] if refuted else [])
+    assert [one.fit for one in found.refuted] == ([settled] if refuted else [])
     assert found.refused is refused
-    assert (found.fit is larger) is (gain > 0.0)
+    assert (found.fit is settled) is (gain > 0.0)
+    assert found.settled == (() if gain > 0.0 else (settled,))
 
 
 @pytest.mark.parametrize(
