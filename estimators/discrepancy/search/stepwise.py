@@ -269,18 +269,15 @@ def search(
     certain: HoldOutTest | None = None
     while len(fit.candidates) < MOST:
         accepted = _onward(test, last, bar, rate, wide)
-        step, gains = accepted.step, gains + accepted.gains
-        refused = accepted.refused and step is None
-        if step is None:
-            better = beside_rejected(fit, accepted.settled, bar) if restarts and not fit.candidates else None
-            if better is None:
-                break
-            return search(better, library, rate, apart, restarts=restarts - 1, wide=wide)
-        certain = certain or (HoldOutTest(fit, apart) if accepted.fit is None else None)
-        larger = begun_again(step)
-        lower = lower_minimum(fit, larger, bar) if restarts else None
+        larger = None if accepted.step is None else begun_again(accepted.step)
+        gains = gains + accepted.gains
+        refused = accepted.refused and larger is None
+        lower = _lower(fit, larger, accepted.settled, bar) if restarts else None
         if lower is not None and not lower.candidates:
             return search(lower, library, rate, apart, restarts=restarts - 1, wide=wide)
+        if larger is None:
+            break
+        certain = certain or (HoldOutTest(fit, apart) if accepted.fit is None else None)
         if lower is not None:
             restarts, stronger = restarts - 1, ()
             last, test = score_test(lower, outside(lower, candidates)), HoldOutTest(lower, apart)
@@ -303,6 +300,15 @@ def search(
         capped=len(fit.candidates) == MOST and float(np.abs(last.z).max(initial=0.0)) > bar,
     )
     return _with_causes(found, rate, begin, certain, stronger)
+
+
+def _lower(
+    fit: FitResult, larger: FitResult | None, rejected: Sequence[FitResult], bar: float
+) -> FitResult | None:
+    """A lower minimum of a model, beside the next one, or of the nominal one beside what was rejected."""
+    if larger is not None:
+        return lower_minimum(fit, larger, bar)
+    return None if fit.candidates else beside_rejected(fit, rejected, bar)
 
 
 def _with_causes(
