@@ -2,8 +2,8 @@
 
 A fit may stand in a poor minimum, and an effect that is added lead out of it while its size comes to nothing:
 what was gained is then the smaller model's own, and no evidence for the effect. So it is where windows apart
-reject the effect. And what a large effect has
-done to the numbers of a model without it need not come undone once the model has it.
+reject the effect. And what a large effect has done to the numbers of a model without it need not come undone
+once the model has it.
 """
 
 from __future__ import annotations
