@@ -24,6 +24,7 @@ from estimators.discrepancy.faults.library import FAULTS, ONE_SIDED
 from estimators.discrepancy.physical_ranges import NEVER_NEGATIVE
 from estimators.logs import quality, read_log
 from estimators.logs.corruptions import CORRUPTIONS, corrupted, corruptible
+from estimators.logs.immobile_findings import hardly_driven
 from estimators.logs.log import Log
 from offroad_env.effects import EFFECTS
 from offroad_env.errors import OffroadError
@@ -66,18 +67,19 @@ def yawed(angle: float) -> Faults:
 
 
 def report_refusals(what: str, drives: Iterable[tuple[str, Callable[[], Log]]]) -> None:
-    """Count sound drives, and print the sentences of those that are refused."""
-    count, refused = 0, 0
+    """Count sound drives, those refused, and those that are no drive; print what is said of the last two."""
+    count, refused, stuck = 0, 0, 0
     for name, make in drives:
         try:
             log = make()
         except OffroadError:
             continue  # the vehicle sinks in
-        problems = quality(log).problems
-        count, refused = count + 1, refused + bool(problems)
-        for finding in problems:
+        found = quality(log)
+        idle = [one for one in found.findings if hardly_driven(one)]
+        count, refused, stuck = count + 1, refused + bool(found.problems), stuck + bool(idle)
+        for finding in [*found.problems, *idle]:
             print(f"{name}: {finding.sentence}")
-    print(f"{what}: {count}; refused: {refused}")
+    print(f"{what}: {count}; refused: {refused}; stuck before there is a drive to diagnose: {stuck}")
 
 
 def with_faults(first: int, *, both: bool) -> Iterator[tuple[str, Callable[[], Log]]]:

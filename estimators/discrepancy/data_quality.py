@@ -7,12 +7,12 @@ from dataclasses import replace
 from functools import partial
 
 from estimators.discrepancy.sections import attempt
-from estimators.logs.immobile_findings import IMMOBILE
+from estimators.logs.immobile_findings import IMMOBILE, hardly_driven
 from estimators.logs.log import Log
 from estimators.logs.quality import QualityReport, quality
 from estimators.logs.units import Finding
 
-__all__ = ["DATA_QUALITY", "named_findings", "quality_of", "used_findings"]
+__all__ = ["DATA_QUALITY", "quality_of", "unusable", "used_findings"]
 
 #: The section, as `Diagnosis.failed` calls it.
 DATA_QUALITY = "data quality"
@@ -33,16 +33,23 @@ def quality_of(logs: Sequence[Log], failed: dict[str, str]) -> tuple[QualityRepo
     )
 
 
+def unusable(logs: Sequence[Log], reports: Sequence[QualityReport]) -> tuple[Finding, ...]:
+    """Why nothing can be fitted: problems of the data or, without any, a vehicle that hardly drives."""
+    problems = _named(logs, [report.problems for report in reports])
+    stuck = [[one for one in report.findings if hardly_driven(one)] for report in reports]
+    return problems or _named(logs, stuck)
+
+
 def used_findings(logs: Sequence[Log], reports: Sequence[QualityReport]) -> tuple[Finding, ...]:
     """What a reader of the verdict must know of the data: old poses, and that the vehicle gets stuck."""
     found = [
         [one for one in report.findings if one.kind == IMMOBILE or (one.kind, one.channel) == _OLD_POSE]
         for report in reports
     ]
-    return named_findings(logs, found)
+    return _named(logs, found)
 
 
-def named_findings(logs: Sequence[Log], findings: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
+def _named(logs: Sequence[Log], findings: Sequence[Sequence[Finding]]) -> tuple[Finding, ...]:
     """Findings by log in one row; of several logs each begins with the name of its log."""
     if len(logs) == 1:
         return tuple(findings[0])

@@ -13,7 +13,7 @@ from estimators.discrepancy.checks.forecast import predictions
 from estimators.discrepancy.checks.holdout_gain import channel_gains, held_out
 from estimators.discrepancy.checks.regime_rest import regime_rests
 from estimators.discrepancy.checks.unmodelled_forces import sizes_with_unknown_inputs, unmodelled_forces
-from estimators.discrepancy.data_quality import named_findings, quality_of, used_findings
+from estimators.discrepancy.data_quality import quality_of, unusable, used_findings
 from estimators.discrepancy.model.fit import fit_runs
 from estimators.discrepancy.model.fit_result import FitResult
 from estimators.discrepancy.model.nuisances import nuisances_of
@@ -111,9 +111,9 @@ def _diagnosed(
     progress("data quality")
     failed: dict[str, str] = {}
     reports = quality_of(ordered, failed)
-    problems = named_findings(ordered, [report.problems for report in reports])
-    if problems:
-        return VehicleDiagnosis(logs=ordered, quality=reports, findings=problems, failed=failed)
+    reasons = unusable(ordered, reports)
+    if reasons:
+        return VehicleDiagnosis(logs=ordered, quality=reports, findings=reasons, failed=failed)
     splits = split_runs(ordered)
     try:
         done = _searched(splits, allowed, failed, white=white, progress=progress)

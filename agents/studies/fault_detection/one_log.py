@@ -28,7 +28,7 @@ from estimators.discrepancy.search.result import SearchResult
 from estimators.discrepancy.search.score_test import DETECTABLE, ScoreTest, candidates_for, score_test
 from estimators.discrepancy.verdict import VehicleDiagnosis
 from estimators.logs.immobile import stuck_spans
-from estimators.logs.immobile_findings import IMMOBILE, stuck_findings
+from estimators.logs.immobile_findings import IMMOBILE, hardly_driven, stuck_findings
 from estimators.logs.log import Log
 from offroad_env.effects import EFFECTS, apply
 from offroad_env.errors import OffroadError
@@ -121,7 +121,7 @@ def _limit_in(log: Log, name: str, size: float) -> float:
 def _limits_in(log: Log, names: Sequence[str], sizes: Sequence[float]) -> list[float]:
     """Limits of causes in the log that has all of them, each beside the others."""
     nowhere = [math.inf] * len(names)
-    if any(finding.severity == "problem" for finding in stuck_findings(log)):
+    if any(hardly_driven(finding) for finding in stuck_findings(log)):
         return nowhere
     try:
         trial = refit(fit_runs([RunModel(log, use=FIT)]), [Candidate(effect=name) for name in names], sizes)

@@ -22,6 +22,7 @@ from estimators.logs.checking.mends import Line, Remark
 from estimators.logs.log import Log
 from estimators.logs.mounting import ACCELEROMETERS, GYROS
 from estimators.logs.signals import Windows, unwrapped
+from offroad_env.physics.numerics import GRAVITY
 
 __all__ = ["conventions", "is_compass"]
 
@@ -33,6 +34,8 @@ _MOST_CHANGES = 3
 _LEAST_GAIN = 0.5
 #: A mounting that is off by more than this is stated by its angles.
 _TILTED = math.radians(12.0)
+#: Share of gravity that a mean must have to be gravity, where it is said to be taken out.
+_HIDDEN = 0.5
 #: Windows in which something moves [m/s].
 _MOVING = 0.5
 _FORWARD, _LEFT, _UP = range(3)
@@ -177,7 +180,11 @@ def _like(windows: Windows, gyro: np.ndarray | None, name: str) -> np.ndarray | 
 
 
 def _gravity(log: Log, means: list[np.ndarray | None]) -> np.ndarray:
-    """Direction of the mean specific force; NaN where the accelerometers show none."""
+    """Direction of the mean specific force; NaN where the accelerometers show none.
+
+    Where gravity is said to be taken out a mean that is less than a share of it is the vehicle's own, of one
+    that only brakes, say, or a bias.
+    """
     nothing = np.full(3, math.nan)
     present = [mean for mean in means if mean is not None]
     if not present or log.duration < 3.0:
@@ -185,7 +192,8 @@ def _gravity(log: Log, means: list[np.ndarray | None]) -> np.ndarray:
     vector = np.array([math.nan if mean is None else np.nanmedian(mean) for mean in means])
     spread = np.array([math.nan if mean is None else np.nanstd(mean) for mean in means])
     size = math.sqrt(np.nansum(vector**2))
-    if not size > 2.0 * math.sqrt(np.nansum(spread**2)):
+    least = _HIDDEN * GRAVITY if log.imu.kinematic else 0.0
+    if not size > max(least, 2.0 * math.sqrt(np.nansum(spread**2))):
         return nothing
     return np.asarray(np.where(np.isnan(vector), 0.0, vector) / size)
 

@@ -13,6 +13,14 @@ from agents.studies.natural_faults.study import NaturalFaults, counted_naturally
 from estimators.discrepancy.faults.other_forms import FAMILIES, OTHER_FORMS, WRONG_NUMBERS
 from estimators.discrepancy.model.parameters import Candidate
 from estimators.discrepancy.search.score_test import DETECTABLE
+from estimators.logs.immobile_findings import IMMOBILE
+from estimators.logs.units import Finding
+
+
+def stuck_after(driven: float) -> Finding:
+    return Finding(
+        kind=IMMOBILE, channel="t", severity="warning", sentence="it is stuck", numbers={"driven": driven}
+    )
 
 
 def _result(verdict: str, *sets: list[str], structure: bool = False) -> dict:
@@ -218,9 +226,9 @@ def test_a_limit_is_that_of_the_drive_with_the_fault(monkeypatch, deviation, lim
     assert found == pytest.approx(limit)
     assert sizes == [0.1]
     # Hardly anything is driven: there is nothing to fit.
-    monkeypatch.setattr(one_log, "stuck_findings", lambda log: [SimpleNamespace(severity="warning")])
+    monkeypatch.setattr(one_log, "stuck_findings", lambda log: [stuck_after(7.0)])
     assert (one_log._limit_in(None, "payload", 0.1) < math.inf) == (deviation is not None)
-    monkeypatch.setattr(one_log, "stuck_findings", lambda log: [SimpleNamespace(severity="problem")])
+    monkeypatch.setattr(one_log, "stuck_findings", lambda log: [stuck_after(5.0)])
     assert one_log._limit_in(None, "payload", 0.1) == math.inf
 
 

@@ -6,14 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimators.discrepancy.data_quality import unusable
 from estimators.discrepancy.diagnosis import diagnose
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
 from estimators.discrepancy.model.run_model import RunModel
 from estimators.discrepancy.verdict import Verdict
 from estimators.discrepancy.wording import verdict_sentence
+from estimators.logs.corruptions import corrupted
 from estimators.logs.immobile import driven_time, has_rolled, only_spins, stuck_spans
+from estimators.logs.immobile_findings import hardly_driven, stuck_findings
 from estimators.logs.quality import quality
+from estimators.logs.units import Finding
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +53,35 @@ def stopped(log, start):
     return with_channels(log, **changed)
 
 
-@pytest.mark.check
 def test_a_vehicle_that_is_stuck_from_the_start_is_no_problem_of_the_data(stuck):
+    report = quality(stuck)
+    assert not report.problems
+    (finding,) = [one for one in report.findings if one.kind == "immobile"]
+    assert hardly_driven(finding)
+    assert finding.sentence.endswith("of driving are left, and a diagnosis needs 6 s")
+    assert unusable([stuck], [report]) == (finding,)
+
+
+def test_damaged_data_are_told_before_a_vehicle_that_is_stuck(stuck):
+    report = quality(corrupted(stuck, "pitch_rate", "x1000"))
+    reasons = unusable([stuck], [report])
+    assert reasons == report.problems
+    assert reasons
+    assert any(hardly_driven(one) for one in report.findings)
+
+
+@pytest.mark.parametrize(("start", "hardly"), [(4.0, True), (8.0, False)])
+def test_a_few_seconds_before_the_vehicle_is_stuck_are_no_drive(driven, start, hardly):
+    (finding,) = stuck_findings(stopped(driven, start))
+    assert hardly_driven(finding) == hardly
+
+
+def test_another_finding_leaves_a_drive():
+    assert not hardly_driven(Finding(kind="unit", channel="v_x", severity="problem", sentence="x"))
+
+
+@pytest.mark.check
+def test_a_vehicle_that_is_stuck_from_the_start_is_outside_the_model(stuck):
     diagnosis = diagnose([stuck])
     assert diagnosis.verdict is Verdict.OUTSIDE
     sentence = verdict_sentence(diagnosis.verdict, diagnosis)

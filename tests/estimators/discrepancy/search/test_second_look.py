@@ -181,7 +181,7 @@ def test_a_wider_search_comes_before_a_finer_solver_and_not_where_another_struct
 
     stubs = {
         "quality_of": lambda logs, failed: [SimpleNamespace(problems=[])],
-        "named_findings": lambda logs, findings: (),
+        "unusable": lambda logs, reports: (),
         "used_findings": lambda logs, reports: (),
         "split_runs": lambda logs: {},
         "_searched": lambda *_, **__: done,
