@@ -17,6 +17,8 @@ from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import Any, Protocol
 
+from threadpoolctl import threadpool_limits
+
 from offroad_env.errors import InvalidParameter, OffroadError
 
 __all__ = ["COMMANDS", "main"]
@@ -62,12 +64,22 @@ _USAGE = 2  # exit status of wrong usage, as argparse has it
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run ``offroad``; leaves by `SystemExit` with 0, 1 after an error, 2 after wrong usage."""
-    # Small matrices everywhere: the threads of BLAS only wait for each other.
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
+    _use_one_thread()
     _open_streams()
     _silence_side_effects()
     sys.exit(_run(list(sys.argv[1:] if arguments is None else arguments)))
+
+
+def _use_one_thread() -> None:
+    """One thread of BLAS, if the user does not ask for others: with small matrices they wait for each other.
+
+    What is loaded by now has read the environment before; what is loaded later, and other processes, read it.
+    """
+    own = {"OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"}
+    if not own & set(os.environ):
+        threadpool_limits(limits=1, user_api="blas")
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
 
 
 def _open_streams() -> None:

@@ -8,6 +8,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from estimators.discrepancy.checks.forecast import predictions
 from estimators.discrepancy.checks.holdout_gain import channel_gains, held_out
@@ -43,7 +44,7 @@ from estimators.logs.quality import QualityReport
 from offroad_env.effects import EFFECTS, Setup
 from offroad_env.errors import OffroadError, SolverFailure
 
-__all__ = ["SCREEN_RATE", "diagnose", "overlap_of", "split_runs"]
+__all__ = ["SCREEN_RATE", "diagnose", "split_runs"]
 
 #: False-alarm rate of the first score test. The hold-out test lets about one in four of these pass, so that
 #: with `REST_RATE` the whole diagnosis stays near 3 %.
@@ -100,8 +101,10 @@ def diagnose(
     # Neither the order of files and effects nor the name of a file may matter.
     ordered = tuple(sorted(logs, key=lambda log: log.hash))
     allowed = [name for name in EFFECTS if library is None or name in library]
-    result = _diagnosed(ordered, allowed, white=white, progress=progress)
-    return _with_stops(result, allowed, progress)
+    # The matrices are small: the threads of BLAS only wait for each other, the more so beside other work.
+    with threadpool_limits(limits=1, user_api="blas"):
+        result = _diagnosed(ordered, allowed, white=white, progress=progress)
+        return _with_stops(result, allowed, progress)
 
 
 def _diagnosed(
@@ -417,7 +420,7 @@ def _checks(found: SearchResult, solver_error: float, logs: Sequence[Log]) -> Ve
         # A nominal model with large errors need not have a clean minimum: the reported model must.
         converged=found.extended.converged,
         threshold=found.threshold,
-        overlap=overlap_of(found.extended),
+        overlap=found.extended.overlap,
         pose_age=tuple(pose_age(log) for log in logs),
         unknowns=found.extended.unknowns(),
         nuisances=found.extended.nuisance_values(),
@@ -452,11 +455,6 @@ def _not_testable(fit: FitResult, limits: Mapping[str, float], causes: Sequence[
         for name, limit in limits.items()
         if limit > EFFECTS[name].plausible(vehicle) and name not in found
     }
-
-
-def overlap_of(fit: FitResult) -> float:
-    """Largest correlation of the sizes of two effects in the model, from 0 to 1; 0 for fewer."""
-    return float(fit.normal_equations.correlations(len(fit.sizes)).max(initial=0.0))
 
 
 def _missing(fit: FitResult, library: Sequence[str]) -> dict[str, str]:

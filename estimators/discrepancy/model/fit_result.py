@@ -173,6 +173,11 @@ class FitResult:
         """(E,) those of the sizes."""
         return self.deviations()[len(self.nuisances) :]
 
+    @property
+    def overlap(self) -> float:
+        """Largest correlation of the sizes of two effects, from 0 to 1; 0 for fewer."""
+        return float(self.normal_equations.correlations(len(self.sizes)).max(initial=0.0))
+
     def nuisance_values(self) -> dict[str, float]:
         """Fitted value of every nuisance of the runs, in the nuisance's own unit."""
         pairs = zip(self.problem.nuisances, self.nuisances, strict=True)

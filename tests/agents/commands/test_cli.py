@@ -388,3 +388,20 @@ def test_an_episode_can_be_pictured_and_filmed(tmp_path):
 
 def test_an_episode_can_be_watched(tmp_path):
     assert offroad("drive", "--duration", "0.1", "--window", "--out", tmp_path) == 0
+
+
+@pytest.mark.parametrize(("asked", "threads"), [({}, [1]), ({"OPENBLAS_NUM_THREADS": "2"}, [2])])
+def test_the_command_uses_one_thread_of_blas_unless_others_are_asked_for(asked, threads):
+    """numpy is loaded before the command can set the environment that it reads."""
+    code = f"""
+import os
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.pop(name, None)
+os.environ.update({asked})
+from threadpoolctl import threadpool_info, threadpool_limits
+from agents.commands import cli
+threadpool_limits(limits=2, user_api="blas")
+cli._use_one_thread()
+print(sorted({{one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}}))
+"""
+    assert json.loads(run_fresh(code)) == threads

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from agents.commands.diagnose import Diagnose
 from agents.reports.diagnosis import render_diagnosis
@@ -35,6 +36,21 @@ def _broken(*_args, **_kwargs):
 
 def _stuck(*_args, **_kwargs):
     raise SolverFailure("a wheel has sunk to its axle")
+
+
+def _blas_threads() -> set[int]:
+    return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
+
+
+def test_a_diagnosis_uses_one_thread_of_blas_and_gives_the_others_back(monkeypatch):
+    """With two, a diagnosis beside another one took 1.8 times as long."""
+    seen = []
+    monkeypatch.setattr(diagnosis_module, "_diagnosed", lambda *_, **__: seen.append(_blas_threads()))
+    monkeypatch.setattr(diagnosis_module, "_with_stops", lambda result, *_: seen.append(_blas_threads()))
+    with threadpool_limits(limits=2, user_api="blas"):
+        diagnose([])
+        assert _blas_threads() == {2}
+    assert seen == [{1}, {1}]
 
 
 def test_a_section_that_fails_is_replaced_and_its_reason_kept():

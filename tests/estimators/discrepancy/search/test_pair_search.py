@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimators.discrepancy.diagnosis import overlap_of
 from estimators.discrepancy.faults.combined import combined
 from estimators.discrepancy.faults.drive import draw_case, simulated_log
 from estimators.discrepancy.faults.library import FAULTS
@@ -224,7 +223,7 @@ def test_causes_that_overlap_are_no_certain_names():
     names = [Candidate(effect=name) for name in ("payload", "torque_scale", "gyro_bias_pitch")]
     alike = refit(nominal, names[:2], [0.1, 0.0])
     apart = refit(nominal, [names[0], names[2]], [0.1, 0.0])
-    assert overlap_of(alike) > 0.4 > 0.1 > overlap_of(apart)
+    assert alike.overlap > 0.4 > 0.1 > apart.overlap
 
 
 def test_a_search_goes_on_where_its_first_choice_does_not_hold_once_it_is_fitted(monkeypatch):
