@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 from estimators.discrepancy.sections import attempt
+from estimators.logs.channel_checks import OUTSIDE
 from estimators.logs.immobile_findings import IMMOBILE, hardly_driven
 from estimators.logs.log import Log
 from estimators.logs.quality import QualityReport, quality
@@ -34,10 +35,14 @@ def quality_of(logs: Sequence[Log], failed: dict[str, str]) -> tuple[QualityRepo
 
 
 def unusable(logs: Sequence[Log], reports: Sequence[QualityReport]) -> tuple[Finding, ...]:
-    """Why nothing can be fitted: problems of the data or, without any, a vehicle that hardly drives."""
+    """Why nothing can be fitted: the data, a vehicle that is not steered, or one that hardly drives.
+
+    Only the first of these that there is: each has its own verdict, or its own sentence.
+    """
     problems = _named(logs, [report.problems for report in reports])
+    unsteered = [[one for one in report.findings if one.kind == OUTSIDE] for report in reports]
     stuck = [[one for one in report.findings if hardly_driven(one)] for report in reports]
-    return problems or _named(logs, stuck)
+    return problems or _named(logs, unsteered) or _named(logs, stuck)
 
 
 def used_findings(logs: Sequence[Log], reports: Sequence[QualityReport]) -> tuple[Finding, ...]:

@@ -8,10 +8,10 @@ from dataclasses import replace
 from estimators.logs.agreement import Suspect, suspects_of
 from estimators.logs.log import Log
 from estimators.logs.plausibility import Violation, moved_in, turns_without_steering, violations_of
-from estimators.logs.raw import SPLIT
+from estimators.logs.raw import SIDES, SPLIT
 from estimators.logs.units import Finding
 
-__all__ = ["OUTSIDE", "channel_findings", "reconciled"]
+__all__ = ["OUTSIDE", "channel_findings", "reconciled", "without_sliding_wheels"]
 
 #: Kind of a finding by which no model of the log's class can be right.
 OUTSIDE = "model class"
@@ -38,6 +38,7 @@ _SHOWS = {
     "yaw": "turn", "course": "turn", "steer": "turn", "yaw_rate": "turn", "a_y": "turn", "a_x": "push",
 }  # fmt: skip
 _CONTRADICTED = "the other channels that show it contradict each other, or are too few"
+_SLIDES = "not compared with other channels: wheels that are not steered slide in every turn"
 _OTHERS = "the speed hardly changed, or too few other channels agree on it"
 
 
@@ -50,12 +51,12 @@ def channel_findings(log: Log, earlier: Sequence[Finding]) -> tuple[list[Finding
         Findings of single laws; their channels are named no second time.
     """
     outside = turns_without_steering(log)
+    if outside is not None:
+        return _of_sliding(log, outside, earlier), set()
     suspects, judged = suspects_of(log)
     if any(finding.kind == "axes" for finding in earlier):
         # Each measures what the other should: a vote on either has no meaning.
         suspects, judged = [s for s in suspects if not _LEVEL & set(s.channels)], judged - _LEVEL
-    if outside is not None:
-        suspects = [s for s in suspects if "steer" not in s.channels]
     suspected = {name for suspect in suspects for name in suspect.channels}
     sound = judged - suspected
     known = {f.channel for f in earlier if f.severity == "problem"}
@@ -64,14 +65,27 @@ def channel_findings(log: Log, earlier: Sequence[Finding]) -> tuple[list[Finding
     positions = {name for violation in violations for name in violation.channels} & {"x", "y"}
     suspects = [s for s in suspects if not (positions and set(s.channels) == {"x", "y"})]
     findings = [*_one_each([*map(_of_suspect, suspects), *map(_of_violation, violations)])]
-    if outside is not None:
-        findings.append(_outside(outside))
     named = {f.channel for f in findings} | known
     moved = moved_in(log)
     findings += [_unchecked(name, moved) for name in log.channels if name not in judged | named]
     if SPLIT in log.config.notes:
         findings = [_of_split(finding) for finding in findings]
     return findings, sound
+
+
+def _of_sliding(log: Log, outside: str, earlier: Sequence[Finding]) -> list[Finding]:
+    """Of a vehicle that turns without steering: each sensor by itself, since its wheels do not roll.
+
+    They drag it through its turns, so that they show neither its speed nor its course, and it slides aside.
+    """
+    violations, judged = violations_of(log, frozenset(log.channels))
+    findings = [_outside(log, outside), *_one_each(map(_of_violation, violations))]
+    named = {f.channel for f in [*findings, *earlier] if f.severity == "problem"}
+    return findings + [
+        replace(_unchecked(name, set()), sentence=f"{name}: {_SLIDES}")
+        for name in log.channels
+        if name not in judged | named
+    ]
 
 
 def _of_split(finding: Finding) -> Finding:
@@ -86,6 +100,13 @@ def _of_split(finding: Finding) -> Finding:
     return replace(finding, sentence=f"{finding.sentence} ({of_total})")
 
 
+def without_sliding_wheels(log: Log) -> Log:
+    """The log, or that without its wheel speeds where the vehicle turns without steering: they show none."""
+    if turns_without_steering(log) is None:
+        return log
+    return replace(log, channels={k: v for k, v in log.channels.items() if k not in ("omega_f", "omega_r")})
+
+
 def reconciled(single: Iterable[Finding], found: Sequence[Finding], sound: set[str]) -> list[Finding]:
     """The findings of single laws without those that a vote of several channels refutes.
 
@@ -95,7 +116,7 @@ def reconciled(single: Iterable[Finding], found: Sequence[Finding], sound: set[s
     return [f for f in single if not (guilty and f.kind in _BY_ONE_LAW and f.channel in sound)]
 
 
-def _one_each(findings: Sequence[Finding]) -> list[Finding]:
+def _one_each(findings: Iterable[Finding]) -> list[Finding]:
     """The first finding of every channel and severity."""
     kept: dict[tuple[str, str], Finding] = {}
     for finding in findings:
@@ -142,13 +163,10 @@ def _of_violation(violation: Violation) -> Finding:
     )
 
 
-def _outside(sentence: str) -> Finding:
-    return Finding(
-        kind=OUTSIDE,
-        channel="steer",
-        severity="problem",
-        sentence=f"{sentence}: skid steer, or a steer column that was not recorded?",
-    )
+def _outside(log: Log, sentence: str) -> Finding:
+    """What no model of a steered vehicle can be right about; no problem of data that say so themselves."""
+    severity = "warning" if SIDES in log.config.notes else "problem"
+    return Finding(kind=OUTSIDE, channel="steer", severity=severity, sentence=sentence)
 
 
 def _unchecked(name: str, moved: set[str]) -> Finding:

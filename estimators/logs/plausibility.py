@@ -13,6 +13,7 @@ from estimators.logs.agreement import MOTIONS, median_of, routes_of, witnesses_o
 from estimators.logs.late_steering import STEEPEST
 from estimators.logs.log import Log
 from estimators.logs.mounting_leaks import antenna_limit, leaks_into_lean, without_leaks
+from estimators.logs.raw import SIDES
 from estimators.logs.signals import Likeness, Windows, likeness, noise_sd, unwrapped
 from offroad_env.physics.numerics import GRAVITY
 
@@ -43,6 +44,8 @@ _SIDEWAYS, _SIDEWAYS_SHARE = 1.0, 0.1
 _STEEP_SHARE = 0.02
 #: Steering that is none, and a turn that is one [rad, rad/s].
 _NO_STEER, _TURN = 0.02, 0.1
+#: A turn that the body itself shows and nothing confirms, and what shows it [rad/s].
+_TURN_ALONE, _OWN_TURN = 0.2, (("yaw_rate",), ("yaw",))
 #: Change of a command from one short window to the next must show in the motion [s, -].
 _SHORT, _SHORT_SHOWS = 0.2, 0.28
 
@@ -449,21 +452,33 @@ def _sisters(log: Log) -> list[Violation]:
 
 
 def turns_without_steering(log: Log) -> str | None:
-    """Why no model that turns by its steering can be right; None where it steers, or goes straight."""
+    """Why no model that turns by its steering can be right; None where it steers, or goes straight.
+
+    It does not steer where the steering stays at zero, or is computed from the speeds of both sides.
+    """
     windows = Windows(log)
-    speed = _witnessed(windows, "speed", None, frozenset())
-    routes = [r for r in routes_of(windows, "turn", speed) if "steer" not in r.channels]
-    witnesses = witnesses_of(routes, MOTIONS["turn"])
     steer = windows.mean("steer")
-    if not witnesses or steer is None:
+    if steer is None or not np.isfinite(steer).any():
         return None
-    turn = median_of(witnesses)
-    if not np.nanmax(np.abs(turn)) > _TURN:
+    steered = float(np.nanmax(np.abs(steer)))
+    if SIDES in log.config.notes:
+        text = "no wheel is steered: its steering is computed from the speeds of left and right wheels"
+    elif steered < _NO_STEER:
+        text = (
+            f"steer stays within {steered:.2g} rad: it turns without steering: skid steer, or a steer column "
+            "that was not recorded?"
+        )
+    else:
         return None
-    if np.nanmax(np.abs(steer)) > _NO_STEER:
-        return None
-    names = ", ".join(dict.fromkeys(name for one in witnesses for name in one.channels))
-    return (
-        f"the vehicle turns at up to {np.nanmax(np.abs(turn)):.2g} rad/s ({names} agree) while steer stays "
-        f"within {np.nanmax(np.abs(steer)):.2g} rad: it turns without steering"
-    )
+    speed = _witnessed(windows, "speed", None, frozenset())
+    routes = [route for route in routes_of(windows, "turn", speed) if "steer" not in route.channels]
+    # A vehicle that slides in its turns may follow no course and no lateral acceleration of a rolling one.
+    own = [route for route in routes if route.channels in _OWN_TURN]
+    confirmed = witnesses_of(routes, MOTIONS["turn"])
+    for seen, least, how in ((confirmed, _TURN, "agree"), (own, _TURN_ALONE, "alone")):
+        turn = median_of(seen) if seen else np.zeros(1)
+        fastest = float(np.nanmax(np.abs(turn)))
+        if fastest > least or (seen is confirmed and np.nanstd(turn) > MOTIONS["turn"].still):
+            names = ", ".join(dict.fromkeys(name for route in seen for name in route.channels))
+            return f"the vehicle turns at up to {fastest:.2g} rad/s ({names} {how}) while {text}"
+    return None

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.logs.channel_checks import channel_findings, reconciled
+from estimators.logs.channel_checks import channel_findings, reconciled, without_sliding_wheels
 from estimators.logs.clocks import clock_findings
 from estimators.logs.immobile_findings import stuck_findings
 from estimators.logs.log import Log
@@ -147,7 +147,7 @@ def quality(log: Log) -> QualityReport:
     if log.rig:
         findings = _rig_findings(log)
     else:
-        single, checks = suspicions(log)
+        single, checks = suspicions(without_sliding_wheels(log))
         together, sound = channel_findings(log, single)
         findings = reconciled(single, together, sound)
         named = {f.channel for f in findings if f.severity == "problem"}

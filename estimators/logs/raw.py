@@ -12,10 +12,15 @@ from estimators.logs.signals import roll_back
 from estimators.logs.tables import Table
 from offroad_env.physics.records import Vehicle
 
-__all__ = ["SPLIT", "derived"]
+__all__ = ["SIDES", "SPLIT", "derived"]
 
 #: What is said where the torques of the axles are none that were measured.
 SPLIT = "torque_f and torque_r are shares of torque_total, by drive_front, and by brake_front where it brakes"
+#: Of a vehicle whose wheels are not steered.
+SIDES = (
+    "steer is not measured: it is the angle at which a vehicle with this wheelbase turns as the speeds of "
+    "left and right wheels differ, without slip. Skid steering slips, so lateral results are not to be judged"
+)
 
 #: Ellipsoid WGS 84: equatorial radius [m], square of the eccentricity.
 _EARTH, _ECCENTRICITY = 6378137.0, 6.69437999014e-3
@@ -55,13 +60,7 @@ def derived(
         notes.append(SPLIT)
     if vehicle is not None and "omega_left" in channels and "steer" not in channels:
         made["steer"] = _steering(t, channels, vehicle)
-        notes.append(
-            "steer is not measured: it is the angle at which a vehicle with this wheelbase turns as the "
-            "speeds of "
-            "left and right wheels differ, without slip. Skid steering slips, so lateral results are not "
-            "to be "
-            "judged"
-        )
+        notes.append(SIDES)
     result = {name: values for name, values in channels.items() if name not in RAW_COLUMNS}
     for name, values in made.items():
         if name in result and name not in ("yaw", "pitch", "roll"):
