@@ -22,6 +22,7 @@ import numpy as np
 from estimators.discrepancy.data_quality import unusable
 from estimators.logs import Log, log_from_run, quality, read_log, write_log
 from estimators.logs.channel_checks import OUTSIDE
+from estimators.logs.immobile_findings import IMMOBILE
 from estimators.logs.signals import Windows
 from offroad_env.errors import OffroadError
 from offroad_env.physics import state as at
@@ -111,12 +112,13 @@ def variants(log: Log, sides: np.ndarray) -> Iterator[tuple[str, Log]]:
 
 
 def said(log: Log) -> str:
-    """Why nothing can be fitted: it turns without steering, or problems of data; or nothing."""
+    """Why nothing can be fitted: it turns without steering, is stuck, or its data have problems."""
     reasons = unusable([log], [quality(log)])
     if not reasons:
         return "nothing"
-    if {one.kind for one in reasons} == {OUTSIDE}:
-        return "outside the model"
+    kinds = {one.kind for one in reasons}
+    if kinds in ({OUTSIDE}, {IMMOBILE}):
+        return "outside the model" if kinds == {OUTSIDE} else "stuck"
     return "a data problem: " + ", ".join(sorted({f"{one.channel} {one.kind}" for one in reasons}))
 
 
