@@ -80,7 +80,7 @@ def _of_sliding(log: Log, outside: str, earlier: Sequence[Finding]) -> list[Find
     """
     violations, judged = violations_of(log, frozenset(log.channels))
     findings = [_outside(log, outside), *_one_each(map(_of_violation, violations))]
-    named = {f.channel for f in [*findings, *earlier] if f.severity == "problem"}
+    named = {"steer", *(f.channel for f in [*findings, *earlier] if f.severity == "problem")}
     return findings + [
         replace(_unchecked(name, set()), sentence=f"{name}: {_SLIDES}")
         for name in log.channels

@@ -83,8 +83,9 @@ def test_the_same_drive_has_problems_of_data_where_a_steering_is_stated(robot):
     assert quality(robot[0]).problems
 
 
-def test_what_is_not_compared_is_said(robot):
-    log = unsteered(robot[0])
+@pytest.mark.parametrize("by_sides", [False, True])
+def test_what_is_not_compared_is_said(by_sides, robot, tmp_path):
+    log = with_sides(*robot, tmp_path) if by_sides else unsteered(robot[0])
     notes = {one.channel: one.sentence for one in quality(log).findings if one.kind == "unchecked"}
     assert notes.keys() == log.channels.keys() - {"steer", "a_z"}
     assert all("slide in every turn" in sentence for sentence in notes.values())
