@@ -14,10 +14,9 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
 from estimators.discrepancy.checks.holdout_gain import ChannelGain
 from estimators.discrepancy.structure_trials import FLOORS, StructureTrial, Trials
+from estimators.discrepancy.tyre_trials import has_tyre, near_on_tyres, on_rigid_rims, on_tyres
 from estimators.logs.log import Log
 from estimators.replay.structures import Case
 from offroad_env.effects.protocol import Setup
@@ -47,6 +46,7 @@ STRUCTURAL_CAUSES: Mapping[str, str] = MappingProxyType(
         "slip_sinkage": "slip digs wheels in",
         "shaft_torque": "torques act on the wheels without a reaction on the body",
         "four_wheels_and_roll": "four wheels bear their own loads, and the body rolls",
+        "flexible_tyre": "tyres flatten under their load and bear along the ground's normal",
     }
 )
 #: Law by cause, and what must go with it where the law is put back.
@@ -64,6 +64,9 @@ _LAWS: Mapping[str, Mapping[str, str]] = MappingProxyType(
 #: Presets that are tried whole, besides the nominal structure, and models of the vehicle.
 _PRESETS, _VEHICLES = ("grid", "field"), ("half_car", "four_wheel")
 _FOUR = "four_wheels_and_roll"
+_TYRE = "flexible_tyre"
+#: Laws without which there is no tyre: they are part of it.
+_OF_TYRES = ("pressure_direction", "pressure_distribution")
 #: A preset is looked at closely if it costs this much less than the nominal structure.
 _WORTH = 0.3
 #: A structure is named if errors fall by this share of themselves at least (mean logarithm over channels),
@@ -84,6 +87,9 @@ _BEHIND = 0.4
 #: Largest errors of a structure that is named, over `FLOORS`: drives of another simulator leave 1.1 to 2.5,
 #: laws that no structure here resembles (a friction circle, described as sand) 5.8.
 ADEQUATE = 4.0
+#: Errors that rigid rims on natural soil leave, up to which tyres are not tried, and the mean logarithm that
+#: these must take from larger ones.
+_RIGID, _TYRES = 2.0, 0.15
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,7 +144,7 @@ class StructureComparison:
     @property
     def misfit(self) -> float:
         """Errors of the best structure over `FLOORS`, geometric mean over windows and channels."""
-        return float(np.exp(np.nanmean(self.best.logarithms() - np.log([*FLOORS.values()]))))
+        return self.best.misfit
 
     @property
     def adequate(self) -> bool:
@@ -210,15 +216,19 @@ def compare_structures(
         return None
     own = Case(first.structure, _VEHICLES[0])
     effects = None if setups is None else trials.with_effects(own, setups)
-    if effects is not None and not _rivalled(trials, effects):
+    rivalled = effects is None or _rivalled(trials, effects)
+    if effects is not None and not rivalled and effects.misfit <= _RIGID:
         return None
     nominal = trials.best(own)
-    found = _presets(trials, nominal)
+    found = _presets(trials, nominal) if rivalled else []
+    found = _with_tyres(trials, logs[0], nominal if effects is None else effects, nominal, found)
+    if not found:
+        return None
     best = found[0]
     gain, p_value = trials.apart(nominal, best)
     causes: tuple[StructuralCause, ...] = ()
     equals: tuple[Case, ...] = ()
-    if gain > _GAIN and p_value < _P_VALUE and trials.inside(best):
+    if _named(trials, nominal, best):
         equals = tuple(one.case for one in found[1:] if not _worse(trials, one, best))
         best, causes = _pruned(trials, nominal, best)
         gain, p_value = trials.apart(nominal, best)
@@ -238,6 +248,40 @@ def compare_structures(
         gain_over_effects=over,
         adequate_nominal=adequate_nominal,
     )
+
+
+def _named(trials: Trials, nominal: StructureTrial, best: StructureTrial) -> bool:
+    """Whether a structure predicts so much better than the nominal one that it is the better model."""
+    gain, p_value = trials.apart(nominal, best)
+    return gain > _GAIN and p_value < _P_VALUE and trials.inside(best)
+
+
+def _with_tyres(
+    trials: Trials,
+    log: Log,
+    known: StructureTrial,
+    nominal: StructureTrial,
+    found: list[StructureTrial],
+) -> list[StructureTrial]:
+    """The presets with those on tyres before them, where these take much of what rigid rims leave.
+
+    Parameters
+    ----------
+    known
+        The nominal structure with effects, or without where they are not known.
+    found
+        Presets on rigid rims, best first.
+    """
+    rivals = [known, *(one for one in found[:1] if _named(trials, nominal, one))]
+    best = min(rivals, key=lambda one: one.misfit)
+    if best.misfit <= _RIGID or not near_on_tyres(trials, log, trials.cost(best) + _BEHIND * len(FLOORS)):
+        return found
+    tyres = on_tyres(trials, log)
+    gain, _ = trials.apart(best, tyres[0])
+    # Of a short drive few windows are apart, and two numbers cannot make up what tyres gain in the others.
+    _, p_value = trials.apart(best, tyres[0], everywhere=True)
+    better = gain > _TYRES and p_value < _P_VALUE and trials.inside(tyres[0])
+    return [*tyres, *found] if better and tyres[0].misfit <= ADEQUATE else found
 
 
 def _rivalled(trials: Trials, effects: StructureTrial) -> bool:
@@ -293,6 +337,8 @@ def _parts(case: Case, nominal: Case) -> list[str]:
     found = [
         cause for cause, laws in _LAWS.items() if own.get(next(iter(laws))) != usual.get(next(iter(laws)))
     ]
+    if has_tyre(case.structure) and not has_tyre(nominal.structure):
+        found = [_TYRE, *(name for name in found if name not in _OF_TYRES)]
     return found + ([_FOUR] if case.vehicle_model != nominal.vehicle_model else [])
 
 
@@ -317,6 +363,8 @@ def _without(case: Case, cause: str, nominal: Case) -> Case:
     """The case with one cause put back, and with it what needs it."""
     if cause == _FOUR:
         return Case(case.structure, nominal.vehicle_model)
+    if cause == _TYRE:
+        return Case(on_rigid_rims(case.structure), case.vehicle_model)
     preset, *changes = case.structure.split(",")
     named = dict(change.split("=") for change in changes)
     back = dict(_LAWS[cause])
@@ -343,8 +391,8 @@ def _pruned(
         # Both have one n, so that all windows compare them fairly.
         loss, p_value = trials.apart(trial, best, everywhere=True)
         if loss > _LOSS:
-            # Another n may make up for what is left out.
-            trial = trials.best(less, start=best.change)
+            # Another n may make up for what is left out; that of rigid rims is far off.
+            trial = trials.best(less, start=None if cause == _TYRE else best.change)
             loss, p_value = trials.apart(trial, best, everywhere=True)
         if loss > _LOSS:
             causes[cause] = StructuralCause(id=cause, gain=math.exp(loss) - 1.0, p_value=p_value)

@@ -63,6 +63,11 @@ class StructureTrial:
         squares = np.mean(self.errors**2, axis=0)
         return [float(np.sqrt(value)) if math.isfinite(value) else None for value in squares]
 
+    @property
+    def misfit(self) -> float:
+        """Errors over `FLOORS`, geometric mean over windows and channels."""
+        return float(np.exp(np.nanmean(self.logarithms() - np.log([*FLOORS.values()]))))
+
     def logarithms(self) -> np.ndarray:
         """Logarithms of the errors with their floors, (W, C)."""
         known = np.where(np.isinf(self.errors), _FAILED, self.errors)

@@ -29,6 +29,7 @@ from offroad_env.world.descriptions import read_soil, read_vehicle
 from offroad_env.world.four_wheel import FOUR_WHEEL_FIELDS, FourWheelFields, make_four_wheel
 from offroad_env.world.soils import make_soil
 from offroad_env.world.structures import read_structure
+from offroad_env.world.tyres import require_fitting_tyre
 from offroad_env.world.vehicles import make_vehicle, make_wheel
 from offroad_env.world.yaml_text import shown
 
@@ -85,7 +86,7 @@ def parse_config(top: Section, *, rig: bool) -> LogConfig:
         from_data = top.peek("start") == _FROM_DATA
         config = LogConfig(
             model=top.choice("model", MODELS),
-            structure=_structure(top),
+            structure=_structure(top, Wheel(vehicle.r, vehicle.b)),
             drivetrain=top.choice("drivetrain", _DRIVETRAINS),
             slip=top.number("slip", _SLIP, 0.0),
             vehicle=vehicle,
@@ -105,13 +106,15 @@ def parse_config(top: Section, *, rig: bool) -> LogConfig:
     return config
 
 
-def _structure(top: Section) -> str:
-    """The laws of the wheels, as text that can be read."""
+def _structure(top: Section, wheel: Wheel) -> str:
+    """The laws of the wheels, as text that can be read, with tyres that fit."""
     text = top.take("structure", "full")
     try:
         if not isinstance(text, str):
             raise InvalidParameter(f"structure must be text, got {shown(text)}")
-        read_structure(text)
+        tyre = read_structure(text).tyre
+        if tyre is not None:
+            require_fitting_tyre(tyre, wheel)
     except InvalidParameter as error:
         raise top.error(str(error), "structure") from None
     return text
@@ -154,7 +157,7 @@ def _rig_config(top: Section, units: tuple[tuple[str, str], ...]) -> LogConfig:
     soil = _soil_of(top)
     for name in ("drivetrain", "slip", "terrain", "imu", "gnss", "inputs", "start", "unknown", "tolerances"):
         top.take(name, None)  # harmless beside a wheel: the same YAML may serve a vehicle
-    return LogConfig(model=model, structure=_structure(top), wheel=wheel, soil=soil, units=units)
+    return LogConfig(model=model, structure=_structure(top, wheel), wheel=wheel, soil=soil, units=units)
 
 
 def _refused(section: Section, error: InvalidParameter) -> DataError:

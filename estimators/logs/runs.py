@@ -153,8 +153,7 @@ def config_of(plant: Plant, sensors: SensorSuite, start: StartSpec, *, hold: str
     Raises
     ------
     InvalidParameter
-        If the sensors do not fit a log (no noise, or an IMU that does not pitch as the model's does), or the
-        plant has tyres, which a log does not state.
+        If the sensors do not fit a log (no noise, or an IMU that does not pitch as the model's does).
     """
     model, imu, gnss = plant_model(plant), sensors.imu, sensors.gnss
     for name, value in (("accel_noise", imu.accel_noise), ("gyro_noise", imu.gyro_noise)):

@@ -191,14 +191,16 @@ def _wheel_laws(
         raise InvalidParameter(
             f"the paper's model has wheels of its own; for structure={structure!r} take model='full'"
         )
+    if isinstance(structure, str) and (tyre is not None or structure != model):
+        structure = read_structure(structure)
     if tyre is not None:
-        require_fitting_tyre(tyre, wheel)
-        return with_tyre(read_structure(structure) if isinstance(structure, str) else structure, tyre)
-    if structure is None or (isinstance(structure, str) and structure == model):
+        structure = with_tyre(structure, tyre)  # type: ignore[arg-type]  # a text was read
+    if structure is None or isinstance(structure, str):
         return None
-    if isinstance(structure, str):
-        return read_structure(structure)
-    return require_record("structure", structure, Structure, "make_structure, or a name")
+    laws = require_record("structure", structure, Structure, "make_structure, or a name")
+    if laws.tyre is not None:
+        require_fitting_tyre(laws.tyre, wheel)
+    return laws
 
 
 def plant_model(plant: Plant) -> str:

@@ -8,10 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import cast
 
 from offroad_env.errors import InvalidParameter
-from offroad_env.physics.records import Structure
+from offroad_env.physics.records import Structure, Tyre
 from offroad_env.world.argument_checks import is_one_of, numbers
+from offroad_env.world.tyres import TYRE_RANGES, TYRES, TyreFields, make_tyre, with_tyre
 from offroad_env.world.yaml_text import shown
 
 __all__ = [
@@ -83,6 +85,10 @@ STRUCTURE_NUMBERS: Mapping[str, tuple[float, float, float]] = MappingProxyType(
         "grouser_height": (0.0, 0.2, 0.0),
     }
 )
+
+#: Key of the tyre in a text, by its name, and of its fields.
+_TYRE = "tyre"
+_TYRE_NUMBERS: Mapping[str, str] = MappingProxyType({f"tyre_{name}": name for name in TYRE_RANGES})
 
 
 def make_structure(
@@ -164,26 +170,31 @@ def _require_unused(**numbers: float) -> None:
 
 
 def read_structure(text: str) -> Structure:
-    """A structure from text: a preset and departures, ``"grid,ruts=none,elastic_modulus=1e8"``."""
+    """A structure from text: a preset and departures, ``"grid,ruts=none,elastic_modulus=1e8"``.
+
+    Flexible tyres belong to it by name, by their fields, or both: ``"field,tyre=mrzr,tyre_inflation=12e4"``,
+    ``"field,tyre_r=0.33,tyre_b=0.21,tyre_inflation=12e4"``.
+    """
     preset, *changes = [part.strip() for part in text.split(",")]
     laws: dict[str, str] = {}
     numbers: dict[str, float] = {}
+    tyre: dict[str, float] = {}
+    base: str | None = None
     for change in changes:
         name, equals, value = change.partition("=")
         if not equals:
             raise InvalidParameter(f"structure {text!r}: {change!r} is not of the form choice=option")
         if name in LAWS:
             laws[name] = value
-            continue
-        if name not in STRUCTURE_NUMBERS:
+        elif name == _TYRE:
+            base = value
+        elif name in STRUCTURE_NUMBERS:
+            numbers[name] = _number(text, name, value)
+        elif name in _TYRE_NUMBERS:
+            tyre[_TYRE_NUMBERS[name]] = _number(text, name, value)
+        else:
             raise InvalidParameter(f"structure {text!r}: there is no choice or number {name!r}; {_known()}")
-        try:
-            numbers[name] = float(value)
-        except ValueError:
-            raise InvalidParameter(
-                f"structure {text!r}: {name} must be a number without a unit, got {value!r}"
-            ) from None
-    return make_structure(
+    structure = make_structure(
         preset,
         elastic_modulus=numbers.get("elastic_modulus", _ELASTIC_MODULUS),
         slip_sinkage_rate=numbers.get("slip_sinkage_rate", _SLIP_SINKAGE_RATE),
@@ -191,10 +202,23 @@ def read_structure(text: str) -> Structure:
         grouser_height=numbers.get("grouser_height", 0.0),
         **laws,
     )
+    if base is None and not tyre:
+        return structure
+    return with_tyre(structure, make_tyre(base, **cast("TyreFields", tyre)))
+
+
+def _number(text: str, name: str, value: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        raise InvalidParameter(
+            f"structure {text!r}: {name} must be a number without a unit, got {value!r}"
+        ) from None
 
 
 def _known() -> str:
-    return f"choices are {', '.join(LAWS)}, numbers {', '.join(STRUCTURE_NUMBERS)}"
+    numbers = ", ".join((*STRUCTURE_NUMBERS, *_TYRE_NUMBERS))
+    return f"choices are {', '.join(LAWS)}, {_TYRE}, numbers {numbers}"
 
 
 def structure_laws(structure: Structure) -> dict[str, str]:
@@ -219,24 +243,32 @@ def structure_laws(structure: Structure) -> dict[str, str]:
 
 
 def structure_text(structure: Structure) -> str:
-    """The text from which `read_structure` makes a structure: a preset's name where it is one.
-
-    Raises
-    ------
-    InvalidParameter
-        For a tyre, which has no name in such a text.
-    """
-    if structure.tyre is not None:
-        raise InvalidParameter("structure must have no tyre where it is written as text, got one")
+    """The text from which `read_structure` makes a structure: a preset's name where it is one."""
+    rigid, tyre = structure._replace(tyre=None), structure.tyre
+    on = [] if tyre is None else _tyre_text(tyre)
     for preset in STRUCTURES:
-        if make_structure(preset) == structure:
-            return preset
-    laws = structure_laws(structure)
+        if make_structure(preset) == rigid:
+            return ",".join([preset, *on])
+    laws = structure_laws(rigid)
     changes = [f"{name}={option}" for name, option in laws.items() if option != LAWS[name][0]]
     for name, (_, _, default) in STRUCTURE_NUMBERS.items():
-        if getattr(structure, name) != default:
-            changes.append(f"{name}={float(getattr(structure, name))!r}")
-    return ",".join(["full", *changes])
+        if getattr(rigid, name) != default:
+            changes.append(f"{name}={float(getattr(rigid, name))!r}")
+    return ",".join(["full", *changes, *on])
+
+
+def _tyre_text(tyre: Tyre) -> list[str]:
+    """A tyre by its name; otherwise by its size and pressure, and by what departs from the usual of these."""
+    for name in TYRES:
+        if TYRES[name] == tyre:
+            return [f"{_TYRE}={name}"]
+    usual = make_tyre(r=tyre.r, b=tyre.b, inflation=tyre.inflation)
+    stated = ("r", "b", "inflation")
+    return [
+        f"{key}={float(getattr(tyre, name))!r}"
+        for key, name in _TYRE_NUMBERS.items()
+        if name in stated or getattr(tyre, name) != getattr(usual, name)
+    ]
 
 
 def _flag(value: bool) -> float:

@@ -12,13 +12,14 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from helpers import measured_data
-from offroad_env.errors import InvalidParameter
+from offroad_env.errors import InvalidParameter, OffroadError
 from offroad_env.physics import state as at
 from offroad_env.physics.contact import AIRBORNE, CONTACT, Support, slope_frame
 from offroad_env.physics.records import ContactOptions, RutSection, Wheel, WheelMotion
 from offroad_env.physics.ruts import Place, find_rut, lay_track, prefill_track
 from offroad_env.physics.structured_contact import solve_structured_contact, structured_reaction
 from offroad_env.physics.wheel_soil import wheel_reaction
+from offroad_env.simulation.simulator import make_plant
 from offroad_env.simulation.soil_power import PowerStates, random_rolling_states, soil_power
 from offroad_env.simulation.wheel import wheel_forces
 from offroad_env.world.soils import SOILS, make_soil
@@ -30,8 +31,9 @@ from offroad_env.world.structures import (
     structure_laws,
     structure_text,
 )
-from offroad_env.world.tyres import TYRES, with_tyre
-from offroad_env.world.vehicles import make_wheel
+from offroad_env.world.terrain import flat
+from offroad_env.world.tyres import TYRES, make_tyre, with_tyre
+from offroad_env.world.vehicles import VEHICLES, make_wheel
 
 WHEEL = Wheel(0.33, 0.25)
 GRID = make_structure("grid", width="rim")
@@ -393,3 +395,40 @@ def test_a_right_angle_of_slip_may_be_rounded_up() -> None:
     angles = np.array([0.5 * math.pi, 1.5708])
     side = wheel_forces(SOILS["clay"], make_wheel(r=0.3, b=0.2), load=2000.0, slip=0.1, slip_angle=angles).F_y
     assert side[0] == side[1]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "field,tyre=mrzr",
+        "grid,ruts=none,tyre=hmmwv",
+        "grid,tyre=mrzr,tyre_inflation=12e4",
+        "field,tyre_r=0.33,tyre_b=0.212,tyre_inflation=8e4",
+        "field,tyre_r=0.33,tyre_b=0.212,tyre_inflation=8e4,tyre_cornering=6",
+    ],
+)
+def test_a_structure_on_tyres_is_read_from_text_and_written_as_such(text):
+    structure = read_structure(text)
+    assert structure.tyre is not None
+    assert read_structure(structure_text(structure)) == structure
+    assert read_structure(text.partition(",tyre")[0]) == structure._replace(tyre=None)
+
+
+def test_a_tyre_in_text_is_that_of_the_catalogue_or_of_the_rule():
+    assert read_structure("grid,tyre=mrzr").tyre == TYRES["mrzr"]
+    assert structure_text(with_tyre(make_structure("field"), TYRES["mrzr"])) == "field,tyre=mrzr"
+    by_size = read_structure("field,tyre_r=0.33,tyre_b=0.212,tyre_inflation=8e4").tyre
+    assert by_size == make_tyre(r=0.33, b=0.212, inflation=8e4)
+    vehicle, soil = VEHICLES["mrzr"], SOILS["clay"]
+    plant = make_plant(vehicle, soil, flat(), structure="grid,tyre=mrzr")
+    assert plant.structure == make_plant(vehicle, soil, flat(), structure="grid", tyre="mrzr").structure
+    for text, part in (
+        ("full,tyre=mrzr", "ground_normal"),
+        ("grid,tyre=mrz", "did you mean one of mrzr"),
+        ("grid,tyre_inflation=1e5", "needs r, b"),
+        ("grid,tyre=mrzr,tyre_inflation=1.2", "bar given as Pa"),
+        ("grid,tyre_pressure=1e5", "no choice or number 'tyre_pressure'"),
+        ("grid,tyre=hmmwv", "the tyre's radius must be within 15 %"),
+    ):
+        with pytest.raises(OffroadError, match=part):
+            make_plant(vehicle, soil, flat(), structure=text)

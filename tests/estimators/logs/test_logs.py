@@ -38,6 +38,7 @@ from offroad_env.simulation.simulator import make_plant, settled_state, simulate
 from offroad_env.world.soils import SOILS, make_soil
 from offroad_env.world.structures import read_structure
 from offroad_env.world.terrain import add, flat, grade, paper_terrain, rough_terrain
+from offroad_env.world.tyres import make_tyre
 from offroad_env.world.vehicles import VEHICLES
 from simulated_logs import BELIEVED_N, STEP, TRUE_N, changed, plant_with, same_columns, sensors_for
 
@@ -255,6 +256,13 @@ def test_a_log_states_the_laws_of_its_wheels(log, tmp_path):
     assert read.config.structure == "grid,ruts=none"
     assert plant_of(read).structure == read_structure("grid,ruts=none")
     assert plant_of(log).structure is None
+    [tyred] = with_structure([log], "field,tyre=mrzr,tyre_inflation=12e4")
+    write_log(tmp_path / "tyred.csv", tyred)
+    assert plant_of(read_log(tmp_path / "tyred.csv")).structure.tyre == make_tyre("mrzr", inflation=12e4)
+    text = (tmp_path / "tyred.yaml").read_text()
+    (tmp_path / "tyred.yaml").write_text(text.replace("tyre=mrzr", "tyre=hmmwv"))
+    with pytest.raises(DataError, match=r"tyred.yaml.*the tyre's radius must be within 15 %"):
+        read_log(tmp_path / "tyred.csv")
     text = (tmp_path / "run.yaml").read_text()
     (tmp_path / "run.yaml").write_text(text.replace("grid,ruts=none", "grid,ruts=deep"))
     with pytest.raises(DataError, match=r"ruts must be one of none, pressure"):
