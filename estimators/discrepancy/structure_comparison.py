@@ -272,8 +272,8 @@ def _with_tyres(
     found
         Presets on rigid rims, best first.
     """
-    rivals = [known, *(one for one in found[:1] if _named(trials, nominal, one))]
-    best = min(rivals, key=lambda one: one.misfit)
+    rigid = [known, *(one for one in found[:1] if _named(trials, nominal, one))]
+    best = min(rigid, key=lambda one: one.misfit)
     if best.misfit <= _RIGID or not near_on_tyres(trials, log, trials.cost(best) + _BEHIND * len(FLOORS)):
         return found
     tyres = on_tyres(trials, log)
